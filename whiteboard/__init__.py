@@ -1,0 +1,59 @@
+"""A typed whiteboard: messages in memory that any number of processes add to and pull from.
+
+Read in this order: :mod:`.message` and :mod:`.schema` (what a message is), :mod:`.slots`
+(a name with a message type), :mod:`.board` (the interface), then the boards that implement it,
+:mod:`.shared` and :mod:`.local`.
+"""
+
+from .board import Board, BoundSlot, Sample, SlotInfo
+from .errors import (
+    BoardClosedError,
+    BoardCorruptError,
+    BoardError,
+    BoardFullError,
+    BoardNotFoundError,
+    BoardPermissionError,
+    BoardVersionError,
+    MessageError,
+    MessageFieldError,
+    MessageTooLargeError,
+    MessageTypeError,
+    MessageUnreadableError,
+    SharedMemoryUnavailableError,
+    SlotError,
+    SlotNameError,
+    SlotNotFoundError,
+    SlotTypeError,
+    WhiteboardError,
+)
+from .message import Message
+from .shared import Whiteboard
+from .slots import Slot
+
+__all__ = [
+    "Board",
+    "BoardClosedError",
+    "BoardCorruptError",
+    "BoardError",
+    "BoardFullError",
+    "BoardNotFoundError",
+    "BoardPermissionError",
+    "BoardVersionError",
+    "BoundSlot",
+    "Message",
+    "MessageError",
+    "MessageFieldError",
+    "MessageTooLargeError",
+    "MessageTypeError",
+    "MessageUnreadableError",
+    "Sample",
+    "SharedMemoryUnavailableError",
+    "Slot",
+    "SlotError",
+    "SlotInfo",
+    "SlotNameError",
+    "SlotNotFoundError",
+    "SlotTypeError",
+    "Whiteboard",
+    "WhiteboardError",
+]

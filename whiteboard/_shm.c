@@ -1,0 +1,451 @@
+/* Python's side of llfsm_whiteboard.h: a Board, and a Port for one slot of it. Thin by intent:
+ * what a call costs is the encoder's or decoder's work and a handful of atomic operations.
+ * The interpreter's lock serialises a process's threads; it is released only to wait. */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include <math.h>
+
+#include "_fields.h"
+#include "llfsm_whiteboard.h"
+
+static PyObject *sample_type;  /* llfsm.whiteboard.board.Sample */
+static PyObject *raise_status; /* llfsm.whiteboard.errors.raise_status(status, errno, where, detail) */
+
+enum { CLOSED = -1, WRONG_TYPE = -2, WRONG_FIELD = -3, UNREADABLE = -4 }; /* beside lwb_status */
+
+/* Raise the Python error for a status; `detail` is a new reference or NULL. Always NULL. */
+static PyObject *fail(int status, PyObject *where, PyObject *detail)
+{
+    int number = errno;
+    PyObject *result = PyObject_CallFunction(raise_status, "iiOO", status, number, where,
+                                             detail ? detail : Py_None);
+    Py_XDECREF(detail);
+    Py_XDECREF(result);
+    return NULL;
+}
+
+/* The exception that is set, as an object; a new reference. */
+static PyObject *take_error(void)
+{
+    PyObject *type, *value, *traceback;
+    PyErr_Fetch(&type, &value, &traceback);
+    PyErr_NormalizeException(&type, &value, &traceback);
+    Py_XDECREF(type);
+    Py_XDECREF(traceback);
+    return value;
+}
+
+/* ---- Board --------------------------------------------------------------------------------- */
+
+typedef struct {
+    PyObject_HEAD
+    struct lwb_board board;
+    PyObject *path;
+} Board;
+
+static int board_init(Board *self, PyObject *args, PyObject *kwargs)
+{
+    static char *names[] = {"path", "create", NULL};
+    const char *path;
+    int create;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "sp", names, &path, &create))
+        return -1;
+    if (self->path) {
+        PyErr_SetString(PyExc_RuntimeError, "a board is opened once");
+        return -1;
+    }
+    self->path = PyUnicode_FromString(path);
+    int status = self->path ? lwb_open(&self->board, path, create) : LWB_SYSTEM;
+    if (status) {
+        fail(status, self->path, NULL);
+        return -1;
+    }
+    return 0;
+}
+
+static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
+{
+    (void)args, (void)kwargs;
+    Board *self = (Board *)type->tp_alloc(type, 0);
+    if (self)
+        self->board = (struct lwb_board){.fd = -1, .writer = -1};
+    return (PyObject *)self;
+}
+
+static void board_dealloc(Board *self)
+{
+    lwb_close(&self->board);
+    Py_XDECREF(self->path);
+    Py_TYPE(self)->tp_free((PyObject *)self);
+}
+
+static bool is_open(Board *self)
+{
+    if (self->board.fd < 0)
+        PyErr_Clear(), fail(CLOSED, self->path ? self->path : Py_None, NULL);
+    return self->board.fd >= 0;
+}
+
+static PyObject *board_close(Board *self, PyObject *unused)
+{
+    (void)unused;
+    lwb_close(&self->board);
+    Py_RETURN_NONE;
+}
+
+static PyObject *board_linked(Board *self, PyObject *unused)
+{
+    (void)unused;
+    return PyBool_FromLong(lwb_linked(&self->board));
+}
+
+static PyObject *board_shared(Board *self, PyObject *unused)
+{
+    (void)unused;
+    return is_open(self) ? PyBool_FromLong(lwb_shared(&self->board)) : NULL;
+}
+
+static PyObject *board_slots(Board *self, PyObject *unused)
+{
+    (void)unused;
+    if (!is_open(self))
+        return NULL;
+    PyObject *list = PyList_New(0);
+    for (int i = 0; list; i++) {
+        uint64_t offset;
+        int status;
+        struct lwb_record *r = lwb_slot_at(&self->board, i, &offset, &status);
+        if (status == LWB_MISSING)
+            return list;
+        if (!r) {
+            Py_DECREF(list);
+            return fail(status, self->path, NULL);
+        }
+        const char *texts = lwb_texts(r);
+        PyObject *item = Py_BuildValue(
+            "s#s#y#KK", texts, (Py_ssize_t)r->name_length, texts + r->name_length,
+            (Py_ssize_t)r->type_length, texts + r->name_length + r->type_length,
+            (Py_ssize_t)r->schema_length, (unsigned long long)r->fingerprint,
+            (unsigned long long)r->capacity);
+        if (!item || PyList_Append(list, item))
+            Py_CLEAR(list);
+        Py_XDECREF(item);
+    }
+    return NULL;
+}
+
+static PyMethodDef board_methods[] = {
+    {"close", (PyCFunction)board_close, METH_NOARGS, NULL},
+    {"linked", (PyCFunction)board_linked, METH_NOARGS, NULL},
+    {"shared", (PyCFunction)board_shared, METH_NOARGS, NULL},
+    {"slots", (PyCFunction)board_slots, METH_NOARGS, NULL},
+    {NULL, NULL, 0, NULL}};
+
+static PyTypeObject BoardType = {
+    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "llfsm.whiteboard._shm.Board",
+    .tp_basicsize = sizeof(Board),
+    .tp_flags = Py_TPFLAGS_DEFAULT,
+    .tp_new = board_new,
+    .tp_init = (initproc)board_init,
+    .tp_dealloc = (destructor)board_dealloc,
+    .tp_methods = board_methods,
+};
+
+/* ---- Port ---------------------------------------------------------------------------------- */
+
+typedef struct {
+    PyObject_HEAD
+    Board *board;
+    struct lwb_slot slot;
+    PyTypeObject *type;      /* of the slot's messages, exactly */
+    struct field_checks checks;
+    PyObject *name, *encode_into, *decode;
+    PyObject *scratch;       /* a bytearray to encode into; NULL while a thread uses it */
+    PyObject *message;       /* the latest message decoded */
+    struct lwb_meta meta;    /* and what the slot said of it */
+} Port;
+
+static int port_init(Port *self, PyObject *args, PyObject *kwargs)
+{
+    static char *names[] = {"board", "name", "type_name", "schema", "fingerprint", "capacity",
+                            "message_type", "fields", "encode_into", "decode", NULL};
+    struct lwb_schema schema;
+    unsigned long long fingerprint, capacity;
+    PyObject *board, *name, *type, *fields, *encode_into, *decode;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!UssKKO!O!OO", names, &BoardType, &board,
+                                     &name, &schema.type, &schema.text, &fingerprint, &capacity,
+                                     &PyType_Type, &type, &PyTuple_Type, &fields, &encode_into,
+                                     &decode))
+        return -1;
+    if (self->board) {
+        PyErr_SetString(PyExc_RuntimeError, "a port is opened once");
+        return -1;
+    }
+    if (!is_open((Board *)board) || !(schema.name = PyUnicode_AsUTF8(name)))
+        return -1;
+    schema.fingerprint = fingerprint;
+    schema.capacity = capacity;
+    if (field_checks_init(&self->checks, (PyTypeObject *)type, fields))
+        return -1;
+    int status = lwb_slot(&((Board *)board)->board, &self->slot, &schema);
+    if (status) {
+        PyObject *detail = NULL;
+        if (status == LWB_DIFFERS) {
+            struct lwb_record *r = self->slot.record;
+            detail = PyBytes_FromStringAndSize(lwb_texts(r) + r->name_length + r->type_length,
+                                               (Py_ssize_t)r->schema_length);
+            if (!detail)
+                return -1;
+        }
+        fail(status, name, detail);
+        return -1;
+    }
+    self->board = (Board *)Py_NewRef(board);
+    self->name = Py_NewRef(name);
+    self->type = (PyTypeObject *)Py_NewRef(type);
+    self->encode_into = Py_NewRef(encode_into);
+    self->decode = Py_NewRef(decode);
+    return 0;
+}
+
+static int port_traverse(Port *self, visitproc visit, void *arg)
+{
+    Py_VISIT(self->board);
+    Py_VISIT(self->type);
+    Py_VISIT(self->encode_into);
+    Py_VISIT(self->decode);
+    Py_VISIT(self->message);
+    return 0;
+}
+
+static int port_clear(Port *self)
+{
+    Py_CLEAR(self->message);
+    Py_CLEAR(self->encode_into);
+    Py_CLEAR(self->decode);
+    return 0;
+}
+
+static void port_dealloc(Port *self)
+{
+    PyObject_GC_UnTrack(self);
+    port_clear(self);
+    field_checks_free(&self->checks);
+    Py_XDECREF(self->type);
+    Py_XDECREF(self->scratch);
+    Py_XDECREF(self->name);
+    Py_XDECREF(self->board);
+    Py_TYPE(self)->tp_free((PyObject *)self);
+}
+
+static bool is_usable(Port *self)
+{
+    if (self->board && self->board->board.fd >= 0)
+        return true;
+    fail(CLOSED, self->name ? self->name : Py_None, NULL);
+    return false;
+}
+
+static PyObject *port_add(Port *self, PyObject *message)
+{
+    if (!is_usable(self))
+        return NULL;
+    if (Py_TYPE(message) != self->type)
+        return fail(WRONG_TYPE, self->name, PyTuple_Pack(2, self->type, message));
+    /* Taken, not borrowed: a thread that the encoder lets in makes a scratch of its own. */
+    PyObject *scratch = self->scratch;
+    self->scratch = NULL;
+    if (!scratch && !(scratch = PyByteArray_FromStringAndSize(NULL, 0)))
+        return NULL;
+    PyObject *arguments[] = {message, scratch};
+    PyObject *done = PyObject_Vectorcall(self->encode_into, arguments, 2, NULL);
+    if (done && !field_checks_hold(&self->checks, message))
+        Py_SETREF(done, PyObject_CallOneArg(self->decode, scratch)); /* the decoder decides */
+    uint64_t count = 0;
+    size_t length = (size_t)PyByteArray_GET_SIZE(scratch);
+    int status = !done ? WRONG_FIELD
+               : self->board->board.fd < 0 ? CLOSED
+               : lwb_add(&self->slot, PyByteArray_AS_STRING(scratch), length, &count);
+    if (self->scratch || length > 1 << 20) /* one is enough, and no huge one for ever */
+        Py_DECREF(scratch);
+    else
+        self->scratch = scratch;
+    Py_XDECREF(done);
+    if (status)
+        return fail(status, self->name,
+                    done ? Py_BuildValue("nK", (Py_ssize_t)length,
+                                         (unsigned long long)self->slot.capacity)
+                         : Py_BuildValue("ON", self->type, take_error()));
+    return PyLong_FromUnsignedLongLong(count);
+}
+
+/* Is self->message the latest? The whole cost of a get while nothing was added. */
+static inline bool is_fresh(Port *self)
+{
+    return self->message && self->board->board.fd >= 0 &&
+           lwb_word(&self->slot) == self->meta.word;
+}
+
+/* Bring self->message up to date. 1: there is one, 0: nothing was added yet, -1: an error. */
+static int port_refresh(Port *self)
+{
+    if (!is_usable(self))
+        return -1;
+    struct lwb_meta meta;
+    PyObject *data = NULL;
+    size_t room = 256; /* most messages; a longer one is read once more at its size */
+    int status;
+    do {
+        Py_XDECREF(data);
+        if (!(data = PyBytes_FromStringAndSize(NULL, (Py_ssize_t)room)))
+            return -1;
+        status = lwb_read(&self->slot, PyBytes_AS_STRING(data), room, &meta);
+    } while (!status && meta.length > room && (room = meta.length));
+    if (status) {
+        Py_DECREF(data);
+        if (status == LWB_EMPTY)
+            return 0;
+        fail(status, self->name, NULL);
+        return -1;
+    }
+    Py_SET_SIZE(data, (Py_ssize_t)meta.length); /* ours alone, and not hashed yet */
+    PyBytes_AS_STRING(data)[meta.length] = 0;
+    PyObject *message = PyObject_CallOneArg(self->decode, data);
+    if (!message) {
+        Py_DECREF(data);
+        fail(UNREADABLE, self->name, Py_BuildValue("ONK", self->type, take_error(),
+                                                   (unsigned long long)meta.process));
+        return -1;
+    }
+    Py_DECREF(data);
+    if (meta.count > self->meta.count) { /* else another thread was faster */
+        PyObject *old = self->message;
+        self->message = message;
+        self->meta = meta;
+        Py_XDECREF(old);
+    } else
+        Py_DECREF(message);
+    return 1;
+}
+
+static PyObject *port_get(Port *self, PyObject *unused)
+{
+    (void)unused;
+    if (is_fresh(self))
+        return Py_NewRef(self->message);
+    int state = port_refresh(self);
+    return state < 0 ? NULL : Py_NewRef(state ? self->message : Py_None);
+}
+
+static PyObject *port_sample(Port *self, PyObject *unused)
+{
+    (void)unused;
+    int state = is_fresh(self) ? 1 : port_refresh(self);
+    if (state < 0)
+        return NULL;
+    if (!state)
+        Py_RETURN_NONE;
+    return PyObject_CallFunction(sample_type, "OKKK", self->message,
+                                 (unsigned long long)self->meta.count,
+                                 (unsigned long long)self->meta.stamp,
+                                 (unsigned long long)self->meta.process);
+}
+
+static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
+{
+    static char *names[] = {"after", "timeout", NULL};
+    PyObject *number = NULL, *timeout = Py_None;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "|$O!O", names, &PyLong_Type, &number,
+                                     &timeout) || !is_usable(self))
+        return NULL;
+    if (!number) {
+        PyErr_SetString(PyExc_TypeError, "wait() needs the keyword 'after': a count");
+        return NULL;
+    }
+    unsigned long long after = PyLong_AsUnsignedLongLong(number);
+    if (PyErr_Occurred())
+        return NULL;
+    double seconds = timeout == Py_None ? HUGE_VAL : PyFloat_AsDouble(timeout);
+    if (seconds == -1 && PyErr_Occurred())
+        return NULL;
+    struct timespec start, now;
+    clock_gettime(CLOCK_MONOTONIC, &start);
+    for (;;) {
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        double left = seconds - (double)(now.tv_sec - start.tv_sec) -
+                      (double)(now.tv_nsec - start.tv_nsec) * 1e-9;
+        int status;
+        Py_BEGIN_ALLOW_THREADS
+        status = lwb_wait(&self->slot, after, left <= 0 ? 0 : left > 1 ? 1000000000u
+                                                            : (uint64_t)(left * 1e9));
+        Py_END_ALLOW_THREADS
+        if (PyErr_CheckSignals() || !is_usable(self))
+            return NULL;
+        if (status == LWB_OK)
+            return port_sample(self, NULL);
+        if (left <= 0)
+            Py_RETURN_NONE;
+    }
+}
+
+static PyObject *port_count(Port *self, void *unused)
+{
+    (void)unused;
+    return is_usable(self) ? PyLong_FromUnsignedLongLong(lwb_count(&self->slot)) : NULL;
+}
+
+static PyObject *port_capacity(Port *self, void *unused)
+{
+    (void)unused;
+    return PyLong_FromUnsignedLongLong(self->slot.capacity);
+}
+
+static PyMethodDef port_methods[] = {
+    {"add", (PyCFunction)port_add, METH_O, NULL},
+    {"get", (PyCFunction)port_get, METH_NOARGS, NULL},
+    {"sample", (PyCFunction)port_sample, METH_NOARGS, NULL},
+    {"wait", (PyCFunction)(void (*)(void))port_wait, METH_VARARGS | METH_KEYWORDS, NULL},
+    {NULL, NULL, 0, NULL}};
+
+static PyGetSetDef port_getset[] = {
+    {"count", (getter)port_count, NULL, NULL, NULL},
+    {"capacity", (getter)port_capacity, NULL, NULL, NULL},
+    {NULL, NULL, NULL, NULL, NULL}};
+
+/* Final, so that the interpreter may call a port's methods directly. */
+static PyTypeObject PortType = {
+    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "llfsm.whiteboard._shm.Port",
+    .tp_basicsize = sizeof(Port),
+    .tp_flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC,
+    .tp_new = PyType_GenericNew,
+    .tp_init = (initproc)port_init,
+    .tp_dealloc = (destructor)port_dealloc,
+    .tp_traverse = (traverseproc)port_traverse,
+    .tp_clear = (inquiry)port_clear,
+    .tp_methods = port_methods,
+    .tp_getset = port_getset,
+};
+
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_shm", .m_size = -1};
+
+static PyObject *look_up(const char *module_name, const char *name)
+{
+    PyObject *found = PyImport_ImportModule(module_name);
+    PyObject *result = found ? PyObject_GetAttrString(found, name) : NULL;
+    Py_XDECREF(found);
+    return result;
+}
+
+PyMODINIT_FUNC PyInit__shm(void)
+{
+    if (!(sample_type = look_up("llfsm.whiteboard.board", "Sample")) ||
+        !(raise_status = look_up("llfsm.whiteboard.errors", "raise_status")) ||
+        PyType_Ready(&BoardType) || PyType_Ready(&PortType))
+        return NULL;
+    PyObject *m = PyModule_Create(&module);
+    if (m && (PyModule_AddObjectRef(m, "Board", (PyObject *)&BoardType) ||
+              PyModule_AddObjectRef(m, "Port", (PyObject *)&PortType)))
+        Py_CLEAR(m);
+    return m;
+}

@@ -1,0 +1,132 @@
+"""The interface that every whiteboard has, wherever its messages are.
+
+A board binds slots; a bound slot is what a hot path keeps.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, Generic, NamedTuple, Self
+
+from .message import M
+from .schema import Schema
+from .slots import Slot
+
+__all__ = ["Board", "BoundSlot", "Sample", "SlotInfo"]
+
+
+class Sample(NamedTuple, Generic[M]):
+    """A message with what its slot knows of it."""
+
+    message: M
+    count: int  # type: ignore[assignment]  # hides tuple.count, which nobody asks a sample
+    """Messages added to the slot up to and with this one; 1 is the first."""
+    stamp_ns: int
+    """When it was added: nanoseconds of this host's monotonic clock (CLOCK_MONOTONIC)."""
+    writer: int
+    """Process id of who added it."""
+
+
+class SlotInfo(NamedTuple):
+    """A slot as the board describes it."""
+
+    name: str
+    type_name: str
+    schema: Schema
+    capacity: int
+    """Bytes of the longest encoded message."""
+
+
+class BoundSlot(ABC, Generic[M]):
+    """A slot on a board: what to keep where a slot is used often."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Messages added so far; each completed add makes it one more."""
+
+    @property
+    @abstractmethod
+    def capacity(self) -> int:
+        """Bytes of the longest encoded message."""
+
+    @abstractmethod
+    def add(self, message: M, /) -> int:
+        """Make this the slot's latest message, without ever blocking; return its count.
+
+        Raise :class:`.SlotTypeError` if it is not exactly of the slot's type,
+        :class:`.MessageFieldError` if a field's value is not, and
+        :class:`.MessageTooLargeError` if it exceeds the capacity; then nothing was added.
+        """
+
+    @abstractmethod
+    def get(self) -> M | None:
+        """Return the latest message, or None before the first.
+
+        While no newer one was added it is the same object, at the cost of a comparison.
+        """
+
+    @abstractmethod
+    def sample(self) -> Sample[M] | None:
+        """Return the latest message with its count, time and writer, or None before the first."""
+
+    @abstractmethod
+    def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
+        """Block until a message newer than number ``after`` is there, and return the latest.
+
+        ``timeout`` is in seconds, None for ever; None is returned when it has passed.
+        """
+
+
+class Board(ABC):
+    """A whiteboard. Bind a slot with ``board[slot]``, or use the two methods by name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._bound: dict[Slot[Any], BoundSlot[Any]] = {}
+
+    def __getitem__(self, slot: Slot[M]) -> BoundSlot[M]:
+        """Bind a slot, making it on the board if it is not there.
+
+        Raise :class:`.SlotTypeError` if the board has it with another type.
+        """
+        bound = self._bound.get(slot)
+        if bound is None:
+            bound = self._bound[slot] = self._bind(slot)
+        return bound
+
+    def add_message(self, slot: Slot[M], message: M) -> int:
+        """Make ``message`` the slot's latest; see :meth:`BoundSlot.add`."""
+        return self[slot].add(message)
+
+    def get_message(self, slot: Slot[M]) -> M | None:
+        """Return the slot's latest message, or None before the first."""
+        return self[slot].get()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def _bind(self, slot: Slot[M]) -> BoundSlot[M]: ...
+
+    @abstractmethod
+    def slots(self) -> list[SlotInfo]:
+        """Describe the slots on the board, in the order in which they were made."""
+
+    @property
+    @abstractmethod
+    def alive(self) -> bool:
+        """False once the board is closed here or removed by anybody."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of the board; its messages stay for other processes. Closing twice is fine."""
+
+    @abstractmethod
+    def remove(self) -> None:
+        """Remove the board for everybody: who has it open sees ``alive`` become False."""

@@ -1,0 +1,733 @@
+/* The whiteboard's shared-memory protocol, whole, in header-only C11.
+ *
+ * A board is one file (in /dev/shm by default) that every process maps. It holds slots; a slot
+ * holds the latest message and counts the messages added. Guarantees:
+ *
+ *   1. lwb_add and lwb_read are lock-free: nobody ever waits for another process.
+ *   2. A reader gets a whole message under its own count, or starts again; never a torn one.
+ *   3. A slot's count grows by exactly one for each completed add.
+ *   4. A process killed or stopped anywhere loses at most the message it was writing and
+ *      leaves nothing that another process has to clean up.
+ *   5. A damaged file gives LWB_CORRUPT, never an access outside the mapping.
+ *
+ * How: a slot has one word, (count, writer, buffer), and every writing process owns buffers of
+ * its own in the slot. A writer fills a buffer that the word does not name, then swaps the word;
+ * the swap is the one moment at which an add happens. A reader copies the buffer that the word
+ * names and accepts it if the buffer still carries the word's count.
+ *
+ * Use: lwb_open a board, lwb_slot a slot on it, then lwb_add, lwb_read, lwb_wait. A payload is
+ * MessagePack: a message is the array of its fields' values in the order of the slot's schema.
+ * A struct lwb_board serves one thread at a time: threads open one each. Linux; on other
+ * systems use the boards that need no shared memory.
+ */
+#ifndef LLFSM_WHITEBOARD_H
+#define LLFSM_WHITEBOARD_H
+
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE 1 /* O_TMPFILE, F_OFD_SETLK, MADV_WIPEONFORK */
+#endif
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/futex.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+enum {
+    LWB_VERSION = 1,
+    LWB_MAX_SLOTS = 4096,      /* slots of a board */
+    LWB_MAX_WRITERS = 256,     /* processes writing to a board at the same time */
+    LWB_BUFFERS = 4,           /* a writer's buffers in a slot */
+    LWB_MAX_NAME = 255,        /* bytes of a slot's or a type's name */
+    LWB_MAX_SCHEMA = 1 << 20,  /* bytes of a schema */
+    LWB_MAX_CAPACITY = 1 << 30 /* bytes of a message */
+};
+
+enum lwb_status {
+    LWB_OK = 0,
+    LWB_EMPTY,     /* nothing was added to the slot yet */
+    LWB_TIMEOUT,   /* no newer message within the time given */
+    LWB_MISSING,   /* no such board, or no such slot */
+    LWB_TOO_LARGE, /* the message exceeds the slot's capacity */
+    LWB_DIFFERS,   /* the slot exists with another schema */
+    LWB_NO_SPACE,  /* the file system of the board is full */
+    LWB_NO_SLOT,   /* the board has LWB_MAX_SLOTS slots */
+    LWB_NO_WRITER, /* LWB_MAX_WRITERS processes write to the board */
+    LWB_FOREIGN,   /* the file is no whiteboard, or belongs to another user */
+    LWB_VERSIONED, /* a whiteboard of another version or kind of machine */
+    LWB_CORRUPT,   /* the file is damaged */
+    LWB_INVALID,   /* an argument is out of range */
+    LWB_SYSTEM     /* a system call failed: errno tells */
+};
+
+/* ---- What the file holds -------------------------------------------------------------------
+ * Everything is 8-byte aligned. Offsets are from the file's start; 0 means none. Records are
+ * never moved or freed, so an offset once seen stays good. */
+
+#define LWB_MAGIC 0x4452414f42574c4cull       /* "LLWBOARD" */
+#define LWB_SLOT_MAGIC 0x544f4c5342574c4cull  /* "LLWBSLOT" */
+#define LWB_BLOCK_MAGIC 0x4b434c4242574c4cull /* "LLWBBLCK" */
+
+#define LWB_FURTHEST ((uint64_t)1 << 46)      /* no offset is beyond */
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && ATOMIC_LLONG_LOCK_FREE == 2,
+               "the protocol needs a little-endian machine with lock-free 64-bit atomics");
+
+struct lwb_header {
+    uint64_t magic;
+    uint32_t version, byte_order; /* byte_order is 0x01020304 in the writer's own order */
+    uint32_t max_slots, max_writers, buffers, header_size;
+    uint64_t checksum;            /* of all above */
+    _Atomic uint64_t end;         /* where the next record goes; only grows */
+    uint64_t unused[10];
+    unsigned char locks[LWB_MAX_WRITERS + 64]; /* never read: see lwb_claim and lwb_attach */
+    _Atomic uint64_t slots[LWB_MAX_SLOTS];     /* offsets of slot records, filled in order */
+};
+
+struct lwb_record { /* a slot, followed by its name, type name and schema */
+    uint64_t magic, size, capacity, fingerprint;
+    uint32_t name_length, type_length, schema_length, unused;
+    uint64_t checksum; /* of all above and the three texts */
+    uint64_t unused2;
+    _Atomic uint64_t word; /* count << 16 | writer << 4 | buffer */
+    _Atomic uint32_t waiting;
+    uint32_t unused3[13];
+    _Atomic uint64_t blocks[LWB_MAX_WRITERS]; /* each writer's buffers; only that writer sets it */
+};
+
+struct lwb_block { /* a writer's buffers in one slot */
+    uint64_t magic, slot, writer, checksum;
+};
+
+struct lwb_buffer { /* atomic words, because a reader may look while the owner writes */
+    _Atomic uint64_t count, length, stamp, process;
+    _Atomic uint64_t payload[];
+};
+
+/* ---- What a process holds ------------------------------------------------------------------ */
+
+struct lwb_board {
+    int fd;
+    size_t size;                      /* bytes of the file known to exist */
+    size_t mapped;                    /* bytes of the newest mapping */
+    unsigned char *map;               /* the newest mapping; older ones stay until the close */
+    struct { unsigned char *at; size_t length; } old[64];
+    int old_count;
+    int writer;                       /* this process's writer id, or -1 */
+    uint64_t process;                 /* this process's id, as messages carry it */
+    volatile unsigned char *same;     /* a page that a fork wipes: zero in a child */
+    char path[512];
+};
+
+struct lwb_slot {
+    struct lwb_board *board;
+    struct lwb_record *record;
+    uint64_t offset, capacity;
+    size_t stride;                             /* bytes from one buffer to the next */
+    int writer, next;                          /* whose buffers `own` points to; the next to fill */
+    struct lwb_block *own;
+    struct lwb_block *seen[LWB_MAX_WRITERS];   /* blocks already checked */
+};
+
+struct lwb_meta {
+    uint64_t word;     /* the slot's, with this message: unchanged means no newer message */
+    uint64_t count;    /* of the slot, with this message */
+    uint64_t stamp;    /* CLOCK_MONOTONIC, ns, when it was added */
+    uint64_t process;  /* id of the process that added it */
+    size_t length;     /* bytes */
+};
+
+static inline const char *lwb_describe(int status)
+{
+    static const char *const texts[] = {
+        "done", "nothing was added yet", "timed out", "not found",
+        "the message exceeds the slot's capacity", "the slot exists with another schema",
+        "no space left for the board", "the board's table of slots is full",
+        "too many processes write to the board", "not a whiteboard of this user",
+        "a whiteboard of another version", "the board's file is damaged",
+        "an argument is out of range", "a system call failed"};
+    return status >= 0 && status <= LWB_SYSTEM ? texts[status] : "unknown status";
+}
+
+/* ---- Small parts --------------------------------------------------------------------------- */
+
+static inline uint64_t lwb_hash(uint64_t hash, const void *data, size_t length)
+{ /* FNV-1a; start with 0 */
+    const unsigned char *bytes = data;
+    hash ^= 0xcbf29ce484222325ull;
+    for (size_t i = 0; i < length; i++)
+        hash = (hash ^ bytes[i]) * 0x100000001b3ull;
+    return hash;
+}
+
+static inline size_t lwb_round(size_t n, size_t to) { return (n + to - 1) / to * to; }
+
+static inline uint64_t lwb_count_of(uint64_t word) { return word >> 16; }
+static inline unsigned lwb_writer_of(uint64_t word) { return word >> 4 & 0xfff; }
+static inline unsigned lwb_buffer_of(uint64_t word) { return word & 0xf; }
+
+static inline uint64_t lwb_header_sum(const struct lwb_header *h)
+{
+    return lwb_hash(0, h, offsetof(struct lwb_header, checksum));
+}
+
+static inline const char *lwb_texts(const struct lwb_record *r) { return (const char *)(r + 1); }
+
+static inline uint64_t lwb_record_sum(const struct lwb_record *r)
+{
+    uint64_t head = lwb_hash(0, r, offsetof(struct lwb_record, checksum));
+    return lwb_hash(head, lwb_texts(r), (size_t)r->name_length + r->type_length + r->schema_length);
+}
+
+static inline uint64_t lwb_block_sum(const struct lwb_block *b)
+{
+    return lwb_hash(0, b, offsetof(struct lwb_block, checksum));
+}
+
+static inline size_t lwb_stride(uint64_t capacity)
+{
+    return lwb_round(sizeof(struct lwb_buffer) + capacity, 64);
+}
+
+static inline size_t lwb_block_size(uint64_t capacity)
+{
+    return lwb_round(sizeof(struct lwb_block), 64) + LWB_BUFFERS * lwb_stride(capacity);
+}
+
+static inline struct lwb_buffer *lwb_buffer_at(struct lwb_block *b, unsigned i, size_t stride)
+{
+    return (struct lwb_buffer *)((unsigned char *)b + lwb_round(sizeof *b, 64) + i * stride);
+}
+
+/* An address for the range, or NULL where the file does not reach: every offset read from the
+ * file passes here. The mapping may reach beyond the file, which is why the size is asked. */
+static inline void *lwb_at(struct lwb_board *b, uint64_t offset, size_t length)
+{
+    if (offset % 8 || offset > LWB_FURTHEST)
+        return NULL;
+    uint64_t end = offset + length;
+    if (end > b->size) {
+        struct stat st;
+        if (fstat(b->fd, &st) || (uint64_t)st.st_size < end)
+            return NULL;
+        b->size = (size_t)st.st_size;
+    }
+    if (end > b->mapped) {
+        if (b->old_count == 64)
+            return NULL;
+        size_t want = lwb_round(end < (1u << 20) ? 1u << 20 : 2 * end, 4096);
+        void *map = mmap(NULL, want, PROT_READ | PROT_WRITE, MAP_SHARED, b->fd, 0);
+        if (map == MAP_FAILED)
+            return NULL;
+        b->old[b->old_count].at = map;
+        b->old[b->old_count++].length = want;
+        b->map = map;
+        b->mapped = want;
+    }
+    return b->map + offset;
+}
+
+static inline struct lwb_header *lwb_head(struct lwb_board *b)
+{
+    return (struct lwb_header *)b->map;
+}
+
+static inline int lwb_reserve(int fd, uint64_t offset, uint64_t length)
+{
+    int e; /* real pages now, because a sparse file on a full tmpfs dies by SIGBUS later */
+    do e = posix_fallocate(fd, offset, length); while (e == EINTR);
+    errno = e;
+    return e == 0 ? LWB_OK
+         : e == ENOSPC || e == EFBIG || e == EDQUOT ? LWB_NO_SPACE : LWB_SYSTEM;
+}
+
+/* Take room for a record. Whoever dies between the two steps leaves a gap that nobody needs. */
+static inline int lwb_allocate(struct lwb_board *b, size_t length, uint64_t *offset, void **at)
+{
+    length = lwb_round(length, 64);
+    *offset = atomic_fetch_add(&lwb_head(b)->end, length);
+    int status = lwb_reserve(b->fd, *offset, length);
+    if (status) { /* give the room back, if nobody has taken any behind it */
+        uint64_t behind = *offset + length;
+        atomic_compare_exchange_strong(&lwb_head(b)->end, &behind, *offset);
+        return status;
+    }
+    *at = lwb_at(b, *offset, length);
+    return *at ? LWB_OK : LWB_SYSTEM;
+}
+
+/* Byte `index` of the header's lock area: a lock of the open file description, which the kernel
+ * drops when the last process that holds the description dies, in whatever way. */
+static inline int lwb_lock(int fd, int command, short type, int index, int many)
+{
+    struct flock lock = {.l_type = type, .l_whence = SEEK_SET, .l_len = many,
+                         .l_start = offsetof(struct lwb_header, locks) + index};
+    if (fcntl(fd, command, &lock))
+        return -1;
+    return lock.l_type == F_UNLCK ? 0 : 1;
+}
+
+/* ---- Boards -------------------------------------------------------------------------------- */
+
+/* A record at `offset`, checked against the file's size and its own checksum, or NULL. */
+static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t offset)
+{
+    struct lwb_record *r = lwb_at(b, offset, sizeof *r);
+    if (!r || r->magic != LWB_SLOT_MAGIC || r->capacity > LWB_MAX_CAPACITY ||
+        r->name_length > LWB_MAX_NAME || r->type_length > LWB_MAX_NAME ||
+        r->schema_length > LWB_MAX_SCHEMA)
+        return NULL;
+    size_t texts = (size_t)r->name_length + r->type_length + r->schema_length;
+    if (r->size != sizeof *r + texts || !(r = lwb_at(b, offset, r->size)))
+        return NULL;
+    return r->checksum == lwb_record_sum(r) ? r : NULL;
+}
+
+/* The buffers of `writer` in a slot, checked, or NULL. */
+static inline struct lwb_block *lwb_block_at(struct lwb_board *b, uint64_t offset, uint64_t slot,
+                                             unsigned writer, uint64_t capacity)
+{
+    struct lwb_block *block = offset ? lwb_at(b, offset, lwb_block_size(capacity)) : NULL;
+    return block && block->magic == LWB_BLOCK_MAGIC && block->slot == slot &&
+           block->writer == writer && block->checksum == lwb_block_sum(block) ? block : NULL;
+}
+
+/* Is the end beyond every record? A wrong one would let new records overwrite old ones. */
+static inline bool lwb_end_is_sound(struct lwb_board *b)
+{
+    uint64_t furthest = sizeof(struct lwb_header);
+    for (int i = 0; i < LWB_MAX_SLOTS; i++) {
+        uint64_t at = atomic_load(&lwb_head(b)->slots[i]);
+        if (!at)
+            break;
+        struct lwb_record *r = lwb_record_at(b, at);
+        if (!r)
+            return false;
+        if (at + r->size > furthest)
+            furthest = at + r->size;
+        for (int w = 0; w < LWB_MAX_WRITERS; w++) {
+            uint64_t block = atomic_load(&r->blocks[w]);
+            if (!block)
+                continue;
+            if (!lwb_block_at(b, block, at, w, r->capacity))
+                return false;
+            if (block + lwb_block_size(r->capacity) > furthest)
+                furthest = block + lwb_block_size(r->capacity);
+        }
+    }
+    uint64_t end = atomic_load(&lwb_head(b)->end); /* after the walk: it only grows */
+    return end >= furthest && end % 64 == 0 && end < LWB_FURTHEST;
+}
+
+static inline int lwb_check(struct lwb_board *b)
+{
+    struct stat st;
+    if (fstat(b->fd, &st))
+        return LWB_SYSTEM;
+    if (!S_ISREG(st.st_mode) || st.st_uid != geteuid())
+        return LWB_FOREIGN;
+    struct lwb_header *h = lwb_at(b, 0, sizeof *h);
+    uint64_t magic = 0;
+    if (!h) /* too short to map: tell a stub of a board from another file */
+        return pread(b->fd, &magic, 8, 0) == 8 && magic == LWB_MAGIC ? LWB_CORRUPT : LWB_FOREIGN;
+    if (h->magic != LWB_MAGIC)
+        return LWB_FOREIGN;
+    if (h->checksum != lwb_header_sum(h))
+        return LWB_CORRUPT;
+    if (h->version != LWB_VERSION || h->byte_order != 0x01020304 ||
+        h->max_slots != LWB_MAX_SLOTS || h->max_writers != LWB_MAX_WRITERS ||
+        h->buffers != LWB_BUFFERS || h->header_size != sizeof *h)
+        return LWB_VERSIONED;
+    return lwb_end_is_sound(b) ? LWB_OK : LWB_CORRUPT;
+}
+
+static inline void lwb_close(struct lwb_board *b)
+{
+    int saved = errno;
+    for (int i = 0; i < b->old_count; i++)
+        munmap(b->old[i].at, b->old[i].length);
+    if (b->same)
+        munmap((void *)b->same, 4096);
+    if (b->fd >= 0)
+        close(b->fd); /* never unlock: a forked child may still write under the same lock */
+    *b = (struct lwb_board){.fd = -1, .writer = -1};
+    errno = saved;
+}
+
+/* Make the whole board under no name, then give it its name: nobody sees half a board, and a
+ * crash leaves no file. Where the file system cannot do that, a file with a name of its own. */
+static inline int lwb_create(const char *path)
+{
+    char directory[512], temporary[600] = "";
+    snprintf(directory, sizeof directory, "%s", path);
+    char *slash = strrchr(directory, '/');
+    *(slash ? slash : directory) = 0;
+    int fd = open(*directory ? directory : ".", O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+    if (fd < 0 && (errno == EOPNOTSUPP || errno == EISDIR || errno == EINVAL)) {
+        snprintf(temporary, sizeof temporary, "%s.%ld.new", path, (long)getpid());
+        fd = open(temporary, O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC | O_NOFOLLOW, 0600);
+    }
+    if (fd < 0)
+        return errno == ENOSPC ? LWB_NO_SPACE : LWB_SYSTEM;
+    struct lwb_header h = {.magic = LWB_MAGIC, .version = LWB_VERSION, .byte_order = 0x01020304,
+                           .max_slots = LWB_MAX_SLOTS, .max_writers = LWB_MAX_WRITERS,
+                           .buffers = LWB_BUFFERS, .header_size = sizeof h};
+    h.checksum = lwb_header_sum(&h);
+    atomic_init(&h.end, lwb_round(sizeof h, 64));
+    int status = lwb_reserve(fd, 0, lwb_round(sizeof h, 4096));
+    if (!status && pwrite(fd, &h, sizeof h, 0) != (ssize_t)sizeof h)
+        status = LWB_SYSTEM;
+    if (!status) {
+        char self[64];
+        snprintf(self, sizeof self, "/proc/self/fd/%d", fd);
+        if (*temporary ? linkat(AT_FDCWD, temporary, AT_FDCWD, path, 0)
+                       : linkat(AT_FDCWD, self, AT_FDCWD, path, AT_SYMLINK_FOLLOW))
+            status = errno == EEXIST ? LWB_OK : LWB_SYSTEM; /* another was first: use its */
+    }
+    int saved = errno;
+    if (*temporary)
+        unlink(temporary);
+    close(fd);
+    errno = saved;
+    return status;
+}
+
+/* Open the board at `path`; with `create`, make it if it is not there. On failure the board is
+ * closed. Everything the file says is checked here once. */
+static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
+{
+    *b = (struct lwb_board){.fd = -1, .writer = -1};
+    if (strlen(path) >= sizeof b->path)
+        return LWB_INVALID;
+    strcpy(b->path, path);
+    for (int tries = 0; b->fd < 0; tries++) { /* again if it was removed right after it was made */
+        b->fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
+        if (b->fd >= 0)
+            break;
+        if (errno == ELOOP)
+            return LWB_FOREIGN;
+        if (errno != ENOENT)
+            return LWB_SYSTEM;
+        if (!create || tries == 100)
+            return LWB_MISSING;
+        int status = lwb_create(path);
+        if (status)
+            return status;
+    }
+    int status = lwb_check(b);
+    if (status) {
+        lwb_close(b);
+        return status;
+    }
+    b->process = (uint64_t)getpid();
+    lwb_lock(b->fd, F_OFD_SETLK, F_RDLCK, LWB_MAX_WRITERS, 1); /* shared: somebody is here */
+    return LWB_OK;
+}
+
+/* True until the board is removed (its file has lost its name). */
+static inline bool lwb_linked(const struct lwb_board *b)
+{
+    struct stat st;
+    return b->fd >= 0 && !fstat(b->fd, &st) && st.st_nlink > 0;
+}
+
+/* True if another open board, in this process or any other, has this file open. */
+static inline bool lwb_shared(const struct lwb_board *b)
+{
+    return lwb_lock(b->fd, F_OFD_GETLK, F_WRLCK, LWB_MAX_WRITERS, 1) == 1;
+}
+
+/* ---- Slots --------------------------------------------------------------------------------- */
+
+/* Record number `index`, or NULL with *status LWB_MISSING (no more) or LWB_CORRUPT. */
+static inline struct lwb_record *lwb_slot_at(struct lwb_board *b, int index, uint64_t *offset,
+                                             int *status)
+{
+    *offset = index < LWB_MAX_SLOTS
+            ? atomic_load_explicit(&lwb_head(b)->slots[index], memory_order_acquire) : 0;
+    struct lwb_record *r = *offset ? lwb_record_at(b, *offset) : NULL;
+    *status = r ? LWB_OK : *offset ? LWB_CORRUPT : LWB_MISSING;
+    return r;
+}
+
+static inline bool lwb_is_named(const struct lwb_record *r, const char *name, size_t length)
+{
+    return r->name_length == length && !memcmp(lwb_texts(r), name, length);
+}
+
+struct lwb_schema {
+    const char *name, *type, *text; /* the slot's name, its type's name, the JSON schema */
+    uint64_t fingerprint;           /* equal exactly if two schemas agree */
+    uint64_t capacity;              /* bytes of the largest message */
+};
+
+static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema *s,
+                                   uint64_t *offset)
+{
+    size_t n = strlen(s->name), t = strlen(s->type), x = strlen(s->text);
+    if (!n || n > LWB_MAX_NAME || t > LWB_MAX_NAME || x > LWB_MAX_SCHEMA || !s->capacity ||
+        s->capacity > LWB_MAX_CAPACITY)
+        return LWB_INVALID;
+    void *at;
+    int status = lwb_allocate(b, sizeof(struct lwb_record) + n + t + x, offset, &at);
+    if (status)
+        return status;
+    struct lwb_record *r = at; /* fresh room is zero: word 0 says that nothing was added */
+    r->magic = LWB_SLOT_MAGIC;
+    r->size = sizeof *r + n + t + x;
+    r->capacity = lwb_round(s->capacity, 8);
+    r->fingerprint = s->fingerprint;
+    r->name_length = n;
+    r->type_length = t;
+    r->schema_length = x;
+    char *texts = (char *)(r + 1);
+    memcpy(texts, s->name, n);
+    memcpy(texts + n, s->type, t);
+    memcpy(texts + n + t, s->text, x);
+    r->checksum = lwb_record_sum(r);
+    return LWB_OK;
+}
+
+/* Open the slot, making it if it is not there; with a `fingerprint` that differs from the
+ * board's: LWB_DIFFERS, with the slot open for reading its schema. The table fills from the
+ * front and entries never change, so that two processes that make one name meet at one entry. */
+static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const struct lwb_schema *s)
+{
+    uint64_t offset, mine = 0;
+    struct lwb_record *r;
+    size_t length = strlen(s->name);
+    int status;
+    for (int i = 0;; i++) {
+        if (i == LWB_MAX_SLOTS)
+            return LWB_NO_SLOT;
+        r = lwb_slot_at(b, i, &offset, &status);
+        if (status == LWB_MISSING) {
+            if (!mine && (status = lwb_write_record(b, s, &mine)))
+                return status;
+            uint64_t none = 0;
+            if (atomic_compare_exchange_strong(&lwb_head(b)->slots[i], &none, mine))
+                none = mine;
+            offset = none;
+            r = lwb_record_at(b, offset);
+        }
+        if (!r)
+            return LWB_CORRUPT;
+        if (lwb_is_named(r, s->name, length))
+            break;
+    }
+    *slot = (struct lwb_slot){.board = b, .record = r, .offset = offset, .capacity = r->capacity,
+                              .stride = lwb_stride(r->capacity), .writer = -1};
+    return r->fingerprint == s->fingerprint ? LWB_OK : LWB_DIFFERS;
+}
+
+/* The slot's word: changes with every add, never comes back. */
+static inline uint64_t lwb_word(const struct lwb_slot *s)
+{
+    return atomic_load_explicit(&s->record->word, memory_order_acquire);
+}
+
+/* Messages added so far. */
+static inline uint64_t lwb_count(const struct lwb_slot *s) { return lwb_count_of(lwb_word(s)); }
+
+/* ---- Adding -------------------------------------------------------------------------------- */
+
+/* Claim a writer id, at the first add of this process and again after a fork: the child's copy
+ * of the description shares the parent's lock, so it opens one of its own. */
+static inline int lwb_claim(struct lwb_board *b)
+{
+    if (!b->same) {
+        void *page = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        if (page == MAP_FAILED || madvise(page, 4096, MADV_WIPEONFORK))
+            return LWB_SYSTEM;
+        b->same = page;
+    } else if (!*b->same) {
+        char self[64];
+        snprintf(self, sizeof self, "/proc/self/fd/%d", b->fd);
+        int fd = open(self, O_RDWR | O_CLOEXEC); /* by number: the name may be gone or reused */
+        if (fd < 0)
+            return LWB_SYSTEM;
+        close(b->fd);
+        b->fd = fd;
+        b->writer = -1;
+        b->process = (uint64_t)getpid();
+        lwb_lock(fd, F_OFD_SETLK, F_RDLCK, LWB_MAX_WRITERS, 1);
+    }
+    for (int id = 0; id < LWB_MAX_WRITERS; id++) {
+        if (lwb_lock(b->fd, F_OFD_SETLK, F_WRLCK, id, 1) >= 0) {
+            b->writer = id;
+            *b->same = 1;
+            return LWB_OK;
+        }
+        if (errno != EAGAIN && errno != EACCES)
+            return LWB_SYSTEM;
+    }
+    return LWB_NO_WRITER;
+}
+
+/* This process's buffers in the slot: those a dead owner of the same id left, or new ones. */
+static inline int lwb_own(struct lwb_slot *s)
+{
+    struct lwb_board *b = s->board;
+    if (b->writer < 0 || !*b->same) {
+        int status = lwb_claim(b);
+        if (status)
+            return status;
+    }
+    _Atomic uint64_t *entry = &s->record->blocks[b->writer];
+    uint64_t offset = atomic_load_explicit(entry, memory_order_acquire);
+    if (!offset) {
+        void *at;
+        int status = lwb_allocate(b, lwb_block_size(s->capacity), &offset, &at);
+        if (status)
+            return status;
+        struct lwb_block *block = at;
+        *block = (struct lwb_block){LWB_BLOCK_MAGIC, s->offset, (uint64_t)b->writer, 0};
+        block->checksum = lwb_block_sum(block);
+        atomic_store_explicit(entry, offset, memory_order_release);
+    }
+    s->own = lwb_block_at(b, offset, s->offset, b->writer, s->capacity);
+    s->writer = b->writer;
+    s->next = 0;
+    return s->own ? LWB_OK : LWB_CORRUPT;
+}
+
+static inline void lwb_wake(struct lwb_slot *s)
+{
+    if (atomic_exchange(&s->record->waiting, 0))
+        syscall(SYS_futex, &s->record->word, FUTEX_WAKE, INT32_MAX, NULL, NULL, 0);
+}
+
+/* Add a message. Never blocks. */
+static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, uint64_t *count)
+{
+    if (length > s->capacity)
+        return LWB_TOO_LARGE;
+    struct lwb_board *b = s->board;
+    if (!s->own || s->writer != b->writer || !*b->same) {
+        int status = lwb_own(s);
+        if (status)
+            return status;
+    }
+    _Atomic uint64_t *slot_word = &s->record->word;
+    uint64_t word = atomic_load_explicit(slot_word, memory_order_relaxed);
+    if (lwb_writer_of(word) == (unsigned)s->writer && lwb_buffer_of(word) == (unsigned)s->next)
+        s->next = (s->next + 1) % LWB_BUFFERS; /* readers are at the published one */
+    struct lwb_buffer *buffer = lwb_buffer_at(s->own, s->next, s->stride);
+
+    /* Count 0 before the payload: a reader that sees any of the new payload then sees, behind
+     * its acquire fence, that the count is no longer the one it started with. The store is a
+     * release so that a reader that sees it also sees the word as we saw it (lwb_read). */
+    atomic_store_explicit(&buffer->count, 0, memory_order_release);
+    atomic_thread_fence(memory_order_release);
+    const unsigned char *from = data;
+    size_t words = length / 8, rest = length % 8;
+    for (size_t i = 0; i < words; i++) {
+        uint64_t w;
+        memcpy(&w, from + 8 * i, 8);
+        atomic_store_explicit(&buffer->payload[i], w, memory_order_relaxed);
+    }
+    if (rest) {
+        uint64_t w = 0;
+        memcpy(&w, from + 8 * words, rest);
+        atomic_store_explicit(&buffer->payload[words], w, memory_order_relaxed);
+    }
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    atomic_store_explicit(&buffer->length, length, memory_order_relaxed);
+    atomic_store_explicit(&buffer->process, b->process, memory_order_relaxed);
+    atomic_store_explicit(&buffer->stamp, (uint64_t)now.tv_sec * 1000000000u + now.tv_nsec,
+                          memory_order_relaxed);
+    uint64_t place = (uint64_t)s->writer << 4 | (uint64_t)s->next, mine;
+    do {
+        mine = (lwb_count_of(word) + 1) << 16 | place;
+        atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
+        /* Sequentially consistent, as the load of `waiting` below: either we see the waiter or
+         * the waiter sees our word. */
+    } while (!atomic_compare_exchange_weak_explicit(slot_word, &word, mine, memory_order_seq_cst,
+                                                    memory_order_relaxed));
+    s->next = (s->next + 1) % LWB_BUFFERS;
+    if (count)
+        *count = lwb_count_of(mine);
+    if (atomic_load(&s->record->waiting))
+        lwb_wake(s);
+    return LWB_OK;
+}
+
+/* ---- Getting ------------------------------------------------------------------------------- */
+
+/* Copy the latest message, at most `room` bytes of it; meta->length tells its whole length.
+ * The readers' copy may be of a buffer being overwritten: the count tells, and we start again
+ * at what is by then the latest. */
+static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct lwb_meta *meta)
+{
+    for (;;) {
+        uint64_t word = lwb_word(s);
+        unsigned writer = lwb_writer_of(word), index = lwb_buffer_of(word);
+        meta->word = word;
+        meta->count = lwb_count_of(word);
+        if (!meta->count)
+            return LWB_EMPTY;
+        if (writer >= LWB_MAX_WRITERS || index >= LWB_BUFFERS)
+            return LWB_CORRUPT;
+        struct lwb_block *block = s->seen[writer];
+        if (!block) {
+            uint64_t at = atomic_load_explicit(&s->record->blocks[writer], memory_order_acquire);
+            block = s->seen[writer] = lwb_block_at(s->board, at, s->offset, writer, s->capacity);
+            if (!block)
+                return LWB_CORRUPT;
+        }
+        struct lwb_buffer *buffer = lwb_buffer_at(block, index, s->stride);
+        meta->length = atomic_load_explicit(&buffer->length, memory_order_relaxed);
+        meta->stamp = atomic_load_explicit(&buffer->stamp, memory_order_relaxed);
+        meta->process = atomic_load_explicit(&buffer->process, memory_order_relaxed);
+        size_t take = meta->length < room ? meta->length : room;
+        if (take > s->capacity)
+            take = s->capacity;
+        unsigned char *to = data;
+        size_t words = take / 8, rest = take % 8;
+        for (size_t i = 0; i < words; i++) {
+            uint64_t w = atomic_load_explicit(&buffer->payload[i], memory_order_relaxed);
+            memcpy(to + 8 * i, &w, 8);
+        }
+        if (rest) {
+            uint64_t w = atomic_load_explicit(&buffer->payload[words], memory_order_relaxed);
+            memcpy(to + 8 * words, &w, rest);
+        }
+        atomic_thread_fence(memory_order_acquire);
+        if (atomic_load_explicit(&buffer->count, memory_order_relaxed) == meta->count)
+            return meta->length <= s->capacity ? LWB_OK : LWB_CORRUPT;
+        /* The owner may only overwrite a buffer that the word does not name; so if the word is
+         * still the same, the buffer was damaged, and starting again would never end. The fence
+         * pairs with the owner's release of the count that we just saw. */
+        atomic_thread_fence(memory_order_acquire);
+        if (lwb_word(s) == word)
+            return LWB_CORRUPT;
+    }
+}
+
+/* Wait until the count exceeds `after`, `ns` at most. A look every 50 ms covers a writer that
+ * died between its swap and its wake. Call again to go on waiting; signals end a call early. */
+static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
+{
+    uint64_t word = atomic_load(&s->record->word);
+    if (lwb_count_of(word) > after)
+        return LWB_OK;
+    uint64_t look = ns < 50000000u ? ns : 50000000u;
+    struct timespec t = {.tv_sec = 0, .tv_nsec = (long)look};
+    atomic_store(&s->record->waiting, 1);
+    word = atomic_load(&s->record->word);
+    if (lwb_count_of(word) <= after) /* the word's first half changes with every add */
+        syscall(SYS_futex, &s->record->word, FUTEX_WAIT, (uint32_t)word, &t, NULL, 0);
+    return lwb_count(s) > after ? LWB_OK : LWB_TIMEOUT;
+}
+
+#endif

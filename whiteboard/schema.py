@@ -1,0 +1,226 @@
+"""Message types as JSON schemas, there and back.
+
+A slot carries its type's schema, so that tools show a message without its Python class. What
+has no schema here is not immutable (or not portable), and so cannot be in a message: making the
+schema is the check.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Iterator
+from types import new_class
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
+
+import msgspec
+from msgspec import inspect as mi
+
+from .errors import MessageTypeError
+
+if TYPE_CHECKING:
+    from .message import Message
+
+__all__ = ["describe", "differences", "fingerprint", "from_plain", "to_plain", "type_from_schema"]
+
+Schema = dict[str, Any]
+
+_MUTABLE = {
+    mi.ListType: "a list changes; use tuple[X, ...]",
+    mi.DictType: "a dict changes; use a tuple of pairs, or a Message of its own",
+    mi.SetType: "a set changes; use frozenset[X]",
+    mi.ByteArrayType: "a bytearray changes; use bytes",
+    mi.MemoryViewType: "a memoryview changes; use bytes",
+    mi.AnyType: "Any can hold what changes; name the types",
+    mi.DataclassType: "use a Message instead of a dataclass",
+    mi.TypedDictType: "a dict changes; use a Message",
+}
+
+
+def describe(cls: type) -> Schema:
+    """Return the JSON schema (2020-12) of a Message class, nested messages inline.
+
+    Raise :class:`.MessageTypeError` naming the first field that is not deeply immutable, and
+    ``NameError`` while an annotation names something not yet defined.
+    """
+    return _schema(mi.type_info(cls), cls.__qualname__, ())
+
+
+def _schema(node: mi.Type, path: str, outer: tuple[type, ...]) -> Schema:
+    match node:
+        case mi.BoolType():
+            return {"type": "boolean"}
+        case mi.IntType():
+            return {"type": "integer", **_limits(node, minimum="ge", maximum="le")}
+        case mi.FloatType():
+            return {"type": "number", **_limits(node, minimum="ge", maximum="le")}
+        case mi.StrType():
+            return {"type": "string", **_limits(node, maxLength="max_length")}
+        case mi.BytesType():
+            limits = _limits(node, maxLength="max_length")
+            return {"type": "string", "contentEncoding": "base64", **limits}
+        case mi.NoneType():
+            return {"type": "null"}
+        case mi.EnumType(cls=cls):
+            return {"enum": [member.value for member in cls]}
+        case mi.LiteralType(values=values):
+            return {"enum": list(values)}
+        case mi.VarTupleType() | mi.FrozenSetType():
+            items = _schema(node.item_type, f"{path}[]", outer)
+            limits = _limits(node, minItems="min_length", maxItems="max_length")
+            unique = {"uniqueItems": True} if isinstance(node, mi.FrozenSetType) else {}
+            return {"type": "array", "items": items, **limits, **unique}
+        case mi.TupleType(item_types=types):
+            each = [_schema(t, f"{path}[{i}]", outer) for i, t in enumerate(types)]
+            return {"type": "array", "prefixItems": each, "items": False}
+        case mi.UnionType(types=types):
+            return {"anyOf": [_schema(t, path, outer) for t in types]}
+        case mi.StructType(cls=cls, fields=fields):
+            if not (cls.__struct_config__.frozen and cls.__struct_config__.array_like):
+                raise MessageTypeError(f"{path}: {cls.__qualname__} is no Message, or not frozen")
+            if cls in outer:
+                raise MessageTypeError(f"{path}: {cls.__qualname__} contains itself")
+            inner = (*outer, cls)
+            return {
+                "title": getattr(cls, "__type_name__", cls.__name__),
+                "type": "object",
+                "properties": {f.name: _schema(f.type, f"{path}.{f.name}", inner) for f in fields},
+                "required": [f.name for f in fields],
+            }
+        case _:
+            why = _MUTABLE.get(type(node), "only immutable, portable types can be in a message")
+            raise MessageTypeError(f"{path}: {why}")
+
+
+def _limits(node: mi.Type, **names: str) -> Schema:
+    found = {key: getattr(node, attribute) for key, attribute in names.items()}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def fingerprint(schema: Schema) -> int:
+    """Return 64 bits that are equal exactly if two schemas are."""
+    digest = hashlib.blake2b(msgspec.json.encode(schema), digest_size=8).digest()
+    return int.from_bytes(digest, "little")
+
+
+def differences(board: Schema, ours: Schema, path: str = "") -> Iterator[str]:
+    """Tell field by field how the board's schema and ours differ."""
+    if board.get("type") == ours.get("type") == "object":
+        theirs, mine = board["properties"], ours["properties"]
+        for name in theirs.keys() | mine.keys():
+            where = f"{path}.{name}".lstrip(".")
+            if name not in mine:
+                yield f"the board has {where} ({_short(theirs[name])}), ours has not"
+            elif name not in theirs:
+                yield f"ours has {where} ({_short(mine[name])}), the board has not"
+            else:
+                yield from differences(theirs[name], mine[name], where)
+        if theirs.keys() == mine.keys() and list(theirs) != list(mine):
+            yield f"{path or 'the fields'}: the board's order is {', '.join(theirs)}"
+    if board.get("title") != ours.get("title") or _bare(board) != _bare(ours):
+        yield f"{path or 'the message'} is {_short(board)} on the board, {_short(ours)} in ours"
+
+
+def _bare(schema: Schema) -> Schema:
+    return {k: v for k, v in schema.items() if k not in ("properties", "required", "title")}
+
+
+def _short(schema: Schema) -> str:
+    if "title" in schema:
+        return str(schema["title"])
+    return msgspec.json.encode(schema).decode().replace('"', "").strip("{}")
+
+
+def type_from_schema(schema: Schema) -> type[Message]:
+    """Make a class for a slot whose Python class is not at hand, as tools need it."""
+    from .message import Message
+
+    fields = [(name, _annotation(s)) for name, s in schema["properties"].items()]
+    title = schema["title"]
+    return new_class(
+        title.rpartition("/")[2],
+        (Message,),
+        {"type_name": title},
+        lambda namespace: namespace.update(__annotations__=dict(fields)),
+    )
+
+
+def _annotation(schema: Schema) -> Any:
+    match schema:
+        case {"anyOf": options}:
+            return Union[tuple(_annotation(o) for o in options)]  # noqa: UP007  from a list
+        case {"enum": values}:
+            return Literal[tuple(values)]
+        case {"type": "object"}:
+            return type_from_schema(schema)
+        case {"type": "array", "prefixItems": items}:
+            return tuple[tuple(_annotation(i) for i in items)]  # type: ignore[misc]
+        case {"type": "array", "items": item}:
+            if schema.get("uniqueItems"):
+                return frozenset[_annotation(item)]  # type: ignore[misc]
+            return _meta(tuple[_annotation(item), ...], schema)  # type: ignore[misc]
+        case {"type": "string", "contentEncoding": "base64"}:
+            return _meta(bytes, schema)
+        case {"type": kind}:
+            simple = {"boolean": bool, "integer": int, "number": float, "string": str}
+            return _meta(simple.get(kind), schema)
+    raise MessageTypeError(f"not a message's schema: {_short(schema)}")
+
+
+def _meta(annotation: Any, schema: Schema) -> Any:
+    names = {
+        "minimum": "ge",
+        "maximum": "le",
+        "maxLength": "max_length",
+        "minItems": "min_length",
+        "maxItems": "max_length",
+    }
+    found = {names[key]: value for key, value in schema.items() if key in names}
+    return Annotated[annotation, msgspec.Meta(**found)] if found else annotation
+
+
+def to_plain(value: Any) -> Any:
+    """Turn a message into what JSON can say: dicts, lists, texts (bytes as base64)."""
+    if isinstance(value, msgspec.Struct):
+        return {name: to_plain(getattr(value, name)) for name in value.__struct_fields__}
+    if isinstance(value, tuple | frozenset):
+        return [to_plain(item) for item in value]
+    return msgspec.to_builtins(value)
+
+
+def from_plain(value: Any, schema: Schema) -> Any:
+    """Turn what JSON said into the arrays that a message's decoder takes.
+
+    Fields that are left out are zero, empty or false. A field that the schema does not have
+    raises ``ValueError``.
+    """
+    match schema, value:
+        case {"type": "object", "properties": fields, "title": title}, dict():
+            for name in value.keys() - fields.keys():
+                raise ValueError(f"{title} has no field {name!r}; it has {', '.join(fields)}")
+            return [from_plain(value.get(n, _zero(s)), s) for n, s in fields.items()]
+        case {"prefixItems": items}, list() if len(items) == len(value):
+            return [from_plain(v, s) for v, s in zip(value, items, strict=True)]
+        case {"type": "array", "items": dict() as item}, list():
+            return [from_plain(v, item) for v in value]
+        case {"contentEncoding": "base64"}, str():
+            return base64.b64decode(value, validate=True)
+        case _:
+            return value
+
+
+def _zero(schema: Schema) -> Any:
+    match schema:
+        case {"anyOf": [*options]}:
+            return None if {"type": "null"} in options else _zero(options[0])
+        case {"enum": [first, *_]}:
+            return first
+        case {"prefixItems": items}:
+            return [_zero(i) for i in items]
+        case {"type": "array"}:
+            return [_zero(schema["items"])] * schema.get("minItems", 0)
+        case {"type": "number" | "integer" as kind}:
+            return max(schema.get("minimum", 0), min(0, schema.get("maximum", 0)))
+        case {"type": kind}:
+            return {"boolean": False, "string": "", "object": {}}.get(kind)
+    return None

@@ -1,0 +1,212 @@
+"""A board in shared memory: one file that every process of this host maps."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+from msgspec import inspect as mi
+
+from .board import Board, BoundSlot, SlotInfo
+from .errors import (
+    BoardNotFoundError,
+    BoardPermissionError,
+    SchemaClash,
+    SharedMemoryUnavailableError,
+    SlotNameError,
+    SlotNotFoundError,
+)
+from .local import LocalBoard
+from .message import M, Message
+from .schema import type_from_schema
+from .slots import Slot
+
+try:
+    from . import _shm
+except ImportError as error:  # no compiler at the installation, or no Linux
+    _MISSING: ImportError | None = error
+else:
+    _MISSING = None
+    BoundSlot.register(_shm.Port)
+
+__all__ = ["BoardInfo", "Whiteboard", "boards", "default_name", "remove_board"]
+
+_DIRECTORY = Path("/dev/shm")
+_PREFIX = "llfsm."
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
+
+Field = tuple[str, int, int, int, Any, tuple["Field", ...]]
+
+
+class Whiteboard(Board):
+    """A whiteboard that every process of this user on this host shares by its name.
+
+    Args:
+        name: letters, digits, ``_ . -``; by default ``$WHITEBOARD_NAME``, else ``whiteboard``.
+        directory: where its file is; by default the shared memory of the host, ``/dev/shm``.
+        create: make the board if it is not there; else raise :class:`.BoardNotFoundError`.
+
+    One object may be used by all threads of a process; a forked child may go on using it.
+    Messages live as long as the board's file, until :meth:`remove`; closing only lets go.
+
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        *,
+        directory: str | os.PathLike[str] = _DIRECTORY,
+        create: bool = True,
+    ) -> None:
+        super().__init__(name or default_name())
+        self.path = _path(self.name, directory)
+        if _MISSING:
+            raise SharedMemoryUnavailableError(
+                "this installation of llfsm has no shared memory (Linux and a C compiler when it "
+                "is installed are needed); use Whiteboard.local()"
+            ) from _MISSING
+        self._core = _shm.Board(str(self.path), create)
+
+    @staticmethod
+    def local(name: str = "local") -> LocalBoard:
+        """Return a new, empty board for this process only, with the same interface."""
+        return LocalBoard(name)
+
+    def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
+        try:
+            return _shm.Port(
+                self._core,
+                slot.name,
+                slot.type_name,
+                msgspec.json.encode(slot.schema).decode(),
+                slot.fingerprint,
+                slot.capacity,
+                slot.type,
+                _fields(mi.type_info(slot.type)),
+                slot.encoder.encode_into,
+                slot.decoder.decode,
+            )
+        except SchemaClash as clash:
+            raise slot.clash(msgspec.json.decode(clash.schema)) from None
+
+    def slots(self) -> list[SlotInfo]:
+        """Describe the slots on the board, in the order in which they were made."""
+        return [
+            SlotInfo(name, type_name, msgspec.json.decode(schema), capacity)
+            for name, type_name, schema, _, capacity in self._core.slots()
+        ]
+
+    def find(self, name: str) -> Slot[Message]:
+        """Return a slot that is on the board, with a class made from its schema.
+
+        For tools that do not have the slot's own class. Raise :class:`.SlotNotFoundError`.
+        """
+        for info in self.slots():
+            if info.name == name:
+                return Slot(name, type_from_schema(info.schema), info.capacity)
+        there = ", ".join(info.name for info in self.slots()) or "none"
+        raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}; its slots: {there}")
+
+    @property
+    def alive(self) -> bool:
+        """False once the board is closed here or removed by anybody."""
+        return self._core.linked()
+
+    def close(self) -> None:
+        """Let go of the board; its messages stay for other processes. Closing twice is fine."""
+        self._core.close()
+
+    def remove(self) -> None:
+        """Remove the board for everybody and close it here."""
+        if self.alive:
+            remove_board(self.name, self.path.parent)
+        self.close()
+
+
+class BoardInfo(NamedTuple):
+    """A board as the tools list it."""
+
+    name: str
+    used: bool
+    """Some process has it open; False for one that a crash left behind."""
+
+
+def boards(directory: str | os.PathLike[str] = _DIRECTORY) -> list[BoardInfo]:
+    """List this user's boards, damaged ones included (as not used)."""
+    found = []
+    for path in sorted(Path(directory).glob(f"{_PREFIX}*")):
+        if path.lstat().st_uid == os.geteuid() and not path.is_symlink():
+            found.append(BoardInfo(path.name.removeprefix(_PREFIX), _is_used(path)))
+    return found
+
+
+def _is_used(path: Path) -> bool:
+    try:
+        core = _shm.Board(str(path), create=False)
+    except Exception:  # damaged, of another version, or gone since it was listed
+        return False
+    try:
+        return core.shared()
+    finally:
+        core.close()
+
+
+def remove_board(name: str, directory: str | os.PathLike[str] = _DIRECTORY) -> None:
+    """Remove a board's file, damaged or not, used or not."""
+    path = _path(name, directory)
+    try:
+        path.unlink()
+    except FileNotFoundError:
+        raise BoardNotFoundError(
+            f"{path}: no such whiteboard; see `llfsm whiteboard list`"
+        ) from None
+    except PermissionError as error:
+        raise BoardPermissionError(f"{path}: it belongs to somebody else") from error
+
+
+def default_name() -> str:
+    """Return ``$WHITEBOARD_NAME``, or ``whiteboard``."""
+    return os.environ.get("WHITEBOARD_NAME") or "whiteboard"
+
+
+def _path(name: str, directory: str | os.PathLike[str]) -> Path:
+    if not _NAME.fullmatch(name):
+        raise SlotNameError(
+            f"{name!r} cannot name a whiteboard: 1 to 200 letters, digits, '_', '.' and '-', "
+            f"not beginning with '.' or '-'"
+        )
+    return Path(directory, _PREFIX + name)
+
+
+# The kinds of _fields.h, in its order.
+_FLOAT, _INT, _BOOL, _STR, _BYTES, _MESSAGE, _OTHER = range(7)
+_SMALLEST, _LARGEST = -(2**63), 2**63 - 1
+
+
+def _fields(node: mi.Type) -> tuple[Field, ...]:
+    """Tell the extension how to recognise a plainly right message (see ``_fields.h``)."""
+    assert isinstance(node, mi.StructType)
+    return tuple(_field(f.name, f.type) for f in node.fields)
+
+
+def _field(name: str, node: mi.Type) -> Field:
+    kind, least, most = _OTHER, 0, 0
+    match node:
+        case mi.FloatType(gt=None, ge=None, lt=None, le=None, multiple_of=None):
+            kind = _FLOAT
+        case mi.IntType(gt=None, lt=None, multiple_of=None):
+            kind = _INT
+            least = _SMALLEST if node.ge is None else max(node.ge, _SMALLEST)
+            most = _LARGEST if node.le is None else min(node.le, _LARGEST)
+        case mi.BoolType():
+            kind = _BOOL
+        case mi.StrType(min_length=None, max_length=None, pattern=None):
+            kind = _STR
+        case mi.BytesType(min_length=None, max_length=None):
+            kind = _BYTES
+        case mi.StructType():
+            return name, _MESSAGE, 0, 0, node.cls, _fields(node)
+    return name, kind, least, most, None, ()

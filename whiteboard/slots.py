@@ -1,0 +1,87 @@
+"""A slot: a name on a whiteboard with the type of its messages."""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from typing import Any, Generic
+
+import msgspec
+
+from .errors import MessageTypeError, SlotNameError, SlotTypeError
+from .message import M, Message
+from .schema import Schema, describe, differences, fingerprint
+
+__all__ = ["DEFAULT_CAPACITY", "Slot"]
+
+DEFAULT_CAPACITY = 1024
+_NAME = re.compile(r"[^\s\x00-\x1f\x7f]{1,255}")
+
+
+class Slot(Generic[M]):
+    """Name a slot and the type of its messages; define it once, beside the code that shares it.
+
+    Args:
+        name: 1 to 255 bytes without white space, by custom ``owner/what``: ``turtle1/cmd_vel``.
+        type: a :class:`.Message` class; checked here for immutability if it could not be before.
+        capacity: bytes of the longest encoded message, 1 to 2**30. The first process to use the
+            slot sets it aside for every writer, four times over.
+
+    Raises:
+        SlotNameError: the name or the capacity is impossible.
+        MessageTypeError: the type is no Message class, or a field of it is not immutable.
+
+    """
+
+    def __init__(self, name: str, type: type[M], capacity: int = DEFAULT_CAPACITY) -> None:
+        if not _NAME.fullmatch(name) or len(name.encode()) > 255:
+            raise SlotNameError(
+                f"{name!r} cannot name a slot: 1 to 255 bytes without white space are needed"
+            )
+        if not 1 <= capacity <= 1 << 30:
+            raise SlotNameError(f"slot {name!r}: a capacity of {capacity} is not in 1 to 2**30")
+        if not (isinstance(type, msgspec.StructMeta) and issubclass(type, Message)):
+            raise MessageTypeError(f"slot {name!r}: {type!r} is no Message class")
+        self.name = name
+        self.type = type
+        self.capacity = capacity
+        try:
+            self.schema: Schema = describe(type)
+        except NameError as error:
+            raise MessageTypeError(
+                f"slot {name!r}: {type.__qualname__} has an annotation that does not resolve: "
+                f"{error}"
+            ) from error
+
+    def __repr__(self) -> str:
+        return f"Slot({self.name!r}, {self.type.__qualname__})"
+
+    @cached_property
+    def type_name(self) -> str:
+        """The name by which other processes know the type."""
+        return str(self.schema["title"])
+
+    @cached_property
+    def fingerprint(self) -> int:
+        """64 bits that are equal exactly if two types have the same schema."""
+        return fingerprint(self.schema)
+
+    @cached_property
+    def encoder(self) -> msgspec.msgpack.Encoder:
+        """The slot's encoder."""
+        return msgspec.msgpack.Encoder()
+
+    @cached_property
+    def decoder(self) -> msgspec.msgpack.Decoder[M]:
+        """The slot's decoder, which checks every field."""
+        return msgspec.msgpack.Decoder(self.type)
+
+    def clash(self, theirs: Schema) -> SlotTypeError:
+        """Describe how the type of the board's slot of this name differs from ours."""
+        return SlotTypeError(
+            f"slot {self.name!r} holds {theirs['title']}, not our {self.type_name}: "
+            + "; ".join(differences(theirs, self.schema))
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Slot, (self.name, self.type, self.capacity))
