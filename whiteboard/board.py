@@ -6,6 +6,7 @@ A board binds slots; a bound slot is what a hot path keeps.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, Self
 
 from .message import M
@@ -80,30 +81,39 @@ class BoundSlot(ABC, Generic[M]):
         """
 
 
+class _Bound(dict[Slot[Any], BoundSlot[Any]]):
+    """The slots bound so far; looking up another one binds it."""
+
+    def __init__(self, bind: Callable[[Slot[Any]], BoundSlot[Any]]) -> None:
+        super().__init__()
+        self._bind = bind
+
+    def __missing__(self, slot: Slot[Any]) -> BoundSlot[Any]:
+        bound = self[slot] = self._bind(slot)
+        return bound
+
+
 class Board(ABC):
     """A whiteboard. Bind a slot with ``board[slot]``, or use the two methods by name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._bound: dict[Slot[Any], BoundSlot[Any]] = {}
+        self._bound = _Bound(self._bind)
 
     def __getitem__(self, slot: Slot[M]) -> BoundSlot[M]:
         """Bind a slot, making it on the board if it is not there.
 
         Raise :class:`.SlotTypeError` if the board has it with another type.
         """
-        bound = self._bound.get(slot)
-        if bound is None:
-            bound = self._bound[slot] = self._bind(slot)
-        return bound
+        return self._bound[slot]
 
     def add_message(self, slot: Slot[M], message: M) -> int:
         """Make ``message`` the slot's latest; see :meth:`BoundSlot.add`."""
-        return self[slot].add(message)
+        return self._bound[slot].add(message)
 
     def get_message(self, slot: Slot[M]) -> M | None:
         """Return the slot's latest message, or None before the first."""
-        return self[slot].get()
+        return self._bound[slot].get()
 
     def __enter__(self) -> Self:
         return self

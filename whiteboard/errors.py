@@ -154,7 +154,6 @@ def wrong_field(slot: str, kind: type, cause: object) -> MessageFieldError:
 
 def _name_fields(kind: type, cause: object) -> str:
     """Put field names in place of the array indices by which the decoder tells a place."""
-
     from msgspec import inspect as mi
 
     def names(match: re.Match[str]) -> str:
