@@ -1,0 +1,54 @@
+# Every target sets up what it needs, in .venv and nowhere else.
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := pyproject.toml setup.py $(wildcard whiteboard/*.c whiteboard/*.h whiteboard/include/*.h)
+STRESS := $(VENV)/stress
+SANITIZE_SECONDS ?= 20
+
+.PHONY: help setup demo test check bench sanitize clean
+
+help:
+	@echo "make demo      watch a turtle keep away from the walls (20 s)"
+	@echo "make test      run the tests"
+	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
+	@echo "make check     types, style, C warnings"
+	@echo "make bench     measure us and the peers in one run"
+	@echo "make sanitize  the C core under TSan, ASan and UBSan"
+	@echo "make clean     remove .venv and what was built"
+
+setup: $(VENV)/.ready
+	@echo "ready: $(BIN)/llfsm --help"
+
+demo: $(VENV)/.ready
+	@$(BIN)/llfsm demo wall --seconds 20 --picture out/wall
+
+test: $(VENV)/.ready-test
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.ready-check
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy -p llfsm
+	$(CC) -std=c11 -O2 -Wall -Wextra -Werror -fsyntax-only -x c whiteboard/include/llfsm_whiteboard.h
+
+bench: $(VENV)/.ready-bench
+	@mkdir -p out
+	$(BIN)/python tests/bench/run.py --json out/bench.json
+
+# One stamp a set of extras; each is made again when what it depends on changes.
+$(VENV)/.ready: EXTRAS = draw
+$(VENV)/.ready-test: EXTRAS = test
+$(VENV)/.ready-check: EXTRAS = check
+$(VENV)/.ready-bench: EXTRAS = bench,draw
+
+$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-check $(VENV)/.ready-bench: $(SOURCES)
+	@python=$$(sh .ci/prerequisites) && \
+	    { test -x $(BIN)/python || $$python -m venv $(VENV); }
+	@echo "installing llfsm[$(EXTRAS)] into $(VENV) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
+	@$(BIN)/python -c 'import llfsm.whiteboard._shm' || \
+	    { echo "the shared-memory extension was not built; see: $(BIN)/pip install -v -e ." >&2; exit 1; }
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build out src/llfsm.egg-info whiteboard/*.so
