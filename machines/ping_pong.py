@@ -1,0 +1,48 @@
+"""A machine that posts a text again and again."""
+
+import logging
+
+from llfsm.runtime import Actuator, Machine, State
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import String
+
+from .ending import stopping
+
+__all__ = ["PINPONG", "RosPingPong"]
+
+PINPONG = Slot("pinpong", String)
+_log = logging.getLogger(__name__)
+
+
+class RosPingPong(Machine):
+    """Post and log ``hello world <count>``, counting up, every 20 ms after the first second."""
+
+    say = Actuator(PINPONG)
+    count: int = 0
+
+    INITIAL = State()
+    PUBLISH = State()
+    WAIT_AND_COUNT = State()
+    END = State()
+
+    @INITIAL.on_entry
+    def _(self) -> None:
+        self.count = 0
+
+    @PUBLISH.on_entry
+    def _(self) -> None:
+        text = f"hello world {self.count}"
+        _log.info(text)
+        self.say(String(text))
+
+    @WAIT_AND_COUNT.on_entry
+    def _(self) -> None:
+        self.count += 1
+
+    INITIAL.to(PUBLISH, after_ms=1000)
+    PUBLISH.to(WAIT_AND_COUNT, after_ms=10)
+    WAIT_AND_COUNT.to(PUBLISH, after_ms=10)
+
+    INITIAL.to(END, when=stopping)
+    PUBLISH.to(END, when=stopping)
+    WAIT_AND_COUNT.to(END, when=stopping)

@@ -1,0 +1,105 @@
+"""A reactive machine: it asks where the turtle is and keeps it away from the walls."""
+
+from llfsm.runtime import Actuator, Machine, Sensor, State
+from llfsm.whiteboard.messages.geometry_msgs import Twist
+from llfsm.whiteboard.messages.turtle_sensor_poster import (
+    ANSWER,
+    REQUEST,
+    TurtlePositionAnswer,
+    TurtlePositionRequest,
+)
+
+from .ending import stopping
+from .turtle import CMD_VEL, twist
+
+__all__ = ["RosWallTurttleBot"]
+
+
+class RosWallTurttleBot(Machine):
+    """Drive ahead, stop, look where the turtle is; near a wall, back off and turn right.
+
+    The original calls the position service inside an expression and blocks every machine until
+    it answers. Here the request goes to a slot, and the expression pulls the answer.
+    """
+
+    drive = Actuator(CMD_VEL, at_end=Twist())
+    ask = Actuator(REQUEST)
+    asked = Sensor(REQUEST, default=TurtlePositionRequest())
+    answer = Sensor(ANSWER, default=TurtlePositionAnswer())
+    linear_x: float = 0.0  # m/s
+    angular_z: float = 0.0  # rad/s
+    number: int = 0  # of our latest request
+    pos_x: int = 0  # whole metres
+    pos_y: int = 0
+
+    INITIAL = State()
+    STRAIGHT = State()
+    STOP = State()
+    TEST = State()
+    BACK = State()
+    TURN_RIGHT = State()
+    END = State()
+
+    def move(self, linear_x: float, angular_z: float) -> None:
+        """Post a command."""
+        self.linear_x, self.angular_z = linear_x, angular_z
+        self.drive(twist(linear_x, angular_z))
+
+    def ask_position(self) -> None:
+        """Post a request that no answer up to now can be meant for."""
+        self.number = max(self.asked.number, self.answer.number) + 1
+        self.ask(TurtlePositionRequest(self.number))
+
+    @INITIAL.on_entry
+    def _(self) -> None:
+        self.linear_x = self.angular_z = 0.0
+
+    @STRAIGHT.on_entry
+    def _(self) -> None:
+        self.move(2.0, 0.0)
+
+    @STOP.on_entry
+    def _(self) -> None:
+        self.move(0.0, 0.0)
+        self.ask_position()
+
+    @STOP.internal
+    def _(self) -> None:
+        if self.answer.number >= self.number and self.answer.failure:
+            self.ask_position()  # as the original, which calls until it is told
+
+    @TEST.on_entry
+    def _(self) -> None:
+        self.pos_x, self.pos_y = int(self.answer.x), int(self.answer.y)
+
+    @BACK.on_entry
+    def _(self) -> None:
+        self.move(-2.0, 0.0)
+
+    @TURN_RIGHT.on_entry
+    def _(self) -> None:
+        self.move(0.0, -2.0)
+
+    INITIAL.to(STRAIGHT, after_ms=1000)
+    STRAIGHT.to(STOP, after_ms=1000)
+
+    @STOP.to(TEST, after_ms=1000)
+    def answered(self) -> bool:
+        """Tell whether the answer to our latest request is there."""
+        return self.answer.number >= self.number and not self.answer.failure
+
+    @TEST.to(STRAIGHT)
+    def away_from_walls(self) -> bool:
+        """Tell whether the turtle may drive ahead."""
+        return self.pos_x > 2 and self.pos_y > 2 and self.pos_x < 9 and self.pos_y < 9
+
+    TEST.to(BACK, after_ms=1000)
+    BACK.to(TURN_RIGHT, after_ms=1000)
+    TURN_RIGHT.to(STRAIGHT, after_ms=1000)
+
+    INITIAL.to(END, when=stopping)
+    STRAIGHT.to(END, when=stopping)
+    STOP.to(END, when=stopping)
+    TEST.to(END, when=stopping)
+    BACK.to(END, when=stopping)
+    TURN_RIGHT.to(END, when=stopping)

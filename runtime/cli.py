@@ -1,0 +1,75 @@
+"""The command line's root: ``llfsm``, and ``clfsm`` as another name for ``llfsm run``.
+
+Commands are imported when they are called, so that ``llfsm --help`` answers at once, and by
+name, so that those of the bridges are found without depending on them.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import click
+
+__all__ = ["clfsm", "main"]
+
+# name: (where it is, what `llfsm --help` says of it)
+_COMMANDS = {
+    "run": ("llfsm.runtime.commands.run:run", "Run machines as one arrangement."),
+    "turtlesim": ("llfsm.bridges.turtlesim.command:turtlesim", "Simulate turtles, without ROS."),
+    "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),
+    "demo": ("llfsm.runtime.commands.demo:demo", "Watch machines and turtles work together."),
+}
+
+
+class _Root(click.Group):
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        return _load(name) if name in _COMMANDS else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            if ctx.params["debug"] or not isinstance(error, _ours()):
+                raise
+            raise click.ClickException(str(error)) from error
+
+
+def _load(name: str) -> click.Command:
+    module, _, attribute = _COMMANDS[name][0].partition(":")
+    command = getattr(importlib.import_module(module), attribute)
+    assert isinstance(command, click.Command)
+    return command
+
+
+def _ours() -> tuple[type[Exception], ...]:
+    """Return the errors that tell a user what to do, and so need no traceback."""
+    from llfsm.whiteboard.errors import WhiteboardError
+
+    from .errors import FsmError
+
+    return WhiteboardError, FsmError
+
+
+@click.group(cls=_Root, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.version_option(package_name="llfsm")
+def main(debug: bool) -> None:
+    """Deterministic robot behaviours: state machines that pull from a typed whiteboard.
+
+    Try `llfsm demo wall`, or `llfsm COMMAND --help`.
+    """
+
+
+def clfsm() -> None:
+    """Be ``llfsm run`` for those who type its ancestor's name."""
+    import sys
+
+    main.main(["run", *sys.argv[1:]], prog_name="clfsm")
