@@ -148,11 +148,11 @@ def wrong_type(slot: str, wanted: type, message: object) -> SlotTypeError:
 def wrong_field(slot: str, kind: type, cause: object) -> MessageFieldError:
     """Describe a message with a wrong value in a field."""
     return MessageFieldError(
-        f"slot {slot!r}: the {kind.__qualname__} was not added: {_name_fields(kind, cause)}"
+        f"slot {slot!r}: the {kind.__qualname__} was not added: {name_fields(kind, cause)}"
     )
 
 
-def _name_fields(kind: type, cause: object) -> str:
+def name_fields(kind: type, cause: object) -> str:
     """Put field names in place of the array indices by which the decoder tells a place."""
     from msgspec import inspect as mi
 
@@ -191,7 +191,7 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
         case -4, (type() as kind, BaseException() as cause, int(process)):
             raise MessageUnreadableError(
                 f"slot {where!r}: what process {process} wrote is no {kind.__qualname__}: "
-                f"{_name_fields(kind, cause)}"
+                f"{name_fields(kind, cause)}"
             ) from cause
         case 3, _:
             raise BoardNotFoundError(

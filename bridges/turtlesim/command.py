@@ -61,7 +61,7 @@ def turtlesim(
     until_eof: bool,
     remove_board: bool,
 ) -> None:
-    r"""Simulate turtles that obey a whiteboard, until Ctrl-C or the whiteboard is removed.
+    """Simulate turtles that obey a whiteboard, until Ctrl-C or the whiteboard is removed.
 
     For each turtle it pulls <turtle>/cmd_vel, posts <turtle>/pose and <turtle>/color_sensor
     62.5 times a second, and answers requests on turtle_position/request.

@@ -21,6 +21,7 @@ from llfsm.whiteboard import (
     SlotNotFoundError,
     Whiteboard,
 )
+from llfsm.whiteboard.errors import name_fields
 from llfsm.whiteboard.schema import from_plain, to_plain
 from llfsm.whiteboard.shared import boards, default_name, remove_board
 
@@ -39,7 +40,7 @@ board_option = click.option(
 
 @click.group()
 def whiteboard() -> None:
-    r"""List, read and write whiteboards.
+    """List, read and write whiteboards.
 
     \b
     llfsm whiteboard list
@@ -157,8 +158,9 @@ def _message(slot: Slot[Message], text: str) -> Message:
     try:
         plain = from_plain(json.loads(text), slot.schema)
         return msgspec.convert(plain, slot.type)
-    except (ValueError, msgspec.ValidationError) as error:
-        raise MessageFieldError(f"no message for {slot.name!r}: {error}") from error
+    except ValueError as error:  # also msgspec's, which is one
+        what = name_fields(slot.type, error)
+        raise MessageFieldError(f"no message for {slot.name!r}: {what}") from error
 
 
 def _message_class(name: str) -> type[Message]:

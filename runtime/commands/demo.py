@@ -60,7 +60,7 @@ class _EndError(Exception):
     "-b", "--board", metavar="NAME", default="demo", show_default=True, help="The whiteboard."
 )
 def demo(name: str, seconds: float | None, target: Path | None, board: str) -> None:
-    r"""Watch machines and a turtle simulator, each in a process, meet on a whiteboard.
+    """Watch machines and a turtle simulator, each in a process, meet on a whiteboard.
 
     \b
     wall      a turtle that keeps away from the walls

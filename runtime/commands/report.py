@@ -6,7 +6,7 @@ import click
 
 from ..arrangement import Arrangement
 from ..events import Event, Turn
-from ..seat import Request
+from ..events import Request
 
 __all__ = ["StateReport", "SuspensionReport"]
 

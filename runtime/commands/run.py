@@ -67,7 +67,7 @@ def run(
     until_eof: bool,
     remove_board: bool,
 ) -> None:
-    r"""Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
+    """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
 
     A machine is one that ships or package.module:Class; name:variable=value sets a variable.
 

@@ -1,0 +1,126 @@
+"""Every code block in the documents is executed, and what it prints compared."""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+class Block(NamedTuple):
+    language: str
+    file: str
+    text: str
+
+
+def blocks(document: Path) -> list[Block]:
+    return [Block(*found.groups(default="")) for found in FENCE.finditer(document.read_text())]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_every_block_is_of_a_kind_that_is_executed(document: Path) -> None:
+    known = {"python", "console", "text", "c"}
+    assert {block.language for block in blocks(document)} <= known
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_blocks_do_what_they_say(document: Path, tmp_path: Path) -> None:
+    """Run a document's blocks in order, in one folder.
+
+    ``python FILE`` blocks are files, kept for the blocks after them; ``console`` blocks are
+    commands after ``$`` with the output that they must give, in which ``...`` stands for anything.
+    """
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "WHITEBOARD_NAME": f"docs-{os.getpid()}",
+        "COLUMNS": "100",
+    }
+    for number, block in enumerate(blocks(document)):
+        if block.language == "python":
+            path = tmp_path / (block.file or f"block{number}.py")
+            path.write_text(block.text)
+            run([sys.executable, str(path)], tmp_path, environment)
+        elif block.language == "console":
+            for command, output in commands(block.text):
+                if command.startswith("make "):
+                    run(["make", "-n", *command.split()[1:]], ROOT, environment)
+                else:
+                    failure = int("Error:" in output)
+                    said = run(["bash", "-c", command], tmp_path, environment, failure)
+                    expected = output.replace("[", "[[]").replace("...", "*")
+                    assert not output or fnmatch.fnmatchcase(said, expected), said
+    # Whatever still runs on this board ends when it is gone.
+    board = environment["WHITEBOARD_NAME"]
+    subprocess.run(["llfsm", "whiteboard", "rm", "--force", board], env=environment, check=False)
+
+
+def commands(text: str) -> list[tuple[str, str]]:
+    found = []
+    for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
+        command, _, output = part.partition("\n")
+        found.append((command, output))
+    return found
+
+
+def run(command: list[str], folder: Path, environment: dict[str, str], status: int = 0) -> str:
+    with tempfile.TemporaryFile("w+") as output:  # a pipe would wait for what runs on behind
+        done = subprocess.run(
+            command, cwd=folder, env=environment, text=True, timeout=120, check=False,
+            stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        output.seek(0)
+        said = output.read()
+    assert done.returncode == status, f"{command}\n{said}"
+    return said
+
+
+def test_readme_names_the_two_commands() -> None:
+    """A stranger needs no more than these."""
+    named = [command for block in blocks(ROOT / "README.md") if block.language == "console"
+             for command, _ in commands(block.text)]  # fmt: skip
+    assert named[:2] == ["make demo", "make test"]
+
+
+def test_the_reference_names_every_command_and_option() -> None:
+    import click
+
+    from llfsm.runtime.cli import main
+
+    reference = (ROOT / "docs" / "reference.md").read_text()
+    context = click.Context(main)
+
+    def walk(command: click.Command, path: str) -> None:
+        assert f"`{path}" in reference, path
+        for parameter in command.params:
+            if isinstance(parameter, click.Option) and not parameter.hidden:
+                assert any(f"`{option}" in reference for option in parameter.opts), (
+                    f"{path} {parameter.opts}"
+                )
+        if isinstance(command, click.Group):
+            for name in command.list_commands(context):
+                inner = command.get_command(context, name)
+                assert inner is not None
+                walk(inner, f"{path} {name}")
+
+    walk(main, "llfsm")
+
+
+@pytest.mark.parametrize("package", ["whiteboard", "runtime"])
+def test_the_reference_names_everything_public(package: str) -> None:
+    import importlib
+
+    reference = (ROOT / "docs" / "reference.md").read_text()
+    public = importlib.import_module(f"llfsm.{package}").__all__
+    missing = [name for name in public if f"`{name}" not in reference]
+    assert not missing

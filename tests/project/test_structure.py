@@ -1,0 +1,64 @@
+"""What ARCHITECTURE.md promises about modules."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("whiteboard", "runtime", "bridges", "machines")
+
+
+def lint_imports(root: Path) -> subprocess.CompletedProcess[str]:
+    command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
+    return subprocess.run(command, cwd=root, text=True, capture_output=True, check=False)
+
+
+def test_imports_flow_one_way() -> None:
+    done = lint_imports(ROOT)
+    assert done.returncode == 0, done.stdout
+
+
+def test_no_module_has_two_names() -> None:
+    code = """
+import collections, importlib, json, pathlib, pkgutil, sys
+import llfsm
+for found in pkgutil.walk_packages(llfsm.__path__, "llfsm."):
+    if not found.name.endswith(".__main__"):
+        importlib.import_module(found.name)
+names = collections.defaultdict(list)
+for name, module in list(sys.modules.items()):
+    path = getattr(module, "__file__", None)
+    if path and name != "__main__":
+        names[str(pathlib.Path(path).resolve())].append(name)
+print(json.dumps(names))
+"""
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
+    ours = {
+        path: names
+        for path, names in json.loads(done.stdout).items()
+        if any(Path(path).is_relative_to(ROOT / package) for package in PACKAGES)
+    }
+    assert len(ours) > 30
+    for path, names in ours.items():
+        assert len(names) == 1, path
+        assert names[0].startswith("llfsm."), path
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_link_leads_to_the_folder(package: str) -> None:
+    link = ROOT / "src" / "llfsm" / package
+    assert link.is_symlink()
+    assert link.resolve() == ROOT / package
+
+
+def test_importing_the_whiteboard_imports_no_other_library() -> None:
+    code = "import llfsm.whiteboard, sys; print(*{name.partition('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
+    loaded = set(done.stdout.split())
+    assert "msgspec" in loaded
+    assert not loaded & {"click", "rich", "PIL", "numpy", "zenoh", "rosbags", "asyncio"}

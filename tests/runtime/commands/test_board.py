@@ -1,0 +1,122 @@
+"""`llfsm whiteboard` as people type it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+
+from .conftest import Llfsm, exists, wait_for_line
+
+CMD_VEL = Slot("turtle1/cmd_vel", Twist)
+
+
+def test_list_names_boards_and_slots(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        assert f"{board}  in use" in llfsm.run("whiteboard", "list").stdout
+        wb.add_message(CMD_VEL, Twist())
+    assert f"{board}  not in use" in llfsm.run("whiteboard", "list").stdout
+    listed = llfsm.run("whiteboard", "list", board).stdout
+    assert listed.startswith("turtle1/cmd_vel  geometry_msgs/msg/Twist  1 added")
+
+
+def test_get_prints_json(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(CMD_VEL, Twist(Vector3(x=1.5)))
+    done = llfsm.run("whiteboard", "get", "turtle1/cmd_vel", "-b", board)
+    zero = {"x": 0.0, "y": 0.0, "z": 0.0}
+    assert json.loads(done.stdout) == {"linear": zero | {"x": 1.5}, "angular": zero}
+
+
+def test_add_to_a_slot_of_another_process(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        slot = wb[CMD_VEL]
+        done = llfsm.run("whiteboard", "add", CMD_VEL.name, '{"linear": {"x": 2}}', "-b", board)
+        assert done.returncode == 0
+        assert slot.get() == Twist(Vector3(x=2.0))
+
+
+def test_add_makes_a_slot_of_a_shipped_type(llfsm: Llfsm, board: str) -> None:
+    text = '{"data": "höllo"}'
+    done = llfsm.run("whiteboard", "add", "say", text, "--type", "std_msgs/String", "-b", board)
+    assert done.returncode == 0
+    assert llfsm.run("whiteboard", "get", "say", "-b", board).stdout == '{"data": "höllo"}\n'
+
+
+def test_watch_prints_changes(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(CMD_VEL, Twist())
+        process = llfsm.start("whiteboard", "watch", "-n", "2", "-b", board)
+        wait_for_line(process, "turtle1/cmd_vel 1 ")
+        wb.add_message(CMD_VEL, Twist(Vector3(x=3.0)))
+        assert '"x": 3.0' in wait_for_line(process, "turtle1/cmd_vel 2 ")
+        assert process.wait() == 0
+
+
+def test_watch_ends_with_the_board(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(CMD_VEL, Twist())
+        process = llfsm.start("whiteboard", "watch", "-b", board)
+        wait_for_line(process, "turtle1/cmd_vel 1 ")
+        wb.remove()
+        assert "was removed" in wait_for_line(process, "was removed")
+        assert process.wait() == 1
+
+
+def test_rm_refuses_a_board_in_use_unless_forced(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        refused = llfsm.run("whiteboard", "rm", board)
+        assert refused.returncode == 1
+        assert "in use" in refused.stderr
+        assert wb.alive
+        assert llfsm.run("whiteboard", "rm", "-f", board).returncode == 0
+        assert not wb.alive
+    assert not exists(board)
+
+
+def test_rm_removes_a_damaged_board(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        path = wb.path
+    path.write_bytes(b"LLWBOARD and then nothing")
+    assert "damaged" in llfsm.run("whiteboard", "list", board).stderr
+    assert llfsm.run("whiteboard", "rm", board).returncode == 0
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["get", "nothing"], "has no slot 'nothing'; its slots: turtle1/cmd_vel"),
+        (["get", "turtle1/cmd_vel"], "nothing was added"),
+        (["add", "turtle1/cmd_vel", "{"], "no message for 'turtle1/cmd_vel'"),
+        (["add", "turtle1/cmd_vel", "[]"], "no message for 'turtle1/cmd_vel'"),
+        (["add", "turtle1/cmd_vel", '{"speed": 1}'], "has no field 'speed'; it has linear"),
+        (["add", "turtle1/cmd_vel", '{"linear": {"x": "a"}}'], "linear.x"),
+        (["add", "new", "{}"], "has no slot 'new'"),
+        (["add", "new", "{}", "--type", "std_msgs/Nothing"], "no message type 'std_msgs/Nothing'"),
+        (["add", "new", "{}", "--type", "json:JSONDecoder"], "is no Message class"),
+        (["add", "turtle1/cmd_vel", "{}", "--type", "std_msgs/String"], "holds geometry_msgs"),
+        (["watch", "nothing"], "has no slot 'nothing'"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_clear_error(
+    llfsm: Llfsm, board: str, arguments: list[str], said: str
+) -> None:
+    with Whiteboard(board) as wb:
+        slot = wb[CMD_VEL]
+        done = llfsm.run("whiteboard", *arguments, "-b", board)
+        assert done.returncode == 1
+        assert said in done.stderr
+        assert "Traceback" not in done.stderr
+        assert slot.count == 0
+
+
+@pytest.mark.parametrize("arguments", [["list"], ["get", "x", "-b"], ["watch", "-b"], ["rm"]])
+def test_a_board_that_is_not_there(llfsm: Llfsm, board: str, arguments: list[str]) -> None:
+    done = llfsm.run("whiteboard", *arguments, board)
+    assert done.returncode == 1
+    assert "no such whiteboard" in done.stderr
+    assert not exists(board)

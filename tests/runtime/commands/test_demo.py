@@ -1,0 +1,117 @@
+"""`llfsm demo`: what is started ends together, whoever dies first, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from .conftest import Llfsm, alive, children, exists, wait_for, wait_for_line
+
+
+def start(llfsm: Llfsm, board: str, name: str = "wall") -> subprocess.Popen[str]:
+    process = llfsm.start("demo", name, "-b", board, "--picture", "pictures/path")
+    wait_for_line(process, ": INITIAL")
+    return process
+
+
+def assert_nothing_left(board: str, pids: list[int]) -> None:
+    wait_for(lambda: not any(map(alive, pids)), f"an end of {pids}")
+    assert not exists(board)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_all_and_leaves_a_picture(
+    llfsm: Llfsm, board: str, tmp_path: Path, number: signal.Signals
+) -> None:
+    process = start(llfsm, board)
+    pids = list(children(process.pid).values())
+    assert len(pids) == 2
+    process.send_signal(number)
+    said = process.stdout.read()
+    assert process.wait() == 0
+    assert_nothing_left(board, pids)
+    for kind in ("svg", "png"):
+        assert (tmp_path / "pictures" / f"path.{kind}").stat().st_size > 0
+        assert f"path.{kind}" in said
+
+
+@pytest.mark.parametrize("victim", ["turtlesim", "run"])
+def test_a_killed_process_is_reported_and_all_end(llfsm: Llfsm, board: str, victim: str) -> None:
+    process = start(llfsm, board)
+    pids = children(process.pid)
+    os.kill(pids[victim], signal.SIGKILL)
+    said = process.stdout.read()
+    assert process.wait() == 1
+    assert "was killed by SIGKILL" in said
+    assert_nothing_left(board, list(pids.values()))
+
+
+def test_a_killed_demo_takes_its_processes_and_its_board_with_it(llfsm: Llfsm, board: str) -> None:
+    process = start(llfsm, board)
+    pids = list(children(process.pid).values())
+    process.kill()
+    assert_nothing_left(board, pids)
+
+
+def test_it_starts_again_after_all_were_killed(llfsm: Llfsm, board: str) -> None:
+    process = start(llfsm, board)
+    for pid in (process.pid, *children(process.pid).values()):
+        os.kill(pid, signal.SIGKILL)
+    process.wait()
+    assert exists(board)
+    again = llfsm.run("demo", "wall", "-b", board, "--seconds", "1")
+    assert again.returncode == 0
+    assert "that an earlier run left" in again.stderr
+    assert not exists(board)
+
+
+def test_a_board_in_use_is_left_alone(llfsm: Llfsm, board: str) -> None:
+    process = start(llfsm, board)
+    second = llfsm.run("demo", "wall", "-b", board, "--seconds", "1")
+    assert second.returncode == 1
+    assert "is in use" in second.stderr
+    assert process.poll() is None
+
+
+def test_every_demo_runs(llfsm: Llfsm, board: str) -> None:
+    for name, machine in (
+        ("blind", "RosBlindTurttleBot: INITIAL"),
+        ("suspend", "RosBlindTurttleBot: Suspended"),
+        ("pingpong", "RosPingPong: PUBLISH"),
+    ):
+        done = llfsm.run("demo", name, "-b", board, "--seconds", "2")
+        assert done.returncode == 0, done.stderr
+        assert machine in done.stdout
+        assert not exists(board)
+
+
+def test_the_terminal_shows_machine_position_and_board(llfsm: Llfsm, board: str) -> None:
+    """In a real pseudo-terminal, as rendered."""
+    import pty
+
+    import pyte
+
+    screen = pyte.Screen(110, 40)
+    stream = pyte.ByteStream(screen)
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ |= {"TERM": "xterm-256color", "COLUMNS": "110", "LINES": "40"}
+        os.chdir(llfsm.cwd)
+        command = [*llfsm._command(("demo", "wall", "-b", board, "--seconds", "30"))]
+        os.execv(command[0], command)
+    shown = ""
+    wanted = ("RosWallTurttleBot", "STRAIGHT", "turtle1 at", "turtle1/cmd_vel", "linear")
+    try:
+        while not all(text in shown for text in wanted):
+            stream.feed(os.read(terminal, 65536))
+            shown = "\n".join(screen.display)
+        os.write(terminal, b"\x03")
+        _, status = os.waitpid(pid, 0)
+    finally:
+        os.close(terminal)
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert not exists(board)
