@@ -8,10 +8,15 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+
+from llfsm.whiteboard import BoardNotFoundError
+from llfsm.whiteboard.shared import remove_board
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
@@ -34,8 +39,17 @@ def test_every_block_is_of_a_kind_that_is_executed(document: Path) -> None:
     assert {block.language for block in blocks(document)} <= known
 
 
+@pytest.fixture
+def board() -> Iterator[str]:
+    """Name a board; whatever still runs on it ends when it is gone."""
+    name = f"docs-{os.getpid()}"
+    yield name
+    with suppress(BoardNotFoundError):
+        remove_board(name)
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_blocks_do_what_they_say(document: Path, tmp_path: Path) -> None:
+def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> None:
     """Run a document's blocks in order, in one folder.
 
     ``python FILE`` blocks are files, kept for the blocks after them; ``console`` blocks are
@@ -43,7 +57,7 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path) -> None:
     """
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-        "WHITEBOARD_NAME": f"docs-{os.getpid()}",
+        "WHITEBOARD_NAME": board,
         "COLUMNS": "100",
     }
     for number, block in enumerate(blocks(document)):
@@ -60,9 +74,6 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path) -> None:
                     said = run(["bash", "-c", command], tmp_path, environment, failure)
                     expected = output.replace("[", "[[]").replace("...", "*")
                     assert not output or fnmatch.fnmatchcase(said, expected), said
-    # Whatever still runs on this board ends when it is gone.
-    board = environment["WHITEBOARD_NAME"]
-    subprocess.run(["llfsm", "whiteboard", "rm", "--force", board], env=environment, check=False)
 
 
 def commands(text: str) -> list[tuple[str, str]]:
