@@ -1,0 +1,1 @@
+"""Bridges between the whiteboard and other worlds: simulators, ROS 2, the browser."""

@@ -1,0 +1,51 @@
+"""What can go wrong for those who use the simulator as a library.
+
+    TurtlesimError
+    ├── UnknownTurtleError   no turtle has that name
+    ├── PenError             a pen's colour or width is outside 0 to 255
+    ├── ParameterError       a parameter is unknown, or the value is not one for it
+    └── PictureError
+        ├── PictureFormatError    the file's ending names no format we draw
+        └── PillowMissingError    a PNG was asked for and Pillow is not installed
+
+What a message from outside can hold (an illegal name, a number that is not finite) raises nothing:
+one bad message must not end the simulation. It is refused, and the log says why.
+"""
+
+__all__ = [
+    "ParameterError",
+    "PenError",
+    "PictureError",
+    "PictureFormatError",
+    "PillowMissingError",
+    "TurtlesimError",
+    "UnknownTurtleError",
+]
+
+
+class TurtlesimError(Exception):
+    """Everything the turtle simulator raises."""
+
+
+class UnknownTurtleError(TurtlesimError, LookupError):
+    """No turtle has that name; the message lists those that exist."""
+
+
+class PenError(TurtlesimError, ValueError):
+    """A pen's colour or width does not fit its message's uint8."""
+
+
+class ParameterError(TurtlesimError, ValueError):
+    """A parameter was refused; the message is the reason that rclcpp gives."""
+
+
+class PictureError(TurtlesimError):
+    """A picture cannot be drawn."""
+
+
+class PictureFormatError(PictureError, ValueError):
+    """A picture's file name ends in neither .svg nor .png, or there is none."""
+
+
+class PillowMissingError(PictureError, ImportError):
+    """Pillow, which writes PNG, is not installed."""

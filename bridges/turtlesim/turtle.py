@@ -1,0 +1,187 @@
+"""One turtle: what a step of 16 ms does to it.
+
+The arithmetic follows turtlesim 1.8.2's turtle.cpp to the bit. The state is double precision with
+y pointing *down*, as in Qt's image; poses are published with y up. A step applies, in this order:
+teleports, the rotation goal, the time-out, the motion, the walls. Then it publishes pose and
+colour, and only then draws, so that a turtle does not sense the line it is drawing.
+"""
+
+from array import array
+from collections.abc import Callable
+from enum import IntEnum
+from functools import partial
+from math import cos, sin, sqrt
+from typing import NamedTuple
+
+from .arithmetic import DT, FIELD, METER, float32, normalize
+from .canvas import Canvas
+from .parameters import Parameters
+from .pen import Color, Pen
+from .rotate import GoalStatus, RotateGoal
+
+__all__ = ["COMMAND_STEPS", "Level", "Log", "Pose", "Turtle"]
+
+COMMAND_STEPS = 63
+"""Steps that a command lasts: those that begin at most 1 s after it."""
+
+_BARE = Color(255, 255, 255)
+_SAME = 1e-12  # metres; Qt takes points about this close for equal, and no line is drawn
+
+
+class Level(IntEnum):
+    """How grave a log line is, numbered as in rcl_interfaces/msg/Log and in `logging`."""
+
+    INFO = 20
+    WARN = 30
+    ERROR = 40
+
+
+Log = Callable[[Level, str], object]
+"""What takes a log line, without a time stamp; `logging.getLogger("turtlesim").log` will do."""
+
+
+class Pose(NamedTuple):
+    """turtlesim/msg/Pose: metres, rad, m/s without a sign, rad/s; each value a float32."""
+
+    x: float
+    y: float
+    theta: float
+    linear_velocity: float
+    angular_velocity: float
+
+
+class Turtle:
+    """Move one turtle; `Simulator` makes it and takes the requests for it.
+
+    pose: as published at the latest step; before the first, as it was spawned.
+    color: likewise; where nothing is drawn it is white, as turtlesim's image is there (white and
+        transparent: one sees the background, the sensor does not).
+    pen, pen_down: what it draws with, and whether it draws.
+    goal: the rotation goal it is following, or None.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        x: float,
+        y: float,
+        theta: float,
+        canvas: Canvas,
+        parameters: Parameters,
+        log: Log,
+    ) -> None:
+        self.name = name
+        self.pen = Pen()
+        self.pen_down = True
+        self.goal: RotateGoal | None = None
+        self.pose = Pose(x, y, theta, 0.0, 0.0)
+        self.color: Color = _BARE
+        self._x = x
+        self._y = float32(FIELD - y)  # turtlesim subtracts in float32 here, and nowhere else
+        self._theta = theta
+        self._vx = self._vy = self._w = 0.0
+        self._steps_left = 0
+        self._teleports: list[Callable[[], None]] = []
+        self._canvas = canvas
+        self._parameters = parameters
+        self._log = log
+
+    def command(self, linear_x: float, linear_y: float, angular_z: float) -> None:
+        """Move at these speeds (m/s, rad/s) for 1 s; a rotation goal is aborted."""
+        self._vx = linear_x
+        if self._parameters.holonomic:  # else it keeps the last one, as turtlesim does
+            self._vy = linear_y
+        self._w = angular_z
+        self._steps_left = COMMAND_STEPS
+        if self.goal is not None:
+            self._log(Level.WARN, "Velocity command received during rotation goal. Aborting goal")
+            self._drop_goal(GoalStatus.ABORTED)
+
+    def rotate_absolute(self, theta: float) -> RotateGoal:
+        """Turn to a heading (float32, rad); a goal that was being followed is aborted."""
+        if self.goal is not None:
+            self._log(
+                Level.WARN,
+                "Rotation goal received before a previous goal finished. Aborting previous goal",
+            )
+            self._drop_goal(GoalStatus.ABORTED)
+        self.goal = RotateGoal(theta, self._theta)
+        return self.goal
+
+    def teleport_absolute(self, x: float, y: float, theta: float) -> None:
+        """Be at (x, y, theta) (float32; m, rad) at the next step."""
+        self._teleports.append(partial(self._place, x, y, theta))
+
+    def teleport_relative(self, linear: float, angular: float) -> None:
+        """Turn by `angular`, then go ahead by `linear` (float32; rad, m), at the next step."""
+        self._teleports.append(partial(self._shift, linear, angular))
+
+    def kill(self) -> None:
+        """Leave the field; a goal it was following ends cancelled."""
+        self._drop_goal(GoalStatus.CANCELED)
+
+    def step(self) -> None:
+        """Advance by 16 ms of simulated time."""
+        for teleport in self._teleports:
+            x0, y0 = self._x, self._y
+            teleport()
+            self._draw(x0, y0)
+        self._teleports.clear()
+        if self.goal is not None:
+            self._follow(self.goal)
+        if self._steps_left:
+            self._steps_left -= 1
+        else:
+            self._vx = self._vy = self._w = 0.0
+        self._move()
+
+    def _move(self) -> None:
+        vx, vy, w = self._vx, self._vy, self._w
+        x0, y0 = self._x, self._y
+        theta = self._theta = normalize(self._theta + w * DT)
+        c, s = cos(theta), sin(theta)
+        x = x0 + (c * vx * DT - s * vy * DT)
+        y = y0 - (c * vy * DT + s * vx * DT)
+        if not (0.0 <= x <= FIELD and 0.0 <= y <= FIELD):
+            self._log(Level.WARN, f"Oh no! I hit the wall! (Clamping from [x={x:f}, y={y:f}])")
+            x = min(max(x, 0.0), FIELD)
+            y = min(max(y, 0.0), FIELD)
+        self._x, self._y = x, y
+
+        speed = sqrt(vx * vx + vy * vy)
+        self.pose = Pose._make(array("f", (x, FIELD - y, theta, speed, w)))
+        self.color = self._canvas.color_at(x * METER, y * METER) or _BARE
+        if abs(x - x0) > _SAME or abs(y - y0) > _SAME:
+            self._draw(x0, y0)
+
+    def _draw(self, x0: float, y0: float) -> None:
+        if self.pen_down:
+            self._canvas.draw(
+                self.name, self.pen, x0 * METER, y0 * METER, self._x * METER, self._y * METER
+            )
+
+    def _place(self, x: float, y: float, theta: float) -> None:
+        self._x = x
+        self._y = max(0.0, FIELD - y)
+        self._theta = theta
+
+    def _shift(self, linear: float, angular: float) -> None:
+        self._theta += angular
+        self._x += cos(self._theta) * linear
+        self._y -= sin(self._theta) * linear
+
+    def _follow(self, goal: RotateGoal) -> None:
+        self._vx = self._vy = 0.0
+        self._w = goal.advance(self._theta)
+        self._steps_left = COMMAND_STEPS
+        if goal.status is GoalStatus.SUCCEEDED:
+            self._log(Level.INFO, "Rotation goal completed successfully")
+            self.goal = None
+        elif goal.status is GoalStatus.CANCELED:
+            self._log(Level.INFO, "Rotation goal canceled")
+            self.goal = None
+
+    def _drop_goal(self, status: GoalStatus) -> None:
+        if self.goal is not None:
+            self.goal.status = status
+            self.goal = None
