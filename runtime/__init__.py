@@ -1,0 +1,64 @@
+"""Run logic-labelled finite-state machines: declare them, load them, give them turns.
+
+Read in this order: `state` and `table` (what a machine is), `machine` (what its code may ask),
+`seat` and `ringlet` (one turn of one machine), `roster` and `arrangement` (all of them).
+"""
+
+from .arrangement import Arrangement, Reason
+from .clock import Clock, ManualClock, MonotonicClock
+from .errors import (
+    ArrangementEndedError,
+    ClockError,
+    DefinitionError,
+    ExecutionError,
+    FsmError,
+    GuardResultError,
+    LoadError,
+    NotLoadedError,
+    ObserverError,
+    OptionError,
+    UnknownMachineError,
+    UnreachableStateWarning,
+    VariableError,
+)
+from .events import Event, Observer, Request
+from .machine import Machine, Status, define
+from .ports import Actuator, Sensor
+from .state import State, Transition
+from .table import REQUIRED, Table, Variable
+from .trace import Trace
+
+__all__ = [
+    "REQUIRED",
+    "Actuator",
+    "Arrangement",
+    "ArrangementEndedError",
+    "Clock",
+    "ClockError",
+    "DefinitionError",
+    "Event",
+    "ExecutionError",
+    "FsmError",
+    "GuardResultError",
+    "LoadError",
+    "Machine",
+    "ManualClock",
+    "MonotonicClock",
+    "NotLoadedError",
+    "Observer",
+    "ObserverError",
+    "OptionError",
+    "Reason",
+    "Request",
+    "Sensor",
+    "State",
+    "Status",
+    "Table",
+    "Trace",
+    "Transition",
+    "UnknownMachineError",
+    "UnreachableStateWarning",
+    "Variable",
+    "VariableError",
+    "define",
+]

@@ -1,0 +1,113 @@
+"""The errors of `llfsm.runtime`.
+
+FsmError
+├── DefinitionError          a machine class contradicts itself; raised when the class is made
+├── LoadError                a machine cannot be loaded as asked
+│   └── VariableError        no such machine variable, no value, or a value of another type
+├── UnknownMachineError      no machine of that name (also a LookupError)
+├── NotLoadedError           a machine that is in no arrangement was asked to act
+├── ExecutionError           code of a machine failed: names machine, state, step and line
+│   └── GuardResultError     a guard returned something else than True or False
+├── ObserverError            an observer raised
+├── ArrangementEndedError    a round was asked of an arrangement that has ended
+└── ClockError               a clock was told to go back (also a ValueError)
+
+UnreachableStateWarning      a state that no chain of transitions reaches
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+__all__ = [
+    "ArrangementEndedError",
+    "ClockError",
+    "DefinitionError",
+    "ExecutionError",
+    "FsmError",
+    "GuardResultError",
+    "LoadError",
+    "NotLoadedError",
+    "ObserverError",
+    "OptionError",
+    "UnknownMachineError",
+    "UnreachableStateWarning",
+    "VariableError",
+]
+
+
+class FsmError(Exception):
+    """Stand at the root of every error that the runtime raises."""
+
+
+class DefinitionError(FsmError):
+    """Say what is wrong with the definition of a machine."""
+
+
+class LoadError(FsmError):
+    """Say why a machine cannot be loaded."""
+
+
+class VariableError(LoadError):
+    """Say which machine variable is unknown, missing or of another type."""
+
+
+class UnknownMachineError(FsmError, LookupError):
+    """Name a machine that does not exist, and those that do.
+
+    clfsm returns -1 instead, and its `is_running` of an unknown machine is true.
+    """
+
+    def __init__(self, name: str | int, known: Iterable[str], where: str = "loaded"):
+        self.name = name
+        self.known = tuple(known)
+        names = ", ".join(self.known) or "none"
+        which = f"machine at index {name}" if isinstance(name, int) else f"machine {name!r}"
+        super().__init__(f"no {which}; {where}: {names}")
+
+
+class NotLoadedError(FsmError):
+    """Say that a machine must be loaded into an arrangement first."""
+
+
+class ExecutionError(FsmError):
+    """Report that a section or guard of a machine raised; `__cause__` is what it raised.
+
+    `step` is a section ("OnEntry"), "transition <label>" or "the snapshot"; `filename` and
+    `line` point into the machine's own code and are None if none of it was running.
+    """
+
+    def __init__(
+        self, what: str, machine: str, state: str, step: str, filename: str | None, line: int | None
+    ):
+        self.machine = machine
+        self.state = state
+        self.step = step
+        self.filename = filename
+        self.line = line
+        where = "" if filename is None else f" ({filename}:{line})"
+        super().__init__(f"machine {machine}, state {state}, {step}: {what}{where}")
+
+
+class GuardResultError(ExecutionError):
+    """Report that a guard returned something else than True or False."""
+
+
+class ObserverError(FsmError):
+    """Report that an observer raised; `__cause__` is what it raised."""
+
+
+class OptionError(FsmError, ValueError):
+    """Say which option of an arrangement has an impossible value, and what is possible."""
+
+
+class ArrangementEndedError(FsmError):
+    """Say that an arrangement has ended and runs no more rounds."""
+
+
+class ClockError(FsmError, ValueError):
+    """Say that a clock cannot go back."""
+
+
+class UnreachableStateWarning(UserWarning):
+    """Warn of a state that no chain of transitions reaches."""

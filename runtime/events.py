@@ -1,0 +1,160 @@
+"""What observers see: every step of an arrangement as a NamedTuple.
+
+All carry the round, counted from 1, and the time of the arrangement's clock in nanoseconds.
+An observer is any function of one event; with none attached no event is made. A machine's
+`index` is its place in the order; that it hides `tuple.index` is what the ignored types are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import NamedTuple, TypeAlias
+
+__all__ = [
+    "Accepting",
+    "Call",
+    "End",
+    "Eval",
+    "Event",
+    "Failed",
+    "IdleSleep",
+    "MachineStatus",
+    "Observer",
+    "Request",
+    "RoundBegin",
+    "RoundEnd",
+    "Section",
+    "Turn",
+]
+
+
+class Request(StrEnum):
+    """What another machine, or the machine itself, asks to be done at a machine's next turn."""
+
+    SUSPEND = "suspend"
+    RESUME = "resume"
+    RESTART = "restart"
+
+
+class RoundBegin(NamedTuple):
+    """A round begins."""
+
+    round: int
+    time_ns: int
+
+
+class Turn(NamedTuple):
+    """A machine has the token; its pending `request` is not applied yet.
+
+    `previous` is None before the first ringlet and after a restart.
+    """
+
+    round: int
+    time_ns: int
+    index: int  # type: ignore[assignment]
+    machine: str
+    state: str
+    previous: str | None
+    request: Request | None
+
+
+class Section(NamedTuple):
+    """A section is about to run, also if it is empty."""
+
+    round: int
+    time_ns: int
+    machine: str
+    state: str
+    section: str
+
+
+class Eval(NamedTuple):
+    """Transition number `transition` of a state was evaluated."""
+
+    round: int
+    time_ns: int
+    machine: str
+    state: str
+    transition: int
+    label: str
+    target: str
+    value: bool
+
+
+class Call(NamedTuple):
+    """A section called a control function, which has returned `result`."""
+
+    round: int
+    time_ns: int
+    machine: str
+    state: str
+    operation: str
+    argument: str | int | None
+    result: object
+
+
+class Accepting(NamedTuple):
+    """A machine ended its ringlet in an accepting state.
+
+    `action` is "unloaded", "kept: suspended", "kept: -u" or "kept: scheduled for <request>".
+    """
+
+    round: int
+    time_ns: int
+    index: int  # type: ignore[assignment]
+    machine: str
+    action: str
+
+
+class Failed(NamedTuple):
+    """Code of a machine raised `error`; it was suspended, or unloaded if it already was."""
+
+    round: int
+    time_ns: int
+    index: int  # type: ignore[assignment]
+    machine: str
+    error: Exception
+
+
+class MachineStatus(NamedTuple):
+    """Where a machine stands; `entered_ns` is when its state clock started, None if never."""
+
+    index: int  # type: ignore[assignment]
+    machine: str
+    state: str
+    suspended: bool
+    request: Request | None
+    entered_ns: int | None
+
+
+class RoundEnd(NamedTuple):
+    """A round is over; `machines` is in order of index, with None for each hole."""
+
+    round: int
+    time_ns: int
+    fired: bool
+    accepting: bool
+    machines: tuple[MachineStatus | None, ...]
+
+
+class IdleSleep(NamedTuple):
+    """The arrangement is about to sleep."""
+
+    round: int
+    time_ns: int
+    duration_ns: int
+
+
+class End(NamedTuple):
+    """The arrangement has ended."""
+
+    round: int
+    time_ns: int
+    reason: str
+
+
+Event: TypeAlias = (
+    RoundBegin | Turn | Section | Eval | Call | Accepting | Failed | RoundEnd | IdleSleep | End
+)
+Observer: TypeAlias = Callable[[Event], None]

@@ -1,0 +1,61 @@
+"""The ringlet: one turn of one machine. The numbers are those of the execution semantics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from .errors import ExecutionError, ObserverError
+from .failure import explain, not_a_bool
+from .seat import Seat
+
+__all__ = ["ringlet"]
+
+
+def ringlet(seat: Seat) -> bool:
+    """Run one turn of the machine in `seat` and return whether a transition fired.
+
+    1. Apply the pending request. 2. Take the snapshot. 3. Tell the states of suspension.
+    4. Enter. 5. Evaluate the transitions in order; the first true one fires. 6. If none is,
+    run Internal. An exception becomes an `ExecutionError`: `code` is always what is running.
+    """
+    if seat.request is not None:  # 1
+        seat.perform_request()
+    machine = seat.machine
+    state = seat.current
+    code: Callable[[Any], object] | None = None
+    try:
+        if seat.sensors:  # 2
+            for name, read in seat.sensors:
+                setattr(machine, name, read())
+        previous = seat.previous
+        if state is not previous:
+            seat.previous = state
+            if state is seat.suspension:  # 3
+                if previous is not None and (code := previous.on_suspend) is not None:
+                    code(machine)
+            elif previous is seat.suspension:
+                if (code := previous.on_resume) is not None:
+                    code(machine)
+                if (code := state.on_resume) is not None:
+                    code(machine)
+            seat.entered_ns = seat.now()  # 4
+            if (code := state.on_entry) is not None:
+                code(machine)
+        for code, target in state.transitions:  # 5
+            value = code is None or code(machine)
+            if value is False:
+                continue
+            if value is not True:
+                raise not_a_bool(seat, state, code, value)
+            seat.current = target
+            if (code := state.on_exit) is not None:
+                code(machine)
+            return True
+        if (code := state.internal) is not None:  # 6
+            code(machine)
+        return False
+    except (ExecutionError, ObserverError):
+        raise
+    except Exception as error:
+        raise explain(seat, state, code, error) from error

@@ -1,0 +1,230 @@
+"""The table of a machine class: its states in order, variables and ports, checked once."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterable, Iterator
+from copy import deepcopy
+from types import FunctionType
+from typing import Any, ClassVar, Final, NamedTuple, get_origin
+
+from .errors import DefinitionError, UnreachableStateWarning, VariableError
+from .ports import Actuator, Sensor
+from .state import ClassBody, State
+
+__all__ = ["REQUIRED", "Table", "Variable", "make_table"]
+
+REQUIRED: Final = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
+"""The default of a variable that has none."""
+
+_SHARED = (list, dict, set, bytearray)
+_DECLARED = (State, Sensor, Actuator)
+
+
+class Variable(NamedTuple):
+    """A machine variable; `default` is `REQUIRED` if it must be given when the machine is made."""
+
+    name: str
+    owner: type
+    annotation: Any
+    default: Any
+
+    def initial(self) -> Any:
+        """Return the value for a new machine: a copy, so that machines share nothing."""
+        return deepcopy(self.default)
+
+    def check(self, value: Any) -> Any:
+        """Return `value` if it is of the annotated type, else raise `VariableError`."""
+        import msgspec  # here, because most machines are made without values
+
+        try:
+            return msgspec.convert(value, self.type)
+        except msgspec.ValidationError as error:
+            raise VariableError(
+                f"{self.owner.__qualname__}: {self.name} = {value!r}: {error}"
+            ) from None
+        except TypeError:
+            return value  # a type of which msgspec knows no values
+
+    @property
+    def type(self) -> Any:
+        """The annotated type; Any if it names what only type checkers import."""
+        if not isinstance(self.annotation, str):
+            return self.annotation
+        module = vars(sys.modules[self.owner.__module__])
+        try:
+            return eval(self.annotation, module, dict(vars(self.owner)))
+        except (NameError, AttributeError):
+            return Any
+
+
+class Table:
+    """All that the runner, the drawing and the checker need of a machine class.
+
+    `suspend` is the declared suspend state, or a state named `Suspend` that has no transition
+    in or out, or None. `path` tells two machines of the same name apart.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        states: tuple[State, ...],
+        variables: dict[str, Variable],
+        sensors: dict[str, Sensor[Any, Any]],
+        actuators: dict[str, Actuator[Any]],
+    ):
+        self.path = path
+        self.states = states
+        self.initial = states[0]
+        self.suspend = _suspend_state(states)
+        self.variables = variables
+        self.sensors = sensors
+        self.actuators = actuators
+
+
+def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], root: type) -> Table:
+    """Check the states and names of `cls`, a subclass of `root`, and put them in order.
+
+    Raise `DefinitionError` if they contradict each other or hide what `root` has.
+    """
+    owners = [owner for owner in reversed(cls.__mro__) if owner not in root.__mro__]
+    reserved = {name for name in dir(root) if name[:2] != "__"} | _annotations(type(root)).keys()
+    for owner in owners:
+        if owner is not cls and isinstance(owner, type(root)):
+            continue  # checked when it was made
+        for name in {**vars(owner), **_annotations(owner)}:
+            if name in reserved:
+                raise DefinitionError(
+                    f"{owner.__qualname__}: {name!r} would hide what every machine has; rename it"
+                )
+    table = Table(
+        path,
+        _complete_states(cls, body, states),
+        {variable.name: variable for variable in _variables(cls, owners)},
+        _ports(cls, owners, Sensor),
+        _ports(cls, owners, Actuator),
+    )
+    for state in table.states:
+        state.owner = cls
+    _warn_of_unreachable(cls, table)
+    return table
+
+
+def _annotations(owner: type) -> dict[str, Any]:
+    annotations: dict[str, Any] = vars(owner).get("__annotations__", {})
+    return annotations
+
+
+def _complete_states(cls: type, body: ClassBody, declared: Iterable[State]) -> tuple[State, ...]:
+    states = dict(body.inherited)
+    own = set()
+    for state in declared:
+        if not state.name or state.name in own:
+            raise DefinitionError(
+                f"{cls.__qualname__}: two states are called {state.name!r}"
+                if state.name
+                else f"{cls.__qualname__}: a state has no name"
+            )
+        if state.owner is not None:
+            raise DefinitionError(
+                f"{cls.__qualname__}: state {state.name!r} belongs to {state.owner.__qualname__}"
+            )
+        own.add(state.name)
+        states[state.name] = state
+    if not states:
+        raise DefinitionError(f"{cls.__qualname__} declares no states")
+    for state in states.values():
+        _use_overrides(cls, state)
+        for i, transition in enumerate(state.transitions):
+            if i and state.transitions[i - 1].unconditional:
+                raise DefinitionError(
+                    f"{cls.__qualname__}, state {state.name!r}: the transition to "
+                    f"{transition.target.name!r} can never fire, the one before it always does"
+                )
+            target = transition.target
+            home = states.get(target.name)
+            ours = target is home or target is body.inherited.get(target.name)
+            if home is None or not (ours or (target.owner and issubclass(cls, target.owner))):
+                whose = (
+                    f"belongs to {target.owner.__qualname__}" if target.owner else "is not its own"
+                )
+                raise DefinitionError(
+                    f"{cls.__qualname__}, state {state.name!r}: transition {transition.label!r} "
+                    f"leads to a state {target.name!r} that {whose}"
+                )
+            transition.target = home
+    return tuple(states.values())
+
+
+def _use_overrides(cls: type, state: State) -> None:
+    """Let a method of `cls` take the place of the inherited guard or section it is named after."""
+    for section, code in state.sections.items():
+        state.sections[section] = _override(cls, code)
+    for transition in state.transitions:
+        if transition.guard is not None:
+            transition.guard = _override(cls, transition.guard)
+
+
+def _override(cls: type, code: Any) -> Any:
+    name = getattr(code, "__name__", "")
+    inherited = any(vars(base).get(name) is code for base in cls.__mro__)
+    mine = getattr(cls, name, None) if inherited else None
+    return mine if isinstance(mine, FunctionType) else code
+
+
+def _variables(cls: type, owners: list[type]) -> Iterator[Variable]:
+    for owner in owners:
+        annotations = _annotations(owner)
+        for name, annotation in annotations.items():
+            default = getattr(cls, name, REQUIRED)
+            if not _is_constant(annotation) and not isinstance(default, _DECLARED):
+                yield Variable(name, owner, annotation, default)
+        for name, value in vars(owner).items():
+            if isinstance(value, _SHARED) and name not in annotations and name[:2] != "__":
+                raise DefinitionError(
+                    f"{owner.__qualname__}: machines would share {name!r}; annotate it to make "
+                    f"it a variable of each, as in {name}: {type(value).__name__}[...] = {value!r}"
+                )
+
+
+def _is_constant(annotation: Any) -> bool:
+    if isinstance(annotation, str):
+        return annotation.partition("[")[0].rpartition(".")[2] in ("ClassVar", "Final")
+    return annotation in (ClassVar, Final) or get_origin(annotation) in (ClassVar, Final)
+
+
+def _ports(cls: type, owners: list[type], kind: type[Any]) -> dict[str, Any]:
+    names = dict.fromkeys(name for owner in owners for name in vars(owner))
+    found = ((name, getattr(cls, name, None)) for name in names)
+    return {name: port for name, port in found if isinstance(port, kind)}
+
+
+def _suspend_state(states: tuple[State, ...]) -> State | None:
+    declared = [state for state in states if state.suspend]
+    if len(declared) > 1:
+        names = " and ".join(repr(state.name) for state in declared)
+        raise DefinitionError(f"{names} are both declared as the suspend state")
+    if declared:
+        return declared[0]
+    targets = {transition.target for state in states for transition in state.transitions}
+    for state in states:  # as clfsm does, for this name only
+        if state.name == "Suspend" and not state.transitions and state not in targets:
+            return state
+    return None
+
+
+def _warn_of_unreachable(cls: type, table: Table) -> None:
+    reached = {table.initial, table.suspend or table.initial}
+    frontier = list(reached)
+    while frontier:
+        new = {t.target for t in frontier.pop().transitions} - reached
+        reached |= new
+        frontier += new
+    for state in table.states:
+        if state not in reached:
+            warnings.warn(
+                f"{cls.__qualname__}: no transitions lead to state {state.name!r}",
+                UnreachableStateWarning,
+                stacklevel=4,
+            )

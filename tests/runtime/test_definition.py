@@ -1,0 +1,531 @@
+"""A machine class is checked when it is made, and its table is what everything reads."""
+
+from __future__ import annotations
+
+import functools
+import linecache
+import warnings
+from typing import Any, ClassVar, Final
+
+import pytest
+
+from llfsm.runtime import (
+    Actuator,
+    Arrangement,
+    DefinitionError,
+    Machine,
+    Sensor,
+    State,
+    UnreachableStateWarning,
+    define,
+)
+from llfsm.whiteboard import Message, Slot
+
+
+class Number(Message):
+    value: int = 0
+
+
+NUMBER = Slot("number", Number)
+
+
+class Door(Machine):
+    opened: int = 0
+
+    closed = State()
+    ajar = State()
+    waiting = State(suspend=True)
+
+    @closed.on_entry
+    def shut(self) -> None:
+        self.opened = 0
+
+    @closed.to(ajar)
+    def pushed(self) -> bool:
+        return self.opened == 0
+
+    ajar.to(closed, after_ms=500)
+
+
+def arrows(cls: type[Machine]) -> list[tuple[str, str, str]]:
+    return [
+        (state.name, transition.label, transition.target.name)
+        for state in cls.table.states
+        for transition in state.transitions
+    ]
+
+
+def test_the_table_has_states_in_order_and_the_first_is_initial():
+    table = Door.table
+    assert [state.name for state in table.states] == ["closed", "ajar", "waiting"]
+    assert table.initial is Door.closed
+    assert table.suspend is Door.waiting
+    assert list(table.variables) == ["opened"]
+    assert arrows(Door) == [("closed", "pushed", "ajar"), ("ajar", "after_ms(500)", "closed")]
+
+
+def test_the_path_is_module_and_name():
+    assert Door.table.path == f"{__name__}:Door"
+
+
+# Errors
+
+
+def body_error(match: str) -> Any:
+    return pytest.raises(DefinitionError, match=match)
+
+
+def test_no_states():
+    with body_error("Empty declares no states"):
+
+        class Empty(Machine):
+            pass
+
+
+@pytest.mark.parametrize(
+    "again", [State, lambda: Sensor(NUMBER), lambda: Actuator(NUMBER)], ids=["s", "r", "a"]
+)
+def test_a_name_declared_twice(again: Any):
+    with body_error("Twice: 'a' is declared twice"):
+
+        class Twice(Machine):
+            a = State()
+            a = again()  # noqa: PIE794
+
+
+def test_a_sensor_hidden_by_a_variable():
+    with body_error("'pose' is declared twice"):
+
+        class Twice(Machine):
+            pose = Sensor(NUMBER)
+            pose: int = 0  # type: ignore[no-redef]  # noqa: PIE794
+            a = State()
+
+
+def test_two_states_of_one_name():
+    with body_error("two states are called 'a'"):
+        define("Twins", [State("a"), State("a")])
+
+
+def test_a_state_without_name():
+    with body_error("Nameless: a state has no name"):
+        define("Nameless", [State()])
+
+
+def test_one_state_with_two_names():
+    with body_error("'a' is also called 'b'.*del"):
+
+        class Alias(Machine):
+            a = b = State()
+
+
+def test_a_section_given_twice():
+    with body_error("state 'x': OnEntry is given twice"):
+        x = State("x")
+        x.on_entry(lambda m: None)
+        x.on_entry(lambda m: None)
+
+
+def test_a_guard_given_twice():
+    a = State("a")
+    with body_error("two guards"):
+        a.to(a, when=lambda m: True)(lambda m: False)
+
+
+def test_a_transition_after_an_unconditional_one():
+    with body_error(r"Dead, state 'a': the transition to 'b' can never fire"):
+
+        class Dead(Machine):
+            a = State()
+            b = State()
+            a.to(a)
+            a.to(b, when=lambda m: True)
+
+
+def test_a_transition_to_a_state_of_another_machine():
+    with body_error(r"'go' leads to a state 'closed' that belongs to Door"):
+
+        class Lost(Machine):
+            a = State()
+
+            @a.to(Door.closed)
+            def go(self) -> bool:
+                return True
+
+
+def test_a_transition_to_a_state_of_no_machine():
+    with body_error("'true' leads to a state '' that is not its own"):
+
+        class Lost(Machine):
+            a = State()
+            a.to(State())
+
+
+def test_a_transition_to_no_state():
+    with body_error("a transition leads to a State, not to 'b'"):
+        State("a").to("b")  # type: ignore[arg-type]
+
+
+def test_a_state_of_another_class():
+    a = State("a")
+    define("First", [a])
+    with body_error("Second: state 'a' belongs to First"):
+        define("Second", [a])
+
+
+def test_two_suspend_states():
+    with body_error("'a' and 'b' are both declared as the suspend state"):
+        define("Both", [State("a", suspend=True), State("b", suspend=True)])
+
+
+@pytest.mark.parametrize("name", ["suspend", "name", "after_ms", "load", "stopping", "table"])
+def test_names_that_would_hide_the_machines_own(name: str):
+    with body_error(f"{name!r} would hide what every machine has"):
+        define("Hidden", [State("a")], attributes={name: 1})
+    with body_error(f"{name!r} would hide"):
+        define("Hidden", [State("a")], variables={name: (int, 0)})
+
+
+def test_a_mixin_must_not_hide_them_either():
+    class Mixin:
+        def suspend(self) -> None: ...
+
+    with body_error("Mixin: 'suspend' would hide"):
+
+        class Hidden(Mixin, Machine):  # type: ignore[misc]
+            a = State()
+
+
+def test_a_state_may_be_called_like_a_control_function_if_the_attribute_is_not():
+    class Loader(Machine):
+        loading = State("load")
+
+    assert Loader.table.initial.name == "load"
+
+
+@pytest.mark.parametrize("value", [[], {}, set(), bytearray()])
+def test_a_mutable_attribute_that_machines_would_share(value: Any):
+    with body_error("Sharing: machines would share 'seen'; annotate it"):
+        define("Sharing", [State("a")], attributes={"seen": value})
+
+
+@pytest.mark.parametrize("time", [-1, float("nan"), float("inf"), True, "1"])
+def test_impossible_times(time: Any):
+    a = State("a")
+    with body_error("waits for a time of 0 or more"):
+        a.to(a, after_ms=time)
+    with body_error("waits for a time of 0 or more"):
+        a.to(a, after=time)
+
+
+def test_two_times():
+    a = State("a")
+    with body_error("after_ms or after, not both"):
+        a.to(a, after_ms=1, after=1)
+
+
+async def asynchronous(machine: Machine) -> None: ...
+
+
+def generating(machine: Machine) -> Any:
+    yield
+
+
+@pytest.mark.parametrize("code", [asynchronous, generating, None, 3])
+def test_code_that_would_do_nothing_when_called(code: Any):
+    a = State("a")
+    with body_error("Internal must be a plain function"):
+        a.internal(code)
+    with body_error("a guard must be a plain function"):
+        a.to(a)(code)
+
+
+def test_a_complete_class_cannot_be_extended_from_outside():
+    with body_error("Door is complete: extend its state 'closed' in the body of a subclass"):
+        Door.closed.to(Door.ajar)
+    with body_error("Door is complete"):
+        Door.ajar.on_exit(lambda m: None)
+
+
+def test_a_subclass_extends_no_state_of_a_stranger():
+    other = define("Other", [State("closed")])
+    with body_error("Other is complete: extend its state 'closed'"):
+
+        class Confused(Door):
+            other.table.initial.on_exit(lambda m: None)
+
+
+def test_machines_are_made_by_class_statements():
+    with body_error("class statement or define"):
+        type(Machine)("Plain", (Machine,), {"a": State()})
+
+
+def test_machine_itself_is_no_machine():
+    with body_error("Machine has no states"):
+        Machine()
+
+
+def test_two_parents():
+    with body_error("Both: a machine extends one machine"):
+
+        class Both(Door, define("Other", [State("a")])):  # type: ignore[misc]
+            pass
+
+
+# Unreachable states
+
+
+def test_states_that_no_transition_leads_to():
+    with pytest.warns(
+        UnreachableStateWarning, match="Island: no transitions lead to state 'c'"
+    ) as w:
+
+        class Island(Machine):
+            a = State()
+            b = State()
+            c = State()
+            a.to(b)
+            c.to(a)
+
+    assert [str(x.message).partition(" state ")[2] for x in w] == ["'c'"]
+    assert w[0].filename == __file__
+
+
+def test_the_suspend_state_and_what_it_leads_to_are_reached():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+
+        class Sleeper(Machine):
+            a = State()
+            asleep = State(suspend=True)
+            dreaming = State()
+            asleep.to(dreaming)
+
+
+# Labels
+
+
+class Labelled(Machine):
+    count: int = 0
+
+    a = State()
+    b = State()
+    a.to(b, when=lambda m: m.count > 3)
+    a.to(b, when=lambda m: m.count == 1), a.to(b, when=lambda m: m.count == 2)
+    a.to(b, after=1.5, when=lambda m: m.name == "x")
+
+    @a.to(b)
+    def _(self) -> bool:
+        """Say why."""
+        return (
+            self.count < 0  # a text of two lines
+            and not self.stopping
+        )
+
+    @a.to(b, after_ms=10)
+    def named(self) -> bool:
+        count = self.count
+        return count > 0
+
+    a.to(b, when=functools.partial(lambda m, n: m.count == n, n=3))
+    a.to(b, label="given")
+
+
+def test_labels_and_expressions():
+    transitions = Labelled.a.transitions
+    assert [t.label for t in transitions[:6]] == [
+        "m.count > 3",
+        "m.count == 1",
+        "m.count == 2",
+        'after(1.5) and m.name == "x"',
+        "self.count < 0 and (not self.stopping)",  # in one line
+        "after_ms(10) and named",
+    ]
+    assert [t.expression for t in transitions[:3]] == [
+        "m.count > 3",
+        "m.count == 1",
+        "m.count == 2",
+    ]
+    assert transitions[5].expression is None  # no single expression
+    assert transitions[7].label == "given"
+
+
+def test_without_source_the_label_is_the_place():
+    namespace: dict[str, Any] = {}
+    exec(compile("guard = lambda m: True", "nowhere.py", "exec"), namespace)
+    a = State("a")
+    assert a.to(a, when=namespace["guard"]).label == "nowhere.py:1"
+    assert Labelled.a.transitions[6].label.startswith(__file__)  # a partial has no source
+
+
+def test_locations_are_the_guards_or_the_declarations():
+    pushed = Door.closed.transitions[0]
+    assert pushed.location == (__file__, Door.pushed.__code__.co_firstlineno)
+    filename, line = Door.ajar.transitions[0].location
+    assert filename == __file__
+    assert "after_ms=500" in linecache.getline(filename, line)
+
+
+def test_times_are_kept_in_milliseconds():
+    assert Door.ajar.transitions[0].after_ms == 500
+    assert Labelled.a.transitions[3].after_ms == 1500
+    assert Door.closed.transitions[0].after_ms is None
+
+
+# Subclasses
+
+
+def snapshot(cls: type[Machine]) -> Any:
+    return [
+        (s.name, dict(s.sections), [(t.label, t.target.name, t.guard) for t in s.transitions])
+        for s in cls.table.states
+    ]
+
+
+def test_a_subclass_extends_a_copy():
+    before = snapshot(Door)
+
+    class Alarmed(Door):
+        ringing = State()
+
+        @Door.closed.on_exit
+        def _(self) -> None: ...
+
+        @Door.ajar.to(ringing)
+        def long_ajar(self) -> bool:
+            return self.after_ms(400)
+
+        ringing.to(Door.closed)
+
+    assert snapshot(Door) == before
+    assert [s.name for s in Alarmed.table.states] == ["closed", "ajar", "waiting", "ringing"]
+    assert arrows(Alarmed) == [
+        ("closed", "pushed", "ajar"),
+        ("ajar", "after_ms(500)", "closed"),
+        ("ajar", "long_ajar", "ringing"),
+        ("ringing", "true", "closed"),
+    ]
+    assert all(
+        t.target in Alarmed.table.states for s in Alarmed.table.states for t in s.transitions
+    )
+    assert Alarmed.closed is Alarmed.table.initial
+    assert Alarmed.closed is not Door.closed
+    assert set(Alarmed.closed.sections) == {"OnEntry", "OnExit"}
+    assert Alarmed.table.suspend is Alarmed.waiting
+
+
+def test_a_section_of_a_subclass_replaces_the_inherited_one():
+    class Quiet(Door):
+        @Door.closed.on_entry
+        def _(self) -> None: ...
+
+    class Quieter(Quiet):
+        @Door.closed.on_entry
+        def _(self) -> None: ...
+
+    assert len({cls.closed.sections["OnEntry"] for cls in (Door, Quiet, Quieter)}) == 3
+    with body_error("OnEntry is given twice"):
+
+        class Twice(Door):
+            Door.closed.on_entry(lambda m: None)
+            Door.closed.on_entry(lambda m: None)
+
+
+def test_a_method_takes_the_place_of_the_guard_or_section_it_is_named_after():
+    class Stuck(Door):
+        def pushed(self) -> bool:
+            return False
+
+        def shut(self) -> None: ...
+
+    assert Stuck.closed.transitions[0].guard is Stuck.pushed
+    assert Stuck.closed.sections["OnEntry"] is Stuck.shut
+    assert Door.closed.transitions[0].guard is Door.pushed
+
+
+def test_a_state_declared_again_replaces_the_inherited_one():
+    class Other(Door):
+        ajar = State()
+        ajar.to(Door.closed, after_ms=1)
+
+    assert [s.name for s in Other.table.states] == ["closed", "ajar", "waiting"]
+    assert arrows(Other) == [("closed", "pushed", "ajar"), ("ajar", "after_ms(1)", "closed")]
+    assert Other.closed.transitions[0].target is Other.ajar
+
+
+def test_a_transition_added_after_an_unconditional_inherited_one():
+    class Base(Machine):
+        a = State()
+        b = State()
+        a.to(b)
+
+    with body_error("can never fire"):
+
+        class Late(Base):
+            Base.a.to(Base.b, when=lambda m: True)
+
+
+def test_a_subclass_runs():
+    class Alarmed(Door):
+        ringing = State()
+        Door.ajar.to(ringing, when=lambda m: True)
+
+    machine = Alarmed()
+    with Arrangement([machine], idle_us=0) as arrangement:
+        arrangement.run(max_rounds=9)
+    assert machine.state_name == "ringing"
+
+
+def test_mixins_share_ports_variables_and_methods():
+    class Ports:
+        numbers = Sensor(NUMBER)
+        post = Actuator(NUMBER)
+        limit: int = 3
+        unit: ClassVar[str] = "m"
+        other: Final = 4
+
+        def far(self) -> bool:
+            return self.limit > 2
+
+    class Walker(Ports, Machine):
+        a = State()
+
+    class Runner(Walker):
+        speed: float = 1.0
+
+    assert list(Walker.table.sensors) == ["numbers"]
+    assert list(Runner.table.actuators) == ["post"]
+    assert list(Runner.table.variables) == ["limit", "speed"]
+
+
+# Without a class statement
+
+
+def test_define_makes_the_same_model():
+    closed, ajar, waiting = State("closed"), State("ajar"), State("waiting", suspend=True)
+    closed.on_entry(Door.shut)
+    closed.to(ajar, when=Door.pushed)
+    ajar.to(closed, after_ms=500)
+    cls = define(
+        "Door", [closed, ajar, waiting], variables={"opened": (int, 0)}, path="doors/Door.machine"
+    )
+    assert snapshot(cls) == snapshot(Door)
+    assert cls.table.path == "doors/Door.machine"
+    assert cls.__name__ == "Door"
+    assert cls(opened=3).opened == 3
+
+
+def test_defined_states_are_no_attributes():
+    cls = define("Bundle", [State("load"), State("name", suspend=True)])
+    assert cls().name == "Bundle"
+    assert not hasattr(cls, "initial")
+
+
+def test_a_defined_class_can_be_extended():
+    parent = define("Bundle", [State("load")])
+
+    class Child(parent):  # type: ignore[misc, valid-type]
+        parent.table.initial.on_entry(lambda m: None)
+
+    assert list(Child.table.initial.sections) == ["OnEntry"]
+    assert parent.table.initial.sections == {}

@@ -1,0 +1,104 @@
+"""Machine variables: each instance's own, checked when given."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from llfsm.runtime import REQUIRED, Arrangement, LoadError, Machine, State, VariableError, define
+
+if TYPE_CHECKING:
+    from decimal import Decimal
+
+
+class Point:
+    pass
+
+
+class Rover(Machine):
+    turns: int = 0
+    speed: float = 1.0
+    seen: list[str] = []  # noqa: RUF012
+    home: Point | None = None
+
+    a = State()
+
+
+class Follower(Machine):
+    target: str
+    price: Decimal | None = None
+
+    a = State()
+
+
+def test_defaults_are_copied_to_each_instance():
+    one, other = Rover(), Rover()
+    one.seen.append("x")
+    one.turns += 1
+    assert (other.seen, other.turns, Rover.seen) == ([], 0, [])
+
+
+def test_given_values_replace_defaults():
+    seen = ["y"]
+    rover = Rover(turns=3, speed=2, seen=seen)
+    assert (rover.turns, rover.speed, rover.seen) == (3, 2.0, ["y"])
+    rover.seen.append("z")
+    assert seen == ["y"]
+
+
+def test_any_class_can_be_a_type():
+    home = Point()
+    assert Rover(home=home).home is home
+
+
+def test_an_unknown_variable():
+    message = "Rover has no variable 'trun'; it has: turns, speed, seen, home"
+    with pytest.raises(VariableError, match=message):
+        Rover(trun=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("turns", "3"), ("turns", 1.5), ("speed", "fast"), ("seen", [1])]
+)
+def test_a_value_of_another_type(name: str, value: object):
+    with pytest.raises(VariableError, match=f"Rover: {name} = .*Expected"):
+        Rover(**{name: value})
+
+
+def test_a_missing_value():
+    with pytest.raises(VariableError, match="Follower needs a value for its variable 'target'"):
+        Follower()
+    assert Follower(target="Rover").target == "Rover"
+    assert Follower.table.variables["target"].default is REQUIRED
+
+
+def test_a_type_that_only_type_checkers_import_is_not_checked():
+    assert Follower(target="x", price="free").price == "free"  # type: ignore[arg-type]
+
+
+def test_the_types_can_be_asked_for():
+    assert Rover.table.variables["turns"].type is int
+
+
+def test_load_gives_variables():
+    arrangement = Arrangement()
+    arrangement.load(Follower, variables={"target": "Rover"})
+    assert arrangement.machine("Follower").target == "Rover"
+    with pytest.raises(VariableError, match="no variable 'goal'"):
+        arrangement.load(Follower, variables={"goal": "Rover"})
+    with pytest.raises(LoadError, match="Rover is made already"):
+        arrangement.load(Rover(), variables={"turns": 1})
+
+
+def test_load_by_name_gives_variables():
+    arrangement = Arrangement(library={"Chaser": Follower})
+    arrangement.load("Chaser", variables={"target": "x"}, name="C")
+    assert arrangement.machine("C").target == "x"
+
+
+def test_defined_variables():
+    cls = define("V", [State("a")], variables={"n": (int, 1), "s": (str, REQUIRED)})
+    assert cls(s="x").n == 1
+    with pytest.raises(VariableError, match="needs a value for its variable 's'"):
+        cls()
