@@ -1,15 +1,17 @@
 """Run logic-labelled finite-state machines: declare them, load them, give them turns.
 
 Read in this order: `state` and `table` (what a machine is), `machine` (what its code may ask),
-`seat` and `ringlet` (one turn of one machine), `roster` and `arrangement` (all of them).
+`seat`, `binding` and `ringlet` (one turn of one machine), `roster` and `arrangement` (all).
 """
 
 from .arrangement import Arrangement, Reason
 from .clock import Clock, ManualClock, MonotonicClock
 from .errors import (
     ArrangementEndedError,
+    BundleError,
     ClockError,
     DefinitionError,
+    DrawingError,
     ExecutionError,
     FsmError,
     GuardResultError,
@@ -36,6 +38,7 @@ __all__ = [
     "Clock",
     "ClockError",
     "DefinitionError",
+    "DrawingError",
     "Event",
     "ExecutionError",
     "FsmError",

@@ -107,7 +107,10 @@ class Arrangement(Roster):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self.end(Reason.CLOSED if kind is None else _reason_for(kind))
+        if kind is None:
+            self.end(Reason.CLOSED)
+        else:
+            self.end(Reason.FAILED if issubclass(kind, Exception) else Reason.INTERRUPTED)
 
     @property
     def finished(self) -> bool:
@@ -152,8 +155,8 @@ class Arrangement(Roster):
         try:
             with stop_on_signals(self.stop):
                 reason = self._run(grace_s, max_rounds)
-        except Exception as error:
-            reason = _reason_for(type(error))
+        except Exception:
+            reason = Reason.FAILED
             raise
         finally:
             self.end(reason)
@@ -262,7 +265,3 @@ class Arrangement(Roster):
             Turn(*self.stamp(), seat.index, seat.name, seat.current.name, previous, seat.request)
         )
         return ringlet(seat)
-
-
-def _reason_for(kind: type[BaseException]) -> Reason:
-    return Reason.FAILED if issubclass(kind, Exception) else Reason.INTERRUPTED

@@ -16,6 +16,7 @@ __all__ = ["clfsm", "main"]
 # name: (where it is, what `llfsm --help` says of it)
 _COMMANDS = {
     "run": ("llfsm.runtime.commands.run:run", "Run machines as one arrangement."),
+    "draw": ("llfsm.runtime.commands.draw:draw", "Draw a machine."),
     "turtlesim": ("llfsm.bridges.turtlesim.command:turtlesim", "Simulate turtles, without ROS."),
     "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),
     "demo": ("llfsm.runtime.commands.demo:demo", "Watch machines and turtles work together."),

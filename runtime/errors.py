@@ -2,6 +2,7 @@
 
 FsmError
 ├── DefinitionError          a machine class contradicts itself; raised when the class is made
+├── BundleError              a bundle cannot be read, run or written: names file and line
 ├── LoadError                a machine cannot be loaded as asked
 │   └── VariableError        no such machine variable, no value, or a value of another type
 ├── UnknownMachineError      no machine of that name (also a LookupError)
@@ -9,6 +10,7 @@ FsmError
 ├── ExecutionError           code of a machine failed: names machine, state, step and line
 │   └── GuardResultError     a guard returned something else than True or False
 ├── ObserverError            an observer raised
+├── DrawingError             a picture of a machine cannot be drawn as asked
 ├── ArrangementEndedError    a round was asked of an arrangement that has ended
 └── ClockError               a clock was told to go back (also a ValueError)
 
@@ -18,11 +20,17 @@ UnreachableStateWarning      a state that no chain of transitions reaches
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 __all__ = [
     "ArrangementEndedError",
+    "BundleError",
     "ClockError",
     "DefinitionError",
+    "DrawingError",
     "ExecutionError",
     "FsmError",
     "GuardResultError",
@@ -42,6 +50,16 @@ class FsmError(Exception):
 
 class DefinitionError(FsmError):
     """Say what is wrong with the definition of a machine."""
+
+
+class BundleError(FsmError):
+    """Say what is wrong in which file of a bundle; `line` is None if it is all of the file."""
+
+    def __init__(self, what: str, file: Path | None = None, line: int | None = None):
+        self.file = file
+        self.line = line
+        where = [str(part) for part in (file, line) if part is not None]
+        super().__init__(": ".join([":".join(where), what] if where else [what]))
 
 
 class LoadError(FsmError):
@@ -95,6 +113,10 @@ class GuardResultError(ExecutionError):
 
 class ObserverError(FsmError):
     """Report that an observer raised; `__cause__` is what it raised."""
+
+
+class DrawingError(FsmError):
+    """Say why a picture of a machine cannot be drawn, and which other one can."""
 
 
 class OptionError(FsmError, ValueError):

@@ -11,7 +11,8 @@ from .errors import ExecutionError, GuardResultError
 if TYPE_CHECKING:
     from logging import Logger
 
-    from .seat import BoundState, Seat
+    from .binding import BoundState
+    from .seat import Seat
 
 __all__ = ["explain", "logger", "not_a_bool"]
 

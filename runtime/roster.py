@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from .binding import bind
 from .errors import LoadError, ObserverError, UnknownMachineError
 from .events import Event, Observer, Request
 from .machine import Machine, Status
@@ -142,7 +143,7 @@ class Roster:
             self._outer.append(caller)
         # A ringlet sees one snapshot from begin to end, also if another one of the same
         # machine is nested in it.
-        snapshot = [(name, getattr(seat.machine, name)) for name, _ in seat.sensors]
+        snapshot = [(sensor, getattr(seat.machine, sensor)) for sensor, _ in seat.sensors]
         seat.request = None
         seat.suspend()
         try:
@@ -203,7 +204,7 @@ class Roster:
 
     def _bind_all(self) -> None:
         for seat in self._named.values():
-            seat.bind(bool(self._observers))
+            bind(seat, observed=bool(self._observers))
 
     def _find(self, name: str) -> Seat:
         try:
@@ -225,10 +226,10 @@ class Roster:
             made = made()
         if not isinstance(made, Machine):
             raise LoadError(f"{machine!r} is no machine, machine class or name of one")
-        if variables:
-            raise LoadError(f"{made.name} is made already: give its variables to the class")
         if not hasattr(made, "_seat"):
             raise LoadError(f"{type(made).__qualname__}.__init__ must call super().__init__()")
+        if variables:
+            raise LoadError(f"{made.name} is made already: give its variables to the class")
         if made._seat.taken:
             raise LoadError(f"{made.name} is loaded already: make another instance")
         return made
@@ -250,7 +251,7 @@ class Roster:
         index = next(holes, len(self._seats))
         seat = Seat(machine, self, index, self._free_name(name or cls.__name__), path)
         seat.connect(self.whiteboard)
-        seat.bind(bool(self._observers))
+        bind(seat, observed=bool(self._observers))
         machine._seat = seat
         self._classes[cls.__name__] = cls
         self._named[seat.name] = seat

@@ -1,15 +1,16 @@
-"""A machine's seat in an arrangement: where it stands, and its table bound for speed."""
+"""A machine's seat in an arrangement: its place in the order and where its execution stands."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from .binding import BoundState
 from .errors import LoadError
-from .events import Eval, MachineStatus, Request, Section
+from .events import MachineStatus, Request
 from .failure import logger
 from .ports import Actuator
-from .state import SECTIONS, Guard, SectionCode, State, Transition
+from .state import State
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
@@ -17,37 +18,11 @@ if TYPE_CHECKING:
     from .machine import Machine
     from .roster import Roster
 
-__all__ = ["BoundState", "Request", "Seat"]
+__all__ = ["Seat"]
 
 NEVER = -1
 
 Read: TypeAlias = Callable[[], object]
-
-
-class BoundState:
-    """A state of one loaded machine: plain functions and targets, nothing to look up.
-
-    It stays the same object while observers come and go; only what it holds is exchanged.
-    """
-
-    __slots__ = (
-        "internal",
-        "name",
-        "on_entry",
-        "on_exit",
-        "on_resume",
-        "on_suspend",
-        "transitions",
-    )
-
-    def __init__(self, name: str):
-        self.name = name
-        self.on_entry: SectionCode | None = None
-        self.on_exit: SectionCode | None = None
-        self.internal: SectionCode | None = None
-        self.on_suspend: SectionCode | None = None
-        self.on_resume: SectionCode | None = None
-        self.transitions: tuple[tuple[Guard | None, BoundState], ...] = ()
 
 
 class Seat:
@@ -166,27 +141,6 @@ class Seat:
             if port.at_end is not None:
                 self._post_last(name, port)
 
-    def bind(self, observed: bool) -> None:
-        """Fill the bound states from the table, with code that reports each step if observed."""
-        for state in type(self.machine).table.states:
-            bound = self.states[state.name]
-            code = [
-                self._watch_section(state.name, section, state.sections.get(section))
-                if observed
-                else state.sections.get(section)
-                for section in SECTIONS
-            ]
-            bound.on_entry, bound.on_exit, bound.internal, bound.on_suspend, bound.on_resume = code
-            bound.transitions = tuple(
-                (
-                    self._watch_guard(state, number, self._guard(transition))
-                    if observed
-                    else self._guard(transition),
-                    self.states[transition.target.name],
-                )
-                for number, transition in enumerate(state.transitions)
-            )
-
     def _post_last(self, name: str, port: Actuator[Any]) -> None:
         from llfsm.whiteboard import WhiteboardError
 
@@ -194,43 +148,3 @@ class Seat:
             getattr(self.machine, name)(port.at_end)
         except WhiteboardError as error:  # the other messages must go out all the same
             logger().warning("%s: the last %s was not posted: %s", self.name, name, error)
-
-    def _guard(self, transition: Transition) -> Guard | None:
-        """Return the function that evaluates `transition`; None if it always fires."""
-        guard = transition.guard
-        if transition.after_ms is None:
-            return guard
-        now, limit_ns = self.now, transition.after_ms * 1_000_000
-        if guard is None:
-            return lambda _: now() - self.entered_ns > limit_ns
-        return lambda machine: now() - self.entered_ns > limit_ns and guard(machine)
-
-    def _watch_section(self, state: str, section: str, code: SectionCode | None) -> SectionCode:
-        roster = self.roster
-
-        def report_and_run(machine: Any) -> None:
-            roster.emit(Section(*roster.stamp(), self.name, state, section))
-            if code is not None:
-                outer, self.doing = self.doing, state
-                try:
-                    code(machine)
-                finally:
-                    self.doing = outer
-
-        return report_and_run
-
-    def _watch_guard(self, state: State, number: int, guard: Guard | None) -> Guard:
-        roster = self.roster
-        transition = state.transitions[number]
-        label, target = transition.label, transition.target.name
-
-        def evaluate_and_report(machine: Any) -> bool:
-            outer, self.doing = self.doing, None
-            try:
-                value = guard is None or guard(machine)
-            finally:
-                self.doing = outer
-            roster.emit(Eval(*roster.stamp(), self.name, state.name, number, label, target, value))
-            return value
-
-        return evaluate_and_report

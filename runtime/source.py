@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import ast
 
-__all__ = ["expression_of", "location_of"]
+__all__ = ["EXPRESSION", "expression_of", "location_of"]
+
+EXPRESSION = "<expression>"
+"""The name of a function whose file holds nothing but the expression that it returns."""
 
 
 def location_of(function: Callable[..., Any]) -> tuple[str, int] | None:
@@ -58,6 +61,9 @@ def _parse(filename: str) -> tuple[str, ast.Module] | None:
 def _find(tree: ast.Module, code: CodeType) -> ast.expr | None:
     import ast
 
+    if code.co_name == EXPRESSION:
+        only = tree.body[0]
+        return only.value if isinstance(only, ast.Expr) else None
     lambdas = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Lambda) and node.lineno == code.co_firstlineno:

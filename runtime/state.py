@@ -15,14 +15,15 @@ from typing import Any, TypeAlias, TypeVar
 from .errors import DefinitionError
 from .source import expression_of, location_of
 
-__all__ = ["SECTIONS", "ClassBody", "Guard", "SectionCode", "State", "Transition"]
+__all__ = ["DEFERRED", "SECTIONS", "ClassBody", "Guard", "SectionCode", "State", "Transition"]
 
 SectionCode: TypeAlias = Callable[[Any], None]
 Guard: TypeAlias = Callable[[Any], bool]
 S = TypeVar("S", bound=SectionCode)
 G = TypeVar("G", bound=Guard)
 
-_DEFERRED = 0x20 | 0x80 | 0x200  # flags of the code of generators, coroutines and both
+DEFERRED = 0x20 | 0x80 | 0x200
+"""Flags of the code of generators, coroutines and both, which does nothing when called."""
 
 SECTIONS = ("OnEntry", "OnExit", "Internal", "OnSuspend", "OnResume")
 
@@ -224,7 +225,7 @@ class Transition:
 def _check_code(state: State, what: str, code: object) -> None:
     """Refuse what is no function, and functions that do nothing when called."""
     flags = getattr(getattr(code, "__code__", None), "co_flags", 0)
-    if not callable(code) or flags & _DEFERRED:
+    if not callable(code) or flags & DEFERRED:
         raise DefinitionError(
             f"state {state.name!r}: {what} must be a plain function of the machine, not {code!r}"
         )

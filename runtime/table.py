@@ -7,11 +7,14 @@ import warnings
 from collections.abc import Iterable, Iterator
 from copy import deepcopy
 from types import FunctionType
-from typing import Any, ClassVar, Final, NamedTuple, get_origin
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, get_origin
 
 from .errors import DefinitionError, UnreachableStateWarning, VariableError
 from .ports import Actuator, Sensor
 from .state import ClassBody, State
+
+if TYPE_CHECKING:
+    from .layout import Layout
 
 __all__ = ["REQUIRED", "Table", "Variable", "make_table"]
 
@@ -63,7 +66,8 @@ class Table:
     """All that the runner, the drawing and the checker need of a machine class.
 
     `suspend` is the declared suspend state, or a state named `Suspend` that has no transition
-    in or out, or None. `path` tells two machines of the same name apart.
+    in or out, or None. `path` tells two machines of the same name apart. `layout` is where an
+    editor has drawn the machine, if it comes from a bundle that says so.
     """
 
     def __init__(
@@ -81,6 +85,7 @@ class Table:
         self.variables = variables
         self.sensors = sensors
         self.actuators = actuators
+        self.layout: Layout | None = None
 
 
 def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], root: type) -> Table:

@@ -42,6 +42,7 @@ loads = st.builds(
     st.sampled_from(["load", "load_suspended"]),
     conditions,
 )
+abandons = calls(["abandon"])
 
 
 @st.composite
@@ -50,10 +51,10 @@ def machines(draw: st.DrawFn, name: str) -> dict[str, Any]:
     suspend_state = draw(st.sampled_from([None, "SUSP"]))
     if suspend_state:
         names.append(suspend_state)
-    # A P that loads P, or an abandon where a nested ringlet comes by, would never end.
-    usual = operations if name == "P" else st.one_of(operations, loads)
-    ops = st.lists(usual, max_size=2)
-    more = st.lists(st.one_of(usual, calls(["abandon"])), max_size=2)
+    # Some would never end: an abandon where a nested ringlet comes by, and a P that makes
+    # others load P.
+    ops = st.lists(operations if name == "P" else st.one_of(operations, loads), max_size=2)
+    more = ops if name == "P" else st.lists(st.one_of(operations, loads, abandons), max_size=2)
     transitions = st.lists(
         st.builds(
             lambda target, cond: {"target": target, "cond": cond},

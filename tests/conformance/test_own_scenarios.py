@@ -327,6 +327,12 @@ def test_a_machine_whose_initial_state_is_its_suspend_state_begins_suspended(run
     }
 
 
+def test_resuming_it_before_its_first_turn_changes_nothing(run):
+    b = machine("B", state("SUSP"), state("S0", "SUSP@"))
+    trace = run(commander(entry="resume(B)"), b, rounds=1)
+    assert history(trace, "B") == {1: "OnEntry(SUSP) Internal(SUSP) kept: suspended"}
+
+
 # Restart, and which request wins
 
 

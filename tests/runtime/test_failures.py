@@ -256,10 +256,11 @@ def test_a_failure_clears_a_pending_request():
             self.restart_self()
             raise Boom
 
-    arrangement = Arrangement([M, Other], on_error="suspend")
+    trace = Trace()
+    arrangement = Arrangement([M, Other], on_error="suspend", observers=[trace])
     arrangement.round()
     arrangement.round()
-    assert arrangement.is_suspended("M")
+    assert [event.round for event in trace if isinstance(event, Failed)] == [1]
 
 
 def test_a_machine_that_fails_while_suspended_is_unloaded():

@@ -264,6 +264,33 @@ def test_times_are_strict(ask: Any, limit_us: int):
     assert ask(a) is True
 
 
+@pytest.mark.parametrize("guarded", [False, True])
+@pytest.mark.parametrize("options", [{"after_ms": 20}, {"after": 0.02}])
+def test_timed_transitions_are_strict(options: dict[str, float], guarded: bool):
+    a, b = State("a"), State("b")
+    a.to(b, when=(lambda m: True) if guarded else None, **options)  # type: ignore[arg-type]
+    clock = ManualClock()
+    arrangement = Arrangement([define("M", [a, b])], clock=clock)
+    arrangement.round()
+    clock.advance(ms=20)
+    assert arrangement.round() is False
+    clock.advance(ns=1)
+    assert arrangement.round() is True
+
+
+def test_a_timed_transition_asks_its_guard_only_when_its_time_has_come():
+    asked = []
+    a, b = State("a"), State("b")
+    a.to(b, after_ms=20, when=lambda m: bool(asked.append(1)))
+    clock = ManualClock()
+    arrangement = Arrangement([define("M", [a, b])], clock=clock)
+    arrangement.round()
+    assert not asked
+    clock.advance(ms=21)
+    assert arrangement.round() is False
+    assert asked
+
+
 def test_the_clock_is_read_at_each_evaluation():
     clock = ManualClock()
 

@@ -289,6 +289,13 @@ def test_the_last_message_is_posted_once(board: Any):
     assert count(board) == posted
 
 
+def test_the_last_message_is_posted_once_also_if_the_machine_is_unloaded_after_the_end(board: Any):
+    arrangement = Arrangement([Driver()], whiteboard=board)
+    arrangement.end()
+    arrangement.unload("Driver")
+    assert count(board) == 1
+
+
 def test_nothing_is_posted_after_the_last_message_of_a_machine_that_unloads_itself(board: Any):
     class Leaver(Driver):
         @Driver.moving.on_entry

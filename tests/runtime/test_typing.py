@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,10 @@ def report() -> list[str]:
 
 def test_good_code_passes(report: list[str]):
     assert [line for line in report if "bad.py" not in line] == []
+
+
+def test_good_code_runs():
+    runpy.run_path(str(HERE / "typed" / "good.py"))
 
 
 def test_each_mistake_is_found_and_nothing_else(report: list[str]):

@@ -1,0 +1,43 @@
+"""Where an editor has drawn a machine: the boxes of its states and the curves of its arrows.
+
+Coordinates are the editor's points, x to the right and y downwards. A layout is a hint: it may
+lack states and transitions, and running a machine never reads it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+__all__ = ["Layout", "Point", "StateBox", "TransitionPath"]
+
+Point: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class StateBox:
+    """The box of a state: its centre, its size, and whether its sections are shown."""
+
+    x: float
+    y: float
+    w: float
+    h: float
+    expanded: bool = False
+
+
+@dataclass(frozen=True)
+class TransitionPath:
+    """The arrow of a transition: a cubic Bézier curve."""
+
+    src: Point
+    dst: Point
+    control1: Point
+    control2: Point
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The boxes of states by name, and the paths of each state's transitions, in their order."""
+
+    states: dict[str, StateBox] = field(default_factory=dict)
+    transitions: dict[str, tuple[TransitionPath, ...]] = field(default_factory=dict)
