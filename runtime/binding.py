@@ -55,6 +55,8 @@ def bind(seat: Seat, *, observed: bool) -> None:
         bound.on_entry, bound.on_exit, bound.internal, bound.on_suspend, bound.on_resume = code
         targets = [seat.states[transition.target.name] for transition in state.transitions]
         bound.transitions = tuple(zip(guards, targets, strict=True))
+    states = seat.states.values()
+    seat.tells = any(bound.on_suspend or bound.on_resume for bound in states)
 
 
 def _guard(seat: Seat, transition: Transition) -> Guard | None:

@@ -21,8 +21,7 @@ def ringlet(seat: Seat) -> bool:
     """
     if seat.request is not None:  # 1
         seat.perform_request()
-    machine = seat.machine
-    state = seat.current
+    machine, state = seat.machine, seat.current
     code: Callable[[Any], object] | None = None
     try:
         if seat.sensors:  # 2
@@ -31,7 +30,9 @@ def ringlet(seat: Seat) -> bool:
         previous = seat.previous
         if state is not previous:
             seat.previous = state
-            if state is seat.suspension:  # 3
+            if not seat.tells:  # 3
+                pass
+            elif state is seat.suspension:
                 if previous is not None and (code := previous.on_suspend) is not None:
                     code(machine)
             elif previous is seat.suspension:
@@ -39,15 +40,17 @@ def ringlet(seat: Seat) -> bool:
                     code(machine)
                 if (code := state.on_resume) is not None:
                     code(machine)
-            seat.entered_ns = seat.now()  # 4
+            now = seat.now  # 4; a plain call: seat.now() would look for a method first
+            seat.entered_ns = now()
             if (code := state.on_entry) is not None:
                 code(machine)
         for code, target in state.transitions:  # 5
-            value = code is None or code(machine)
-            if value is False:
-                continue
-            if value is not True:
-                raise not_a_bool(seat, state, code, value)
+            if code is not None:
+                value = code(machine)
+                if value is False:
+                    continue
+                if value is not True:
+                    raise not_a_bool(seat, state, code, value)
             seat.current = target
             if (code := state.on_exit) is not None:
                 code(machine)

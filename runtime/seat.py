@@ -50,6 +50,7 @@ class Seat:
         "states",
         "suspension",
         "taken",
+        "tells",
     )
 
     def __init__(self, machine: Machine, roster: Roster, index: int, name: str, path: str):
@@ -72,6 +73,7 @@ class Seat:
         self.doing: str | None = None  # the state whose section runs, while observed
         self.sensors: tuple[tuple[str, Read], ...] = ()
         self.taken = True
+        self.tells = False  # whether any state has code for being suspended or resumed
 
     @property
     def suspended(self) -> bool:

@@ -1,0 +1,108 @@
+"""What is timed of llfsm."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from measure import Subject
+
+from llfsm.runtime import Arrangement, Machine, State
+from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+
+__all__ = ["MANY", "subjects"]
+
+MANY = 1000
+_READERS = 100
+_BUILD = "Twist(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0))"
+
+
+class Firing(Machine):
+    """Go to and fro."""
+
+    ping = State()
+    pong = State()
+    ping.to(pong)
+    pong.to(ping)
+
+
+class Guarded(Machine):
+    """Go to and fro, each time because a guard says so."""
+
+    ping = State()
+    pong = State()
+
+    @ping.to(pong)
+    def served(self) -> bool:
+        return True
+
+    @pong.to(ping)
+    def returned(self) -> bool:
+        return True
+
+
+class Staying(Machine):
+    """Stay, because a guard says so."""
+
+    here = State()
+    there = State()
+
+    @here.to(there)
+    def leaving(self) -> bool:
+        return False
+
+    there.to(here)
+
+    def empty(self) -> None:
+        """Cost what any method call costs on this machine."""
+
+
+@contextmanager
+def subjects() -> Iterator[dict[str, Subject]]:
+    """Make a board and machines to time, by a name for each."""
+    name = f"bench-{os.getpid()}"
+    with Whiteboard(name) as board, Whiteboard(name) as elsewhere:
+        try:
+            yield _on_board(board, elsewhere) | _machines()
+        finally:
+            board.remove()
+
+
+def _on_board(board: Whiteboard, elsewhere: Whiteboard) -> dict[str, Subject]:
+    slot = Slot("turtle1/cmd_vel", Twist)
+    names = {
+        "board": board,
+        "CMD_VEL": slot,
+        "cmd": board[slot],
+        "sender": elsewhere[slot],
+        # Bound apart, so that each of them has the news still before it after one add.
+        "readers": [board[Slot(slot.name, Twist)] for _ in range(_READERS)],
+        "Twist": Twist,
+        "Vector3": Vector3,
+        "twist": Twist(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0)),
+    }
+    board.add_message(slot, Twist())
+    return {
+        "get": Subject("cmd.get()", names),
+        "get_message": Subject("board.get_message(CMD_VEL)", names),
+        # One untimed add, then a hundred readers of the slot get it: nothing but gets is timed,
+        # and each of them notices the news, copies it, makes a new message of six new floats,
+        # and drops the message before it. The peers run the same loop.
+        "get news": Subject(
+            "for reader in readers: reader.get()", names, _READERS, before="sender.add(twist)"
+        ),
+        "add": Subject("cmd.add(twist)", names),
+        "build and add": Subject(f"cmd.add({_BUILD})", names),
+    }
+
+
+def _machines() -> dict[str, Subject]:
+    many = [Staying() for _ in range(MANY)]
+    return {
+        "firing": Subject("arrangement.round()", {"arrangement": Arrangement([Firing])}),
+        "guarded": Subject("arrangement.round()", {"arrangement": Arrangement([Guarded])}),
+        "many": Subject("arrangement.round()", {"arrangement": Arrangement(many)}, MANY),
+        "empty method": Subject("machine.empty()", {"machine": Staying()}),
+    }

@@ -1,0 +1,136 @@
+"""Measure llfsm and its peers in one run, and say whether what is promised is met.
+
+The exit status is 1 unless every promise is met. A quick run is too short to judge: its exit
+status is 0, also if a peer is not installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import ours
+from measure import Meter, Pace, in_turns, process, statement
+from peers import PEERS, open_peer, version_of
+from table import ADDED_MS, ALONE_MIB, ALONE_MS, FASTER, HEAD, SLOWER, Row
+
+FULL = Pace(samples=1000, sample_s=0.0003, processes=31)
+QUICK = Pace(samples=3, sample_s=0.0001, processes=2)
+
+# what, of ours, the peer, of the peer's, how many times faster ours is promised to be
+COMPARED: list[tuple[str, str, str, str, float | None]] = [
+    ("get a Twist, nothing new", "get", "iceoryx2", "get", 25),
+    ("get_message, nothing new", "get_message", "iceoryx2", "get", None),
+    ("get; they only ask for news", "get", "iceoryx2", "is_up_to_date", None),
+    ("get a Twist, a new one", "get news", "iceoryx2", "get news", 3.5),
+    ("add a Twist", "add", "iceoryx2", "add", 4),
+    ("build and add a Twist", "build and add", "iceoryx2", "build and add", None),
+    ("a ringlet that fires", "firing", "py_trees", "step", 6),
+    ("a ringlet that fires", "firing", "transitions", "step", 20),
+    ("a ringlet that fires", "firing", "python-statemachine", "step", 100),
+    ("a ringlet that fires", "firing", "sismic", "step", 100),
+    ("a ringlet; they skip contracts", "firing", "sismic", "step without contracts", None),
+    ("a ringlet that fires, guarded", "guarded", "py_trees", "step", None),
+]
+
+
+def rows(pace: Pace) -> Iterator[Row]:
+    """Measure all there is to measure, row by row."""
+    yield from _calls(pace)
+    yield from _processes(pace)
+
+
+def _calls(pace: Pace) -> Iterator[Row]:
+    with ExitStack() as stack:
+        mine = stack.enter_context(ours.subjects())
+        theirs = {peer: open_peer(peer, stack) for peer in PEERS}
+        pairs = [
+            (what, mine[name], peer, theirs[peer].get(its_name), FASTER, promised)
+            for what, name, peer, its_name, promised in COMPARED
+        ]
+        what = f"a ringlet that stays, of {ours.MANY}"
+        pairs.append((what, mine["many"], "an empty method", mine["empty method"], SLOWER, 7.5))
+        for what, subject, who, other, score, promised in pairs:
+            meters = [
+                statement("llfsm", subject, pace.sample_s),
+                statement(who, other, pace.sample_s),
+            ]
+            yield Row(what, in_turns(meters, pace.samples), score, promised)
+
+
+def _processes(pace: Pace) -> Iterator[Row]:
+    python, times = sys.executable, pace.processes
+    meters = [
+        process("llfsm", python, "-c", "import llfsm.whiteboard"),
+        process("python alone", python, "-c", "pass"),
+    ]
+    yield Row("import llfsm.whiteboard", in_turns(meters, times), ADDED_MS, 60)
+    meters = [process("llfsm", str(Path(python).with_name("llfsm")), "--help")]
+    yield Row("llfsm --help", in_turns(meters, times), ALONE_MS, 150)
+    meters = [Meter("llfsm", "footprint.py", _footprint)]
+    yield Row("memory: 100 slots, 4 machines", in_turns(meters, 3), ALONE_MIB, 40)
+
+
+def _footprint() -> float:
+    script = str(Path(__file__).with_name("footprint.py"))
+    board = f"bench-{os.getpid()}-footprint"
+    return int(subprocess.check_output([sys.executable, script, board]))
+
+
+def facts() -> dict[str, str | int | None]:
+    """Say what the figures depend on."""
+    cpu = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    return {
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "cpu": cpu[1] if cpu else platform.machine(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.release()}",
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
+    parser.add_argument("--quick", action="store_true", help="only try that everything runs")
+    options = parser.parse_args()
+
+    machine = facts()
+    print("{python}, {cpu}, {cores} cores, {system}\n".format(**machine))
+    print(HEAD, flush=True)
+    measured = []
+    for row in rows(QUICK if options.quick else FULL):
+        print(row.text(), flush=True)
+        measured.append(row)
+
+    versions = {peer: version_of(peer) for peer in PEERS}
+    missing = [peer for peer, version in versions.items() if version is None]
+    failed = [row for row in measured if row.promised is not None and not row.met]
+    print()
+    if missing:
+        print(f"not installed: {', '.join(missing)}; see pip install 'llfsm[bench]'")
+    if options.quick:
+        print("a quick run: too short to judge")
+    else:
+        print(f"missed: {len(failed)}" if failed else "every promise is met")
+    if options.json:
+        report = {
+            "machine": machine,
+            "quick": options.quick,
+            "peers": versions,
+            "missing": missing,
+            "rows": [row.json() for row in measured],
+        }
+        options.json.write_text(json.dumps(report, indent=2) + "\n")
+    return 1 if failed and not options.quick else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
