@@ -1,6 +1,7 @@
 /* Python's side of llfsm_whiteboard.h: a Board, and a Port for one slot of it. Thin by intent:
  * what a call costs is the encoder's or decoder's work and a handful of atomic operations.
- * The interpreter's lock serialises a process's threads; it is released only to wait. */
+ * The interpreter's lock serialises a process's threads; it is released only to wait. Objects
+ * are made whole by tp_new and stay so; only a board's being closed can change under a call. */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
@@ -12,25 +13,31 @@
 static PyObject *sample_type;  /* llfsm.whiteboard.board.Sample */
 static PyObject *raise_status; /* llfsm.whiteboard.errors.raise_status(status, errno, where, detail) */
 
-enum { CLOSED = -1, WRONG_TYPE = -2, WRONG_FIELD = -3, UNREADABLE = -4 }; /* beside lwb_status */
+enum { CLOSED = -1, WRONG_TYPE = -2, WRONG_FIELD = -3, UNREADABLE = -4, REMOVED = -5 }; /* beside lwb_status */
 
-/* Raise the Python error for a status; `detail` is a new reference or NULL. Always NULL. */
+/* Raise the Python error for a status, unless one is set: then making `detail` failed. Steals
+ * `detail`, which may be NULL. Always NULL. */
 static PyObject *fail(int status, PyObject *where, PyObject *detail)
 {
     int number = errno;
-    PyObject *result = PyObject_CallFunction(raise_status, "iiOO", status, number, where,
-                                             detail ? detail : Py_None);
+    if (!PyErr_Occurred())
+        Py_XDECREF(PyObject_CallFunction(raise_status, "iiOO", status, number, where,
+                                         detail ? detail : Py_None));
     Py_XDECREF(detail);
-    Py_XDECREF(result);
     return NULL;
 }
 
-/* The exception that is set, as an object; a new reference. */
+/* The exception that is set, as an object to be another's cause, a new reference; NULL, and it
+ * stays set, if it is no Exception: an interrupt is not about the message. */
 static PyObject *take_error(void)
 {
+    if (!PyErr_ExceptionMatches(PyExc_Exception))
+        return NULL;
     PyObject *type, *value, *traceback;
     PyErr_Fetch(&type, &value, &traceback);
     PyErr_NormalizeException(&type, &value, &traceback);
+    if (traceback)
+        PyException_SetTraceback(value, traceback);
     Py_XDECREF(type);
     Py_XDECREF(traceback);
     return value;
@@ -42,35 +49,33 @@ typedef struct {
     PyObject_HEAD
     struct lwb_board board;
     PyObject *path;
+    bool closed;
+    int users; /* calls under which a close must not unmap the board; the last one does it then.
+                * (A forked child may count a thread that it lacks, and unmap only as it ends.) */
 } Board;
-
-static int board_init(Board *self, PyObject *args, PyObject *kwargs)
-{
-    static char *names[] = {"path", "create", NULL};
-    const char *path;
-    int create;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "sp", names, &path, &create))
-        return -1;
-    if (self->path) {
-        PyErr_SetString(PyExc_RuntimeError, "a board is opened once");
-        return -1;
-    }
-    self->path = PyUnicode_FromString(path);
-    int status = self->path ? lwb_open(&self->board, path, create) : LWB_SYSTEM;
-    if (status) {
-        fail(status, self->path, NULL);
-        return -1;
-    }
-    return 0;
-}
 
 static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    (void)args, (void)kwargs;
+    static char *names[] = {"path", "create", NULL};
+    PyObject *path;
+    int create;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "Up", names, &path, &create))
+        return NULL;
     Board *self = (Board *)type->tp_alloc(type, 0);
-    if (self)
-        self->board = (struct lwb_board){.fd = -1, .writer = -1};
-    return (PyObject *)self;
+    if (!self)
+        return NULL;
+    self->board = (struct lwb_board){.fd = -1, .writer = -1};
+    self->path = Py_NewRef(path);
+    PyObject *bytes = NULL;
+    if (PyUnicode_FSConverter(path, &bytes)) {
+        int status = lwb_open(&self->board, PyBytes_AS_STRING(bytes), create);
+        Py_DECREF(bytes);
+        if (!status)
+            return (PyObject *)self;
+        fail(status, path, NULL);
+    }
+    Py_DECREF(self);
+    return NULL;
 }
 
 static void board_dealloc(Board *self)
@@ -80,48 +85,53 @@ static void board_dealloc(Board *self)
     Py_TYPE(self)->tp_free((PyObject *)self);
 }
 
-static bool is_open(Board *self)
+static bool is_open(Board *self, PyObject *where)
 {
-    if (self->board.fd < 0)
-        PyErr_Clear(), fail(CLOSED, self->path ? self->path : Py_None, NULL);
-    return self->board.fd >= 0;
+    if (self->closed)
+        fail(CLOSED, where, NULL);
+    return !self->closed;
+}
+
+static void board_leave(Board *self)
+{
+    if (--self->users == 0 && self->closed)
+        lwb_close(&self->board);
 }
 
 static PyObject *board_close(Board *self, PyObject *unused)
 {
     (void)unused;
-    lwb_close(&self->board);
+    self->closed = true;
+    if (!self->users)
+        lwb_close(&self->board);
     Py_RETURN_NONE;
 }
 
 static PyObject *board_linked(Board *self, PyObject *unused)
 {
     (void)unused;
-    return PyBool_FromLong(lwb_linked(&self->board));
+    return PyBool_FromLong(!self->closed && lwb_linked(&self->board));
 }
 
 static PyObject *board_shared(Board *self, PyObject *unused)
 {
     (void)unused;
-    return is_open(self) ? PyBool_FromLong(lwb_shared(&self->board)) : NULL;
+    return is_open(self, self->path) ? PyBool_FromLong(lwb_shared(&self->board)) : NULL;
 }
 
 static PyObject *board_slots(Board *self, PyObject *unused)
 {
     (void)unused;
-    if (!is_open(self))
+    if (!is_open(self, self->path))
         return NULL;
     PyObject *list = PyList_New(0);
+    struct lwb_record *r = NULL;
+    int status = LWB_OK;
+    self->users++; /* making objects may start the garbage collector, and that anything */
     for (int i = 0; list; i++) {
         uint64_t offset;
-        int status;
-        struct lwb_record *r = lwb_slot_at(&self->board, i, &offset, &status);
-        if (status == LWB_MISSING)
-            return list;
-        if (!r) {
-            Py_DECREF(list);
-            return fail(status, self->path, NULL);
-        }
+        if (!(r = lwb_slot_at(&self->board, i, &offset, &status)))
+            break;
         const char *texts = lwb_texts(r);
         PyObject *item = Py_BuildValue(
             "s#s#y#KK", texts, (Py_ssize_t)r->name_length, texts + r->name_length,
@@ -132,7 +142,10 @@ static PyObject *board_slots(Board *self, PyObject *unused)
             Py_CLEAR(list);
         Py_XDECREF(item);
     }
-    return NULL;
+    board_leave(self);
+    if (list && status != LWB_MISSING)
+        Py_SETREF(list, fail(status, self->path, NULL));
+    return list;
 }
 
 static PyMethodDef board_methods[] = {
@@ -147,7 +160,6 @@ static PyTypeObject BoardType = {
     .tp_basicsize = sizeof(Board),
     .tp_flags = Py_TPFLAGS_DEFAULT,
     .tp_new = board_new,
-    .tp_init = (initproc)board_init,
     .tp_dealloc = (destructor)board_dealloc,
     .tp_methods = board_methods,
 };
@@ -166,7 +178,7 @@ typedef struct {
     struct lwb_meta meta;    /* and what the slot said of it */
 } Port;
 
-static int port_init(Port *self, PyObject *args, PyObject *kwargs)
+static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"board", "name", "type_name", "schema", "fingerprint", "capacity",
                             "message_type", "fields", "encode_into", "decode", NULL};
@@ -177,41 +189,39 @@ static int port_init(Port *self, PyObject *args, PyObject *kwargs)
                                      &name, &schema.type, &schema.text, &fingerprint, &capacity,
                                      &PyType_Type, &type, &PyTuple_Type, &fields, &encode_into,
                                      &decode))
-        return -1;
-    if (self->board) {
-        PyErr_SetString(PyExc_RuntimeError, "a port is opened once");
-        return -1;
-    }
-    if (!is_open((Board *)board) || !(schema.name = PyUnicode_AsUTF8(name)))
-        return -1;
+        return NULL;
     schema.fingerprint = fingerprint;
     schema.capacity = capacity;
-    if (field_checks_init(&self->checks, (PyTypeObject *)type, fields))
-        return -1;
-    int status = lwb_slot(&((Board *)board)->board, &self->slot, &schema);
-    if (status) {
-        PyObject *detail = NULL;
-        if (status == LWB_DIFFERS) {
-            struct lwb_record *r = self->slot.record;
-            detail = PyBytes_FromStringAndSize(lwb_texts(r) + r->name_length + r->type_length,
-                                               (Py_ssize_t)r->schema_length);
-            if (!detail)
-                return -1;
-        }
-        fail(status, name, detail);
-        return -1;
-    }
+    Port *self = (Port *)subtype->tp_alloc(subtype, 0);
+    if (!self)
+        return NULL;
     self->board = (Board *)Py_NewRef(board);
     self->name = Py_NewRef(name);
     self->type = (PyTypeObject *)Py_NewRef(type);
     self->encode_into = Py_NewRef(encode_into);
     self->decode = Py_NewRef(decode);
-    return 0;
+    if (!(schema.name = PyUnicode_AsUTF8(name)) ||
+        field_checks_init(&self->checks, self->type, fields) || !is_open(self->board, name))
+        goto failed;
+    int status = lwb_slot(&self->board->board, &self->slot, &schema);
+    if (!status)
+        return (PyObject *)self;
+    PyObject *theirs = NULL;
+    if (status == LWB_DIFFERS) {
+        struct lwb_record *r = self->slot.record;
+        theirs = PyBytes_FromStringAndSize(lwb_texts(r) + r->name_length + r->type_length,
+                                           (Py_ssize_t)r->schema_length);
+    }
+    fail(status, name, theirs);
+failed:
+    Py_DECREF(self);
+    return NULL;
 }
 
+/* No tp_clear: a port never changes what it refers to but its message, and messages are
+ * immutable; so, as for a tuple, every cycle goes through something else that can be cleared. */
 static int port_traverse(Port *self, visitproc visit, void *arg)
 {
-    Py_VISIT(self->board);
     Py_VISIT(self->type);
     Py_VISIT(self->encode_into);
     Py_VISIT(self->decode);
@@ -219,37 +229,23 @@ static int port_traverse(Port *self, visitproc visit, void *arg)
     return 0;
 }
 
-static int port_clear(Port *self)
-{
-    Py_CLEAR(self->message);
-    Py_CLEAR(self->encode_into);
-    Py_CLEAR(self->decode);
-    return 0;
-}
-
 static void port_dealloc(Port *self)
 {
     PyObject_GC_UnTrack(self);
-    port_clear(self);
     field_checks_free(&self->checks);
-    Py_XDECREF(self->type);
+    Py_XDECREF(self->message);
     Py_XDECREF(self->scratch);
-    Py_XDECREF(self->name);
-    Py_XDECREF(self->board);
+    Py_DECREF(self->decode);
+    Py_DECREF(self->encode_into);
+    Py_DECREF(self->type);
+    Py_DECREF(self->name);
+    Py_DECREF(self->board);
     Py_TYPE(self)->tp_free((PyObject *)self);
-}
-
-static bool is_usable(Port *self)
-{
-    if (self->board && self->board->board.fd >= 0)
-        return true;
-    fail(CLOSED, self->name ? self->name : Py_None, NULL);
-    return false;
 }
 
 static PyObject *port_add(Port *self, PyObject *message)
 {
-    if (!is_usable(self))
+    if (!is_open(self->board, self->name))
         return NULL;
     if (Py_TYPE(message) != self->type)
         return fail(WRONG_TYPE, self->name, PyTuple_Pack(2, self->type, message));
@@ -265,60 +261,70 @@ static PyObject *port_add(Port *self, PyObject *message)
     uint64_t count = 0;
     size_t length = (size_t)PyByteArray_GET_SIZE(scratch);
     int status = !done ? WRONG_FIELD
-               : self->board->board.fd < 0 ? CLOSED
+               : self->board->closed ? CLOSED
                : lwb_add(&self->slot, PyByteArray_AS_STRING(scratch), length, &count);
     if (self->scratch || length > 1 << 20) /* one is enough, and no huge one for ever */
         Py_DECREF(scratch);
     else
         self->scratch = scratch;
     Py_XDECREF(done);
+    if (status == WRONG_FIELD)
+        return fail(status, self->name, Py_BuildValue("ON", self->type, take_error()));
     if (status)
-        return fail(status, self->name,
-                    done ? Py_BuildValue("nK", (Py_ssize_t)length,
-                                         (unsigned long long)self->slot.capacity)
-                         : Py_BuildValue("ON", self->type, take_error()));
+        return fail(status, self->name, Py_BuildValue("nK", (Py_ssize_t)length,
+                                                      (unsigned long long)self->slot.capacity));
     return PyLong_FromUnsignedLongLong(count);
 }
 
 /* Is self->message the latest? The whole cost of a get while nothing was added. */
 static inline bool is_fresh(Port *self)
 {
-    return self->message && self->board->board.fd >= 0 &&
+    return self->message && !self->board->closed &&
            lwb_word(&self->slot) == self->meta.word;
+}
+
+/* The latest message's bytes, and what the slot says of it: NULL without an exception if nothing
+ * was added yet. */
+static PyObject *port_read(Port *self, struct lwb_meta *meta)
+{
+    char near[256]; /* holds most messages; a longer one is read once more at its size */
+    int status = lwb_read(&self->slot, near, sizeof near, meta);
+    if (!status && meta->length <= sizeof near)
+        return PyBytes_FromStringAndSize(near, (Py_ssize_t)meta->length);
+    PyObject *data = NULL;
+    for (size_t room = 0; !status && meta->length > room;) {
+        room = meta->length;
+        Py_XDECREF(data);
+        if (!(data = PyBytes_FromStringAndSize(NULL, (Py_ssize_t)room)))
+            return NULL;
+        status = lwb_read(&self->slot, PyBytes_AS_STRING(data), room, meta);
+    }
+    if (!status)
+        _PyBytes_Resize(&data, (Py_ssize_t)meta->length);
+    else {
+        Py_CLEAR(data);
+        if (status != LWB_EMPTY)
+            fail(status, self->name, NULL);
+    }
+    return data;
 }
 
 /* Bring self->message up to date. 1: there is one, 0: nothing was added yet, -1: an error. */
 static int port_refresh(Port *self)
 {
-    if (!is_usable(self))
+    if (!is_open(self->board, self->name))
         return -1;
     struct lwb_meta meta;
-    PyObject *data = NULL;
-    size_t room = 256; /* most messages; a longer one is read once more at its size */
-    int status;
-    do {
-        Py_XDECREF(data);
-        if (!(data = PyBytes_FromStringAndSize(NULL, (Py_ssize_t)room)))
-            return -1;
-        status = lwb_read(&self->slot, PyBytes_AS_STRING(data), room, &meta);
-    } while (!status && meta.length > room && (room = meta.length));
-    if (status) {
-        Py_DECREF(data);
-        if (status == LWB_EMPTY)
-            return 0;
-        fail(status, self->name, NULL);
-        return -1;
-    }
-    Py_SET_SIZE(data, (Py_ssize_t)meta.length); /* ours alone, and not hashed yet */
-    PyBytes_AS_STRING(data)[meta.length] = 0;
+    PyObject *data = port_read(self, &meta);
+    if (!data)
+        return PyErr_Occurred() ? -1 : 0;
     PyObject *message = PyObject_CallOneArg(self->decode, data);
+    Py_DECREF(data);
     if (!message) {
-        Py_DECREF(data);
         fail(UNREADABLE, self->name, Py_BuildValue("ONK", self->type, take_error(),
                                                    (unsigned long long)meta.process));
         return -1;
     }
-    Py_DECREF(data);
     if (meta.count > self->meta.count) { /* else another thread was faster */
         PyObject *old = self->message;
         self->message = message;
@@ -346,7 +352,7 @@ static PyObject *port_sample(Port *self, PyObject *unused)
         return NULL;
     if (!state)
         Py_RETURN_NONE;
-    return PyObject_CallFunction(sample_type, "OKKK", self->message,
+    return PyObject_CallFunction(sample_type, "NKKK", Py_NewRef(self->message),
                                  (unsigned long long)self->meta.count,
                                  (unsigned long long)self->meta.stamp,
                                  (unsigned long long)self->meta.process);
@@ -357,7 +363,7 @@ static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
     static char *names[] = {"after", "timeout", NULL};
     PyObject *number = NULL, *timeout = Py_None;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "|$O!O", names, &PyLong_Type, &number,
-                                     &timeout) || !is_usable(self))
+                                     &timeout))
         return NULL;
     if (!number) {
         PyErr_SetString(PyExc_TypeError, "wait() needs the keyword 'after': a count");
@@ -371,28 +377,35 @@ static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
         return NULL;
     struct timespec start, now;
     clock_gettime(CLOCK_MONOTONIC, &start);
-    for (;;) {
+    while (is_open(self->board, self->name)) {
         clock_gettime(CLOCK_MONOTONIC, &now);
         double left = seconds - (double)(now.tv_sec - start.tv_sec) -
                       (double)(now.tv_nsec - start.tv_nsec) * 1e-9;
+        bool over = !(left > 0); /* so that "not a number" is over, too */
         int status;
+        self->board->users++;
         Py_BEGIN_ALLOW_THREADS
-        status = lwb_wait(&self->slot, after, left <= 0 ? 0 : left > 1 ? 1000000000u
-                                                            : (uint64_t)(left * 1e9));
+        status = lwb_wait(&self->slot, after, over ? 0 : left > 1 ? 1000000000u
+                                                       : (uint64_t)(left * 1e9));
         Py_END_ALLOW_THREADS
-        if (PyErr_CheckSignals() || !is_usable(self))
+        board_leave(self->board);
+        if (PyErr_CheckSignals())
             return NULL;
         if (status == LWB_OK)
             return port_sample(self, NULL);
-        if (left <= 0)
+        if (over)
             Py_RETURN_NONE;
+        if (!self->board->closed && !lwb_linked(&self->board->board))
+            return fail(REMOVED, self->name, NULL); /* nobody new can come and add */
     }
+    return NULL;
 }
 
 static PyObject *port_count(Port *self, void *unused)
 {
     (void)unused;
-    return is_usable(self) ? PyLong_FromUnsignedLongLong(lwb_count(&self->slot)) : NULL;
+    return is_open(self->board, self->name) ? PyLong_FromUnsignedLongLong(lwb_count(&self->slot))
+                                            : NULL;
 }
 
 static PyObject *port_capacity(Port *self, void *unused)
@@ -418,11 +431,9 @@ static PyTypeObject PortType = {
     PyVarObject_HEAD_INIT(NULL, 0).tp_name = "llfsm.whiteboard._shm.Port",
     .tp_basicsize = sizeof(Port),
     .tp_flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC,
-    .tp_new = PyType_GenericNew,
-    .tp_init = (initproc)port_init,
+    .tp_new = port_new,
     .tp_dealloc = (destructor)port_dealloc,
     .tp_traverse = (traverseproc)port_traverse,
-    .tp_clear = (inquiry)port_clear,
     .tp_methods = port_methods,
     .tp_getset = port_getset,
 };

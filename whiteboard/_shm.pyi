@@ -1,5 +1,5 @@
 from collections.abc import Callable
-from typing import TypeVar, final
+from typing import Self, TypeVar, final
 
 from .board import BoundSlot, Sample
 from .message import Message
@@ -9,7 +9,7 @@ _M = TypeVar("_M", bound=Message)
 
 @final
 class Board:
-    def __new__(cls, path: str, create: bool) -> Board: ...
+    def __new__(cls, path: str, create: bool) -> Self: ...
     def close(self) -> None: ...
     def linked(self) -> bool: ...
     def shared(self) -> bool: ...
@@ -17,8 +17,8 @@ class Board:
 
 @final
 class Port(BoundSlot[_M]):
-    def __init__(
-        self,
+    def __new__(
+        cls,
         board: Board,
         name: str,
         type_name: str,
@@ -29,7 +29,7 @@ class Port(BoundSlot[_M]):
         fields: tuple[Field, ...],
         encode_into: Callable[[_M, bytearray], None],
         decode: Callable[[bytes], _M],
-    ) -> None: ...
+    ) -> Self: ...
     @property
     def count(self) -> int: ...
     @property

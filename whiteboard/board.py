@@ -77,7 +77,8 @@ class BoundSlot(ABC, Generic[M]):
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
         """Block until a message newer than number ``after`` is there, and return the latest.
 
-        ``timeout`` is in seconds, None for ever; None is returned when it has passed.
+        ``timeout`` is in seconds, None for ever; None is returned when it has passed. Raise
+        :class:`.BoardClosedError` if the board is closed or removed meanwhile.
         """
 
 

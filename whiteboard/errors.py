@@ -6,11 +6,11 @@
     ├── BoardError                    the board as a whole
     │   ├── SharedMemoryUnavailableError   no extension, or no Linux: use Whiteboard.local()
     │   ├── BoardNotFoundError             nobody has made it
-    │   ├── BoardPermissionError           it belongs to somebody else
+    │   ├── BoardPermissionError           somebody else's, or a file that is no whiteboard
     │   ├── BoardVersionError              made by another version: remove it
-    │   ├── BoardCorruptError              damaged, or no whiteboard at all: remove it
+    │   ├── BoardCorruptError              damaged: remove it
     │   ├── BoardFullError                 no memory, or no room for a slot or a writer
-    │   └── BoardClosedError               closed by this process
+    │   └── BoardClosedError               closed by this process, or removed under a wait
     ├── SlotError                     one slot of it
     │   ├── SlotNotFoundError              no slot of that name
     │   ├── SlotNameError                  not a possible name
@@ -67,7 +67,7 @@ class BoardNotFoundError(BoardError):
 
 
 class BoardPermissionError(BoardError):
-    """Tell that the board's file belongs to somebody else or is protected."""
+    """Tell that the file belongs to somebody else, is protected, or is no whiteboard."""
 
 
 class BoardVersionError(BoardError):
@@ -75,7 +75,7 @@ class BoardVersionError(BoardError):
 
 
 class BoardCorruptError(BoardError):
-    """Tell that the board's file is damaged, or is no whiteboard."""
+    """Tell that the board's file is damaged."""
 
 
 class BoardFullError(BoardError):
@@ -83,7 +83,7 @@ class BoardFullError(BoardError):
 
 
 class BoardClosedError(BoardError):
-    """Tell that this process has closed the board."""
+    """Tell that this process has closed the board, or that it was removed under a wait."""
 
 
 class SlotError(WhiteboardError):
@@ -184,6 +184,8 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
     match status, detail:
         case -1, _:
             raise BoardClosedError(f"{where}: this whiteboard was closed")
+        case -5, _:
+            raise BoardClosedError(f"{where}: this whiteboard was removed")
         case -2, (type() as wanted, message):
             raise wrong_type(str(where), wanted, message)
         case -3, (type() as kind, BaseException() as cause):
@@ -222,10 +224,11 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
                 f"{where!r}: names take 1 to 255 bytes, capacities 1 byte to 1 GiB, "
                 f"schemas 1 MiB at most"
             )
-    raise _from_errno(number, str(where))
+    raise from_errno(number, str(where))
 
 
-def _from_errno(number: int, where: str) -> BoardError:
+def from_errno(number: int, where: str) -> BoardError:
+    """Describe a system call on a board's file that failed."""
     text = f"{where}: {os.strerror(number)}"
     match OSError(number, ""):
         case PermissionError():

@@ -38,7 +38,7 @@ class _LocalSlot(BoundSlot[M]):
             raise wrong_type(slot.name, slot.type, message)
         try:  # as on its way through shared memory, so that a test finds what a robot would
             data = slot.encoder.encode(message)
-            slot.decoder.decode(data)
+            message = slot.decoder.decode(data)
         except Exception as error:  # whatever the encoder or a field's own code raises
             raise wrong_field(slot.name, slot.type, error) from error
         if len(data) > slot.capacity:
@@ -58,9 +58,16 @@ class _LocalSlot(BoundSlot[M]):
         return self._latest
 
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
+        if timeout is not None:
+            timeout = min(timeout, threading.TIMEOUT_MAX)
         with self._changed:
             newer = self._changed.wait_for(lambda: self.count > after, timeout)
             return self.sample() if newer else None
+
+    def wake(self) -> None:
+        """Let those who wait see that the board was closed."""
+        with self._changed:
+            self._changed.notify_all()
 
 
 class LocalBoard(Board):
@@ -99,5 +106,7 @@ class LocalBoard(Board):
     def close(self) -> None:
         """Close the board, and with it forget every message."""
         self._open = False
+        for _, bound in list(self._slots.values()):
+            bound.wake()
 
     remove = close

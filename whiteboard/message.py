@@ -7,6 +7,7 @@ from typing import Any, TypeVar, dataclass_transform
 
 import msgspec
 
+from .errors import MessageTypeError
 from .schema import describe
 
 __all__ = ["M", "Message"]
@@ -25,10 +26,13 @@ class _MessageMeta(msgspec.StructMeta):
         type_name: str | None = None,
         **config: Any,
     ) -> _MessageMeta:
-        namespace["__type_name__"] = type_name or name
-        # An array of values, not a map, is what makes a message cheap to read (60 ns for a
-        # Twist) and easy to write from C; the names stand in the slot's schema, once.
-        config = {"frozen": True, "array_like": True, **config}
+        namespace["__type_name__"] = type_name = type_name or name
+        if not type_name.isprintable() or len(type_name.encode()) > 255:
+            raise MessageTypeError(f"{name}: {type_name!r} cannot name a type")
+        # An array of values, not a map, makes a message cheaper to read and easy to write from
+        # C; the names stand in the slot's schema, once. Unknown fields are forbidden so that a
+        # larger message in place of a smaller one is not cut to size.
+        config = {"frozen": True, "array_like": True, "forbid_unknown_fields": True, **config}
         cls = super().__new__(mcls, name, bases, namespace, **config)
         with suppress(NameError):  # an annotation names what comes later: the Slot asks again
             describe(cls)

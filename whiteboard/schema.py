@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 from collections.abc import Iterator
 from types import new_class
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
@@ -37,12 +38,29 @@ _MUTABLE = {
 }
 
 
+# What JSON schema calls the limits that msgspec's types may have.
+_OF_NUMBERS = {
+    "minimum": "ge",
+    "exclusiveMinimum": "gt",
+    "maximum": "le",
+    "exclusiveMaximum": "lt",
+    "multipleOf": "multiple_of",
+}
+_OF_TEXTS = {"minLength": "min_length", "maxLength": "max_length", "pattern": "pattern"}
+_OF_ARRAYS = {"minItems": "min_length", "maxItems": "max_length"}
+
+
 def describe(cls: type) -> Schema:
     """Return the JSON schema (2020-12) of a Message class, nested messages inline.
 
     Raise :class:`.MessageTypeError` naming the first field that is not deeply immutable, and
     ``NameError`` while an annotation names something not yet defined.
     """
+    for field in msgspec.structs.fields(cls):
+        try:
+            msgspec.msgpack.Decoder(field.type)
+        except TypeError as error:  # a union whose members a reader cannot tell apart
+            raise MessageTypeError(f"{cls.__qualname__}.{field.name}: {error}") from error
     return _schema(mi.type_info(cls), cls.__qualname__, ())
 
 
@@ -51,23 +69,23 @@ def _schema(node: mi.Type, path: str, outer: tuple[type, ...]) -> Schema:
         case mi.BoolType():
             return {"type": "boolean"}
         case mi.IntType():
-            return {"type": "integer", **_limits(node, minimum="ge", maximum="le")}
+            return {"type": "integer", **_limits(node, _OF_NUMBERS)}
         case mi.FloatType():
-            return {"type": "number", **_limits(node, minimum="ge", maximum="le")}
+            return {"type": "number", **_limits(node, _OF_NUMBERS)}
         case mi.StrType():
-            return {"type": "string", **_limits(node, maxLength="max_length")}
+            return {"type": "string", **_limits(node, _OF_TEXTS)}
         case mi.BytesType():
-            limits = _limits(node, maxLength="max_length")
+            limits = _limits(node, _OF_TEXTS)
             return {"type": "string", "contentEncoding": "base64", **limits}
         case mi.NoneType():
             return {"type": "null"}
         case mi.EnumType(cls=cls):
-            return {"enum": [member.value for member in cls]}
+            return {"enum": sorted(member.value for member in cls)}  # as a Literal's values are
         case mi.LiteralType(values=values):
             return {"enum": list(values)}
         case mi.VarTupleType() | mi.FrozenSetType():
             items = _schema(node.item_type, f"{path}[]", outer)
-            limits = _limits(node, minItems="min_length", maxItems="max_length")
+            limits = _limits(node, _OF_ARRAYS)
             unique = {"uniqueItems": True} if isinstance(node, mi.FrozenSetType) else {}
             return {"type": "array", "items": items, **limits, **unique}
         case mi.TupleType(item_types=types):
@@ -80,6 +98,8 @@ def _schema(node: mi.Type, path: str, outer: tuple[type, ...]) -> Schema:
                 raise MessageTypeError(f"{path}: {cls.__qualname__} is no Message, or not frozen")
             if cls in outer:
                 raise MessageTypeError(f"{path}: {cls.__qualname__} contains itself")
+            if cls.__struct_config__.tag is not None:
+                raise MessageTypeError(f"{path}: {cls.__qualname__} has a tag, schemas have none")
             inner = (*outer, cls)
             return {
                 "title": getattr(cls, "__type_name__", cls.__name__),
@@ -92,8 +112,8 @@ def _schema(node: mi.Type, path: str, outer: tuple[type, ...]) -> Schema:
             raise MessageTypeError(f"{path}: {why}")
 
 
-def _limits(node: mi.Type, **names: str) -> Schema:
-    found = {key: getattr(node, attribute) for key, attribute in names.items()}
+def _limits(node: mi.Type, names: dict[str, str]) -> Schema:
+    found = {key: getattr(node, attribute, None) for key, attribute in names.items()}
     return {key: value for key, value in found.items() if value is not None}
 
 
@@ -107,7 +127,7 @@ def differences(board: Schema, ours: Schema, path: str = "") -> Iterator[str]:
     """Tell field by field how the board's schema and ours differ."""
     if board.get("type") == ours.get("type") == "object":
         theirs, mine = board["properties"], ours["properties"]
-        for name in theirs.keys() | mine.keys():
+        for name in {**theirs, **mine}:
             where = f"{path}.{name}".lstrip(".")
             if name not in mine:
                 yield f"the board has {where} ({_short(theirs[name])}), ours has not"
@@ -132,8 +152,14 @@ def _short(schema: Schema) -> str:
 
 
 def type_from_schema(schema: Schema) -> type[Message]:
-    """Make a class for a slot whose Python class is not at hand, as tools need it."""
+    """Make a class for a slot whose Python class is not at hand, as tools need it.
+
+    Raise :class:`.MessageTypeError` if it is no schema as :func:`describe` makes them.
+    """
     from .message import Message
+
+    if not ("title" in schema and isinstance(schema.get("properties"), dict)):
+        raise MessageTypeError(f"not a message's schema: {_short(schema)}")
 
     fields = [(name, _annotation(s)) for name, s in schema["properties"].items()]
     title = schema["title"]
@@ -143,6 +169,9 @@ def type_from_schema(schema: Schema) -> type[Message]:
         {"type_name": title},
         lambda namespace: namespace.update(__annotations__=dict(fields)),
     )
+
+
+_SIMPLE = {"boolean": bool, "integer": int, "number": float, "string": str, "null": None}
 
 
 def _annotation(schema: Schema) -> Any:
@@ -157,24 +186,17 @@ def _annotation(schema: Schema) -> Any:
             return tuple[tuple(_annotation(i) for i in items)]  # type: ignore[misc]
         case {"type": "array", "items": item}:
             if schema.get("uniqueItems"):
-                return frozenset[_annotation(item)]  # type: ignore[misc]
+                return _meta(frozenset[_annotation(item)], schema)  # type: ignore[misc]
             return _meta(tuple[_annotation(item), ...], schema)  # type: ignore[misc]
         case {"type": "string", "contentEncoding": "base64"}:
             return _meta(bytes, schema)
-        case {"type": kind}:
-            simple = {"boolean": bool, "integer": int, "number": float, "string": str}
-            return _meta(simple.get(kind), schema)
+        case {"type": str(kind)} if kind in _SIMPLE:
+            return _meta(_SIMPLE[kind], schema)
     raise MessageTypeError(f"not a message's schema: {_short(schema)}")
 
 
 def _meta(annotation: Any, schema: Schema) -> Any:
-    names = {
-        "minimum": "ge",
-        "maximum": "le",
-        "maxLength": "max_length",
-        "minItems": "min_length",
-        "maxItems": "max_length",
-    }
+    names = _OF_NUMBERS | _OF_TEXTS | _OF_ARRAYS
     found = {names[key]: value for key, value in schema.items() if key in names}
     return Annotated[annotation, msgspec.Meta(**found)] if found else annotation
 
@@ -199,6 +221,12 @@ def from_plain(value: Any, schema: Schema) -> Any:
             for name in value.keys() - fields.keys():
                 raise ValueError(f"{title} has no field {name!r}; it has {', '.join(fields)}")
             return [from_plain(value.get(n, _zero(s)), s) for n, s in fields.items()]
+        case {"anyOf": options}, dict() | list() | str():  # a union has at most one of each
+            kind = {dict: "object", list: "array", str: "string"}[type(value)]
+            for option in options:
+                if option.get("type") == kind:
+                    return from_plain(value, option)
+            return value
         case {"prefixItems": items}, list() if len(items) == len(value):
             return [from_plain(v, s) for v, s in zip(value, items, strict=True)]
         case {"type": "array", "items": dict() as item}, list():
@@ -220,7 +248,7 @@ def _zero(schema: Schema) -> Any:
         case {"type": "array"}:
             return [_zero(schema["items"])] * schema.get("minItems", 0)
         case {"type": "number" | "integer" as kind}:
-            return max(schema.get("minimum", 0), min(0, schema.get("maximum", 0)))
+            return max(schema.get("minimum", -math.inf), min(0, schema.get("maximum", 0)))
         case {"type": kind}:
             return {"boolean": False, "string": "", "object": {}}.get(kind)
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,16 +13,17 @@ from msgspec import inspect as mi
 
 from .board import Board, BoundSlot, SlotInfo
 from .errors import (
+    BoardCorruptError,
     BoardNotFoundError,
-    BoardPermissionError,
     SchemaClash,
     SharedMemoryUnavailableError,
     SlotNameError,
     SlotNotFoundError,
+    from_errno,
 )
 from .local import LocalBoard
 from .message import M, Message
-from .schema import type_from_schema
+from .schema import Schema, type_from_schema
 from .slots import Slot
 
 try:
@@ -61,7 +63,7 @@ class Whiteboard(Board):
         directory: str | os.PathLike[str] = _DIRECTORY,
         create: bool = True,
     ) -> None:
-        super().__init__(name or default_name())
+        super().__init__(default_name() if name is None else name)
         self.path = _path(self.name, directory)
         if _MISSING:
             raise SharedMemoryUnavailableError(
@@ -90,14 +92,22 @@ class Whiteboard(Board):
                 slot.decoder.decode,
             )
         except SchemaClash as clash:
-            raise slot.clash(msgspec.json.decode(clash.schema)) from None
+            raise slot.clash(self._decode_schema(slot.name, clash.schema)) from None
 
     def slots(self) -> list[SlotInfo]:
         """Describe the slots on the board, in the order in which they were made."""
         return [
-            SlotInfo(name, type_name, msgspec.json.decode(schema), capacity)
+            SlotInfo(name, type_name, self._decode_schema(name, schema), capacity)
             for name, type_name, schema, _, capacity in self._core.slots()
         ]
+
+    def _decode_schema(self, slot: str, text: bytes) -> Schema:
+        try:
+            return msgspec.json.decode(text, type=Schema)
+        except msgspec.DecodeError as error:
+            raise BoardCorruptError(
+                f"{self.path}: the schema of slot {slot!r} is no JSON object: {error}"
+            ) from error
 
     def find(self, name: str) -> Slot[Message]:
         """Return a slot that is on the board, with a class made from its schema.
@@ -120,7 +130,7 @@ class Whiteboard(Board):
         self._core.close()
 
     def remove(self) -> None:
-        """Remove the board for everybody and close it here."""
+        """Remove the board for everybody and close it here; nothing if it is closed."""
         if self.alive:
             remove_board(self.name, self.path.parent)
         self.close()
@@ -138,8 +148,9 @@ def boards(directory: str | os.PathLike[str] = _DIRECTORY) -> list[BoardInfo]:
     """List this user's boards, damaged ones included (as not used)."""
     found = []
     for path in sorted(Path(directory).glob(f"{_PREFIX}*")):
-        if path.lstat().st_uid == os.geteuid() and not path.is_symlink():
-            found.append(BoardInfo(path.name.removeprefix(_PREFIX), _is_used(path)))
+        with suppress(FileNotFoundError):  # removed since it was listed
+            if path.lstat().st_uid == os.geteuid() and not path.is_symlink():
+                found.append(BoardInfo(path.name.removeprefix(_PREFIX), _is_used(path)))
     return found
 
 
@@ -163,8 +174,8 @@ def remove_board(name: str, directory: str | os.PathLike[str] = _DIRECTORY) -> N
         raise BoardNotFoundError(
             f"{path}: no such whiteboard; see `llfsm whiteboard list`"
         ) from None
-    except PermissionError as error:
-        raise BoardPermissionError(f"{path}: it belongs to somebody else") from error
+    except OSError as error:
+        raise from_errno(error.errno or 0, str(path)) from error
 
 
 def default_name() -> str:

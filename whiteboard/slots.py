@@ -15,7 +15,7 @@ from .schema import Schema, describe, differences, fingerprint
 __all__ = ["DEFAULT_CAPACITY", "Slot"]
 
 DEFAULT_CAPACITY = 1024
-_NAME = re.compile(r"[^\s\x00-\x1f\x7f]{1,255}")
+_NAME = re.compile(r"[^\s\x00-\x1f\x7f\ud800-\udfff]{1,255}")
 
 
 class Slot(Generic[M]):

@@ -8,7 +8,8 @@
  *   3. A slot's count grows by exactly one for each completed add.
  *   4. A process killed or stopped anywhere loses at most the message it was writing and
  *      leaves nothing that another process has to clean up.
- *   5. A damaged file gives LWB_CORRUPT, never an access outside the mapping.
+ *   5. A damaged file gives LWB_CORRUPT, never an access outside the mapping. (Nothing helps
+ *      against cutting a file short while it is open: that is SIGBUS, as with any mapping.)
  *
  * How: a slot has one word, (count, writer, buffer), and every writing process owns buffers of
  * its own in the slot. A writer fills a buffer that the word does not name, then swaps the word;
@@ -17,18 +18,22 @@
  *
  * Use: lwb_open a board, lwb_slot a slot on it, then lwb_add, lwb_read, lwb_wait. A payload is
  * MessagePack: a message is the array of its fields' values in the order of the slot's schema.
- * A struct lwb_board serves one thread at a time: threads open one each. Linux; on other
- * systems use the boards that need no shared memory.
+ * A struct lwb_board and its slots serve one thread at a time: threads open one each. (lwb_word,
+ * lwb_count and lwb_wait touch shared memory only, so that others may use the board meanwhile.)
+ * A forked child may go on using its parent's. Linux on 64-bit machines; elsewhere use the
+ * boards that need no shared memory.
  */
 #ifndef LLFSM_WHITEBOARD_H
 #define LLFSM_WHITEBOARD_H
 
 #ifndef _GNU_SOURCE
-#define _GNU_SOURCE 1 /* O_TMPFILE, F_OFD_SETLK, MADV_WIPEONFORK */
+#define _GNU_SOURCE 1 /* O_TMPFILE, F_OFD_SETLK, MADV_WIPEONFORK, mkostemp */
 #endif
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <linux/futex.h>
+#include <signal.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -79,8 +84,9 @@ enum lwb_status {
 
 #define LWB_FURTHEST ((uint64_t)1 << 46)      /* no offset is beyond */
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && ATOMIC_LLONG_LOCK_FREE == 2,
-               "the protocol needs a little-endian machine with lock-free 64-bit atomics");
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && ATOMIC_LLONG_LOCK_FREE == 2 &&
+                   sizeof(size_t) == 8,
+               "the protocol needs a little-endian 64-bit machine with lock-free 64-bit atomics");
 
 struct lwb_header {
     uint64_t magic;
@@ -99,7 +105,7 @@ struct lwb_record { /* a slot, followed by its name, type name and schema */
     uint64_t checksum; /* of all above and the three texts */
     uint64_t unused2;
     _Atomic uint64_t word; /* count << 16 | writer << 4 | buffer */
-    _Atomic uint32_t waiting;
+    _Atomic uint32_t waiting; /* odd if somebody may be waiting for the word to change */
     uint32_t unused3[13];
     _Atomic uint64_t blocks[LWB_MAX_WRITERS]; /* each writer's buffers; only that writer sets it */
 };
@@ -117,15 +123,15 @@ struct lwb_buffer { /* atomic words, because a reader may look while the owner w
 
 struct lwb_board {
     int fd;
-    size_t size;                      /* bytes of the file known to exist */
-    size_t mapped;                    /* bytes of the newest mapping */
-    unsigned char *map;               /* the newest mapping; older ones stay until the close */
-    struct { unsigned char *at; size_t length; } old[64];
-    int old_count;
+    uint64_t size;                    /* bytes of the file known to exist */
+    uint64_t mapped;                  /* bytes of the newest mapping */
+    unsigned char *map;               /* the newest mapping */
+    struct { void *at; size_t length; } maps[32]; /* all of them: pointers into the older ones
+                                       * stay good. Each is twice the last, so 32 are enough */
+    int map_count;
     int writer;                       /* this process's writer id, or -1 */
     uint64_t process;                 /* this process's id, as messages carry it */
-    volatile unsigned char *same;     /* a page that a fork wipes: zero in a child */
-    char path[512];
+    volatile unsigned char *same;     /* 1, on a page that a fork wipes: 0 in a child */
 };
 
 struct lwb_slot {
@@ -193,7 +199,7 @@ static inline uint64_t lwb_block_sum(const struct lwb_block *b)
     return lwb_hash(0, b, offsetof(struct lwb_block, checksum));
 }
 
-static inline size_t lwb_stride(uint64_t capacity)
+static inline size_t lwb_stride(uint64_t capacity) /* whole words: the last may be a part */
 {
     return lwb_round(sizeof(struct lwb_buffer) + capacity, 64);
 }
@@ -208,10 +214,12 @@ static inline struct lwb_buffer *lwb_buffer_at(struct lwb_block *b, unsigned i, 
     return (struct lwb_buffer *)((unsigned char *)b + lwb_round(sizeof *b, 64) + i * stride);
 }
 
-/* An address for the range, or NULL where the file does not reach: every offset read from the
- * file passes here. The mapping may reach beyond the file, which is why the size is asked. */
+/* An address for the range, or NULL: every offset read from the file passes here. The mapping
+ * may reach beyond the file, which is why the size is asked. Leaves errno 0 but where a system
+ * call failed, so that lwb_why can tell a damaged file from a lack of memory. */
 static inline void *lwb_at(struct lwb_board *b, uint64_t offset, size_t length)
 {
+    errno = 0;
     if (offset % 8 || offset > LWB_FURTHEST)
         return NULL;
     uint64_t end = offset + length;
@@ -219,22 +227,23 @@ static inline void *lwb_at(struct lwb_board *b, uint64_t offset, size_t length)
         struct stat st;
         if (fstat(b->fd, &st) || (uint64_t)st.st_size < end)
             return NULL;
-        b->size = (size_t)st.st_size;
+        b->size = (uint64_t)st.st_size;
     }
     if (end > b->mapped) {
-        if (b->old_count == 64)
-            return NULL;
         size_t want = lwb_round(end < (1u << 20) ? 1u << 20 : 2 * end, 4096);
         void *map = mmap(NULL, want, PROT_READ | PROT_WRITE, MAP_SHARED, b->fd, 0);
         if (map == MAP_FAILED)
             return NULL;
-        b->old[b->old_count].at = map;
-        b->old[b->old_count++].length = want;
+        b->maps[b->map_count].at = map;
+        b->maps[b->map_count++].length = want;
         b->map = map;
         b->mapped = want;
     }
     return b->map + offset;
 }
+
+/* The status after lwb_at, or a check of what it found, gave NULL. */
+static inline int lwb_why(void) { return errno ? LWB_SYSTEM : LWB_CORRUPT; }
 
 static inline struct lwb_header *lwb_head(struct lwb_board *b)
 {
@@ -243,8 +252,14 @@ static inline struct lwb_header *lwb_head(struct lwb_board *b)
 
 static inline int lwb_reserve(int fd, uint64_t offset, uint64_t length)
 {
-    int e; /* real pages now, because a sparse file on a full tmpfs dies by SIGBUS later */
-    do e = posix_fallocate(fd, offset, length); while (e == EINTR);
+    /* Real pages now, because a sparse file on a full tmpfs dies by SIGBUS later. A signal would
+     * make tmpfs undo all and start again: under a fast timer that would never end. */
+    sigset_t all, before;
+    sigfillset(&all);
+    sigprocmask(SIG_SETMASK, &all, &before);
+    int e;
+    do e = posix_fallocate(fd, (off_t)offset, (off_t)length); while (e == EINTR);
+    sigprocmask(SIG_SETMASK, &before, NULL);
     errno = e;
     return e == 0 ? LWB_OK
          : e == ENOSPC || e == EFBIG || e == EDQUOT ? LWB_NO_SPACE : LWB_SYSTEM;
@@ -255,22 +270,24 @@ static inline int lwb_allocate(struct lwb_board *b, size_t length, uint64_t *off
 {
     length = lwb_round(length, 64);
     *offset = atomic_fetch_add(&lwb_head(b)->end, length);
-    int status = lwb_reserve(b->fd, *offset, length);
+    int status = *offset + length > LWB_FURTHEST ? LWB_NO_SPACE
+               : lwb_reserve(b->fd, *offset, length);
     if (status) { /* give the room back, if nobody has taken any behind it */
         uint64_t behind = *offset + length;
         atomic_compare_exchange_strong(&lwb_head(b)->end, &behind, *offset);
         return status;
     }
     *at = lwb_at(b, *offset, length);
-    return *at ? LWB_OK : LWB_SYSTEM;
+    return *at ? LWB_OK : lwb_why();
 }
 
-/* Byte `index` of the header's lock area: a lock of the open file description, which the kernel
- * drops when the last process that holds the description dies, in whatever way. */
-static inline int lwb_lock(int fd, int command, short type, int index, int many)
+/* Lock byte `index` of the header's lock area, or ask who would hinder it: a lock of the open
+ * file description, which the kernel drops when the last process that holds the description
+ * dies, in whatever way. -1 if it failed; F_OFD_GETLK gives 0 if nobody would, else 1. */
+static inline int lwb_lock(int fd, int command, short type, int index)
 {
-    struct flock lock = {.l_type = type, .l_whence = SEEK_SET, .l_len = many,
-                         .l_start = offsetof(struct lwb_header, locks) + index};
+    struct flock lock = {.l_type = type, .l_whence = SEEK_SET, .l_len = 1,
+                         .l_start = (off_t)offsetof(struct lwb_header, locks) + index};
     if (fcntl(fd, command, &lock))
         return -1;
     return lock.l_type == F_UNLCK ? 0 : 1;
@@ -296,7 +313,7 @@ static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t off
 static inline struct lwb_block *lwb_block_at(struct lwb_board *b, uint64_t offset, uint64_t slot,
                                              unsigned writer, uint64_t capacity)
 {
-    struct lwb_block *block = offset ? lwb_at(b, offset, lwb_block_size(capacity)) : NULL;
+    struct lwb_block *block = lwb_at(b, offset, lwb_block_size(capacity));
     return block && block->magic == LWB_BLOCK_MAGIC && block->slot == slot &&
            block->writer == writer && block->checksum == lwb_block_sum(block) ? block : NULL;
 }
@@ -314,7 +331,7 @@ static inline bool lwb_end_is_sound(struct lwb_board *b)
             return false;
         if (at + r->size > furthest)
             furthest = at + r->size;
-        for (int w = 0; w < LWB_MAX_WRITERS; w++) {
+        for (unsigned w = 0; w < LWB_MAX_WRITERS; w++) {
             uint64_t block = atomic_load(&r->blocks[w]);
             if (!block)
                 continue;
@@ -337,6 +354,8 @@ static inline int lwb_check(struct lwb_board *b)
         return LWB_FOREIGN;
     struct lwb_header *h = lwb_at(b, 0, sizeof *h);
     uint64_t magic = 0;
+    if (!h && errno)
+        return LWB_SYSTEM;
     if (!h) /* too short to map: tell a stub of a board from another file */
         return pread(b->fd, &magic, 8, 0) == 8 && magic == LWB_MAGIC ? LWB_CORRUPT : LWB_FOREIGN;
     if (h->magic != LWB_MAGIC)
@@ -347,14 +366,14 @@ static inline int lwb_check(struct lwb_board *b)
         h->max_slots != LWB_MAX_SLOTS || h->max_writers != LWB_MAX_WRITERS ||
         h->buffers != LWB_BUFFERS || h->header_size != sizeof *h)
         return LWB_VERSIONED;
-    return lwb_end_is_sound(b) ? LWB_OK : LWB_CORRUPT;
+    return lwb_end_is_sound(b) ? LWB_OK : lwb_why();
 }
 
 static inline void lwb_close(struct lwb_board *b)
 {
     int saved = errno;
-    for (int i = 0; i < b->old_count; i++)
-        munmap(b->old[i].at, b->old[i].length);
+    for (int i = 0; i < b->map_count; i++)
+        munmap(b->maps[i].at, b->maps[i].length);
     if (b->same)
         munmap((void *)b->same, 4096);
     if (b->fd >= 0)
@@ -367,14 +386,14 @@ static inline void lwb_close(struct lwb_board *b)
  * crash leaves no file. Where the file system cannot do that, a file with a name of its own. */
 static inline int lwb_create(const char *path)
 {
-    char directory[512], temporary[600] = "";
+    char directory[PATH_MAX], temporary[PATH_MAX] = "";
     snprintf(directory, sizeof directory, "%s", path);
     char *slash = strrchr(directory, '/');
-    *(slash ? slash : directory) = 0;
+    *(slash ? slash + 1 : directory) = 0;
     int fd = open(*directory ? directory : ".", O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
     if (fd < 0 && (errno == EOPNOTSUPP || errno == EISDIR || errno == EINVAL)) {
-        snprintf(temporary, sizeof temporary, "%s.%ld.new", path, (long)getpid());
-        fd = open(temporary, O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC | O_NOFOLLOW, 0600);
+        snprintf(temporary, sizeof temporary, "%s.XXXXXX", path);
+        fd = mkostemp(temporary, O_CLOEXEC);
     }
     if (fd < 0)
         return errno == ENOSPC ? LWB_NO_SPACE : LWB_SYSTEM;
@@ -401,15 +420,31 @@ static inline int lwb_create(const char *path)
     return status;
 }
 
+/* Be known as this process, here and to others. The page is made here, not at the first claim,
+ * because a fork before that claim must be noticed too. */
+static inline int lwb_attach(struct lwb_board *b)
+{
+    if (!b->same) {
+        void *page = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        if (page == MAP_FAILED)
+            return LWB_SYSTEM;
+        b->same = page;
+        if (madvise(page, 4096, MADV_WIPEONFORK))
+            return LWB_SYSTEM;
+    }
+    *b->same = 1;
+    b->writer = -1;
+    b->process = (uint64_t)getpid();
+    lwb_lock(b->fd, F_OFD_SETLK, F_RDLCK, LWB_MAX_WRITERS); /* shared: somebody is here */
+    return LWB_OK;
+}
+
 /* Open the board at `path`; with `create`, make it if it is not there. On failure the board is
  * closed. Everything the file says is checked here once. */
 static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
 {
     *b = (struct lwb_board){.fd = -1, .writer = -1};
-    if (strlen(path) >= sizeof b->path)
-        return LWB_INVALID;
-    strcpy(b->path, path);
-    for (int tries = 0; b->fd < 0; tries++) { /* again if it was removed right after it was made */
+    for (int tries = 0;; tries++) { /* again if it was removed right after it was made */
         b->fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
         if (b->fd >= 0)
             break;
@@ -424,13 +459,11 @@ static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
             return status;
     }
     int status = lwb_check(b);
-    if (status) {
+    if (!status)
+        status = lwb_attach(b);
+    if (status)
         lwb_close(b);
-        return status;
-    }
-    b->process = (uint64_t)getpid();
-    lwb_lock(b->fd, F_OFD_SETLK, F_RDLCK, LWB_MAX_WRITERS, 1); /* shared: somebody is here */
-    return LWB_OK;
+    return status;
 }
 
 /* True until the board is removed (its file has lost its name). */
@@ -443,19 +476,19 @@ static inline bool lwb_linked(const struct lwb_board *b)
 /* True if another open board, in this process or any other, has this file open. */
 static inline bool lwb_shared(const struct lwb_board *b)
 {
-    return lwb_lock(b->fd, F_OFD_GETLK, F_WRLCK, LWB_MAX_WRITERS, 1) == 1;
+    return lwb_lock(b->fd, F_OFD_GETLK, F_WRLCK, LWB_MAX_WRITERS) == 1;
 }
 
 /* ---- Slots --------------------------------------------------------------------------------- */
 
-/* Record number `index`, or NULL with *status LWB_MISSING (no more) or LWB_CORRUPT. */
+/* Record number `index`, or NULL with *status LWB_MISSING if there are no more. */
 static inline struct lwb_record *lwb_slot_at(struct lwb_board *b, int index, uint64_t *offset,
                                              int *status)
 {
     *offset = index < LWB_MAX_SLOTS
             ? atomic_load_explicit(&lwb_head(b)->slots[index], memory_order_acquire) : 0;
     struct lwb_record *r = *offset ? lwb_record_at(b, *offset) : NULL;
-    *status = r ? LWB_OK : *offset ? LWB_CORRUPT : LWB_MISSING;
+    *status = r ? LWB_OK : *offset ? lwb_why() : LWB_MISSING;
     return r;
 }
 
@@ -484,11 +517,11 @@ static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema 
     struct lwb_record *r = at; /* fresh room is zero: word 0 says that nothing was added */
     r->magic = LWB_SLOT_MAGIC;
     r->size = sizeof *r + n + t + x;
-    r->capacity = lwb_round(s->capacity, 8);
+    r->capacity = s->capacity;
     r->fingerprint = s->fingerprint;
-    r->name_length = n;
-    r->type_length = t;
-    r->schema_length = x;
+    r->name_length = (uint32_t)n;
+    r->type_length = (uint32_t)t;
+    r->schema_length = (uint32_t)x;
     char *texts = (char *)(r + 1);
     memcpy(texts, s->name, n);
     memcpy(texts + n, s->type, t);
@@ -520,7 +553,7 @@ static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const str
             r = lwb_record_at(b, offset);
         }
         if (!r)
-            return LWB_CORRUPT;
+            return lwb_why();
         if (lwb_is_named(r, s->name, length))
             break;
     }
@@ -544,12 +577,7 @@ static inline uint64_t lwb_count(const struct lwb_slot *s) { return lwb_count_of
  * of the description shares the parent's lock, so it opens one of its own. */
 static inline int lwb_claim(struct lwb_board *b)
 {
-    if (!b->same) {
-        void *page = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-        if (page == MAP_FAILED || madvise(page, 4096, MADV_WIPEONFORK))
-            return LWB_SYSTEM;
-        b->same = page;
-    } else if (!*b->same) {
+    if (!*b->same) {
         char self[64];
         snprintf(self, sizeof self, "/proc/self/fd/%d", b->fd);
         int fd = open(self, O_RDWR | O_CLOEXEC); /* by number: the name may be gone or reused */
@@ -557,14 +585,11 @@ static inline int lwb_claim(struct lwb_board *b)
             return LWB_SYSTEM;
         close(b->fd);
         b->fd = fd;
-        b->writer = -1;
-        b->process = (uint64_t)getpid();
-        lwb_lock(fd, F_OFD_SETLK, F_RDLCK, LWB_MAX_WRITERS, 1);
+        lwb_attach(b);
     }
     for (int id = 0; id < LWB_MAX_WRITERS; id++) {
-        if (lwb_lock(b->fd, F_OFD_SETLK, F_WRLCK, id, 1) >= 0) {
+        if (lwb_lock(b->fd, F_OFD_SETLK, F_WRLCK, id) >= 0) {
             b->writer = id;
-            *b->same = 1;
             return LWB_OK;
         }
         if (errno != EAGAIN && errno != EACCES)
@@ -582,7 +607,8 @@ static inline int lwb_own(struct lwb_slot *s)
         if (status)
             return status;
     }
-    _Atomic uint64_t *entry = &s->record->blocks[b->writer];
+    unsigned id = (unsigned)b->writer;
+    _Atomic uint64_t *entry = &s->record->blocks[id];
     uint64_t offset = atomic_load_explicit(entry, memory_order_acquire);
     if (!offset) {
         void *at;
@@ -590,20 +616,27 @@ static inline int lwb_own(struct lwb_slot *s)
         if (status)
             return status;
         struct lwb_block *block = at;
-        *block = (struct lwb_block){LWB_BLOCK_MAGIC, s->offset, (uint64_t)b->writer, 0};
+        *block = (struct lwb_block){LWB_BLOCK_MAGIC, s->offset, id, 0};
         block->checksum = lwb_block_sum(block);
         atomic_store_explicit(entry, offset, memory_order_release);
     }
-    s->own = lwb_block_at(b, offset, s->offset, b->writer, s->capacity);
+    s->own = lwb_block_at(b, offset, s->offset, id, s->capacity);
     s->writer = b->writer;
     s->next = 0;
-    return s->own ? LWB_OK : LWB_CORRUPT;
+    return s->own ? LWB_OK : lwb_why();
 }
 
+/* Wake who waits, after the swap. It makes `waiting` even, and another number: who was about to
+ * sleep on the odd one does not, but looks at the word again. (With a mere flag, its owner would
+ * sleep with the flag down, and the next writer not wake it.) */
 static inline void lwb_wake(struct lwb_slot *s)
 {
-    if (atomic_exchange(&s->record->waiting, 0))
-        syscall(SYS_futex, &s->record->word, FUTEX_WAKE, INT32_MAX, NULL, NULL, 0);
+    _Atomic uint32_t *waiting = &s->record->waiting;
+    uint32_t now = atomic_load(waiting);
+    if (now % 2) {
+        atomic_compare_exchange_strong(waiting, &now, now + 1); /* else another writer did */
+        syscall(SYS_futex, waiting, FUTEX_WAKE, INT32_MAX, NULL, NULL, 0);
+    }
 }
 
 /* Add a message. Never blocks. */
@@ -621,7 +654,7 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
     uint64_t word = atomic_load_explicit(slot_word, memory_order_relaxed);
     if (lwb_writer_of(word) == (unsigned)s->writer && lwb_buffer_of(word) == (unsigned)s->next)
         s->next = (s->next + 1) % LWB_BUFFERS; /* readers are at the published one */
-    struct lwb_buffer *buffer = lwb_buffer_at(s->own, s->next, s->stride);
+    struct lwb_buffer *buffer = lwb_buffer_at(s->own, (unsigned)s->next, s->stride);
 
     /* Count 0 before the payload: a reader that sees any of the new payload then sees, behind
      * its acquire fence, that the count is no longer the one it started with. The store is a
@@ -644,21 +677,20 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
     clock_gettime(CLOCK_MONOTONIC, &now);
     atomic_store_explicit(&buffer->length, length, memory_order_relaxed);
     atomic_store_explicit(&buffer->process, b->process, memory_order_relaxed);
-    atomic_store_explicit(&buffer->stamp, (uint64_t)now.tv_sec * 1000000000u + now.tv_nsec,
-                          memory_order_relaxed);
+    uint64_t stamp = (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
+    atomic_store_explicit(&buffer->stamp, stamp, memory_order_relaxed);
     uint64_t place = (uint64_t)s->writer << 4 | (uint64_t)s->next, mine;
     do {
         mine = (lwb_count_of(word) + 1) << 16 | place;
         atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
-        /* Sequentially consistent, as the load of `waiting` below: either we see the waiter or
-         * the waiter sees our word. */
+        /* Sequentially consistent, as the load in lwb_wake and both steps of lwb_wait: either
+         * we see the waiter or the waiter sees our word. */
     } while (!atomic_compare_exchange_weak_explicit(slot_word, &word, mine, memory_order_seq_cst,
                                                     memory_order_relaxed));
     s->next = (s->next + 1) % LWB_BUFFERS;
     if (count)
         *count = lwb_count_of(mine);
-    if (atomic_load(&s->record->waiting))
-        lwb_wake(s);
+    lwb_wake(s);
     return LWB_OK;
 }
 
@@ -683,7 +715,7 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
             uint64_t at = atomic_load_explicit(&s->record->blocks[writer], memory_order_acquire);
             block = s->seen[writer] = lwb_block_at(s->board, at, s->offset, writer, s->capacity);
             if (!block)
-                return LWB_CORRUPT;
+                return lwb_why();
         }
         struct lwb_buffer *buffer = lwb_buffer_at(block, index, s->stride);
         meta->length = atomic_load_explicit(&buffer->length, memory_order_relaxed);
@@ -714,19 +746,18 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
     }
 }
 
-/* Wait until the count exceeds `after`, `ns` at most. A look every 50 ms covers a writer that
- * died between its swap and its wake. Call again to go on waiting; signals end a call early. */
+/* Wait until the count exceeds `after`, for `ns` at most. LWB_TIMEOUT may come early, after a
+ * signal or 50 ms (a look that covers a writer that died between its swap and its wake): call
+ * again while there is time left. */
 static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
 {
-    uint64_t word = atomic_load(&s->record->word);
-    if (lwb_count_of(word) > after)
+    if (lwb_count(s) > after)
         return LWB_OK;
-    uint64_t look = ns < 50000000u ? ns : 50000000u;
-    struct timespec t = {.tv_sec = 0, .tv_nsec = (long)look};
-    atomic_store(&s->record->waiting, 1);
-    word = atomic_load(&s->record->word);
-    if (lwb_count_of(word) <= after) /* the word's first half changes with every add */
-        syscall(SYS_futex, &s->record->word, FUTEX_WAIT, (uint32_t)word, &t, NULL, 0);
+    struct timespec look = {.tv_nsec = ns < 50000000 ? (long)ns : 50000000};
+    _Atomic uint32_t *waiting = &s->record->waiting;
+    uint32_t odd = atomic_fetch_or(waiting, 1) | 1;
+    if (lwb_count_of(atomic_load(&s->record->word)) <= after)
+        syscall(SYS_futex, waiting, FUTEX_WAIT, odd, &look, NULL, 0);
     return lwb_count(s) > after ? LWB_OK : LWB_TIMEOUT;
 }
 
