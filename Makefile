@@ -2,8 +2,11 @@
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml setup.py $(wildcard whiteboard/*.c whiteboard/*.h whiteboard/include/*.h)
-STRESS := $(VENV)/stress
+SANITIZED := $(abspath $(VENV))/sanitized
 SANITIZE_SECONDS ?= 20
+ADDRESS := -fsanitize=address,undefined -fno-sanitize-recover=all
+STRESS_FLAGS := -std=c11 -O1 -g -Wall -Wextra -Werror -I whiteboard/include -pthread
+THREAD := -fsanitize=thread -Wno-tsan # which does not know fences; the header argues them
 
 .PHONY: help setup demo test check bench sanitize clean
 
@@ -29,7 +32,22 @@ check: $(VENV)/.ready-check
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p llfsm
-	$(CC) -std=c11 -O2 -Wall -Wextra -Werror -fsyntax-only -x c whiteboard/include/llfsm_whiteboard.h
+	$(CC) -std=c11 -O2 -Wall -Wextra -Werror -fsyntax-only -x c \
+	    whiteboard/include/llfsm_whiteboard.h
+
+# The header under many threads, then the extension under the whiteboard's tests, without the leak
+# checker, which cannot tell what the interpreter leaves on purpose.
+sanitize: $(VENV)/.ready-test
+	@rm -rf $(SANITIZED) && mkdir -p $(SANITIZED)
+	$(CC) $(STRESS_FLAGS) $(THREAD) tests/stress/stress.c -o $(SANITIZED)/thread
+	$(SANITIZED)/thread $(SANITIZE_SECONDS)
+	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/stress.c -o $(SANITIZED)/address
+	$(SANITIZED)/address $(SANITIZE_SECONDS)
+	CFLAGS="-g -O1 $(ADDRESS)" $(BIN)/python -m pip install --quiet --no-deps \
+	    --disable-pip-version-check --target $(SANITIZED)/site .
+	ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD=$$($(CC) -print-file-name=libasan.so) \
+	    PYTHONPATH=$(SANITIZED)/site $(BIN)/python -m pytest tests/whiteboard \
+	    -p no:cacheprovider
 
 bench: $(VENV)/.ready-bench
 	@mkdir -p out

@@ -1,0 +1,53 @@
+"""The whiteboard under stress from eight processes: see processes.py for what must hold.
+
+``LLFSM_STRESS=10`` does ten times as much; ``LLFSM_STRESS_SEED`` repeats a run that failed.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from llfsm.whiteboard import BoardNotFoundError
+from llfsm.whiteboard.shared import remove_board
+
+PROCESSES = Path(__file__).with_name("processes.py")
+SCALE = float(os.environ.get("LLFSM_STRESS", "1"))
+SEED = os.environ.get("LLFSM_STRESS_SEED") or str(random.randrange(2**32))
+
+
+@pytest.fixture
+def board() -> Iterator[str]:
+    """Name a board of the host's shared memory, and see that it is gone afterwards."""
+    name = f"stress-{os.getpid()}"
+    yield name
+    with suppress(BoardNotFoundError):
+        remove_board(name)
+
+
+def run(scenario: str, board: str, amount: int) -> None:
+    command = [sys.executable, str(PROCESSES), scenario, board, SEED, str(amount)]
+    done = subprocess.Popen(command, start_new_session=True, stdout=-1, stderr=-1, text=True)
+    try:
+        output, errors = done.communicate(timeout=600)
+    except subprocess.TimeoutExpired:
+        os.killpg(done.pid, signal.SIGKILL)
+        raise
+    print(output)
+    assert done.returncode == 0, f"LLFSM_STRESS_SEED={SEED}\n{errors}"
+
+
+def test_many_reads_are_whole_and_in_order(board: str) -> None:
+    run("reads", board, int(20_000_000 * SCALE))
+
+
+def test_stopped_and_killed_writers_hinder_nobody(board: str) -> None:
+    run("faults", board, int(200 * SCALE))
