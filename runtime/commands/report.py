@@ -5,8 +5,7 @@ from __future__ import annotations
 import click
 
 from ..arrangement import Arrangement
-from ..events import Event, Turn
-from ..events import Request
+from ..events import Event, Request, Turn
 
 __all__ = ["StateReport", "SuspensionReport"]
 
