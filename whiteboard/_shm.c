@@ -11,9 +11,10 @@
 #include "llfsm_whiteboard.h"
 
 static PyObject *sample_type;  /* llfsm.whiteboard.board.Sample */
-static PyObject *raise_status; /* llfsm.whiteboard.errors.raise_status(status, errno, where, detail) */
+static PyObject *raise_status; /* llfsm.whiteboard.errors: (status, errno, where, detail) */
 
-enum { CLOSED = -1, WRONG_TYPE = -2, WRONG_FIELD = -3, UNREADABLE = -4, REMOVED = -5 }; /* beside lwb_status */
+/* Beside lwb_status. */
+enum { CLOSED = -1, WRONG_TYPE = -2, WRONG_FIELD = -3, UNREADABLE = -4, REMOVED = -5 };
 
 /* Raise the Python error for a status, unless one is set: then making `detail` failed. Steals
  * `detail`, which may be NULL. Always NULL. */
@@ -51,7 +52,7 @@ typedef struct {
     PyObject *path;
     bool closed;
     int users; /* calls under which a close must not unmap the board; the last one does it then.
-                * (A forked child may count a thread that it lacks, and unmap only as it ends.) */
+                * (A forked child may count a thread that it lacks; dealloc unmaps then.) */
 } Board;
 
 static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)

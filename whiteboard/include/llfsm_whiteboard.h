@@ -147,7 +147,7 @@ struct lwb_slot {
 struct lwb_meta {
     uint64_t word;     /* the slot's, with this message: unchanged means no newer message */
     uint64_t count;    /* of the slot, with this message */
-    uint64_t stamp;    /* CLOCK_MONOTONIC, ns, when it was added */
+    uint64_t stamp;    /* CLOCK_MONOTONIC, ns, right before it was added */
     uint64_t process;  /* id of the process that added it */
     size_t length;     /* bytes */
 };
