@@ -35,6 +35,7 @@ __all__ = [
     "Actuator",
     "Arrangement",
     "ArrangementEndedError",
+    "BundleError",
     "Clock",
     "ClockError",
     "DefinitionError",

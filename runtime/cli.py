@@ -17,6 +17,11 @@ __all__ = ["clfsm", "main"]
 _COMMANDS = {
     "run": ("llfsm.runtime.commands.run:run", "Run machines as one arrangement."),
     "draw": ("llfsm.runtime.commands.draw:draw", "Draw a machine."),
+    "show": ("llfsm.runtime.commands.show:show", "Show what a machine consists of."),
+    "import": (
+        "llfsm.runtime.commands.importing:import_",
+        "Make a bundle of Python from one of C++.",
+    ),
     "turtlesim": ("llfsm.bridges.turtlesim.command:turtlesim", "Simulate turtles, without ROS."),
     "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),
     "demo": ("llfsm.runtime.commands.demo:demo", "Watch machines and turtles work together."),

@@ -58,8 +58,8 @@ class BundleError(FsmError):
     def __init__(self, what: str, file: Path | None = None, line: int | None = None):
         self.file = file
         self.line = line
-        where = [str(part) for part in (file, line) if part is not None]
-        super().__init__(": ".join([":".join(where), what] if where else [what]))
+        where = "" if file is None else f"{file}: " if line is None else f"{file}:{line}: "
+        super().__init__(where + what)
 
 
 class LoadError(FsmError):

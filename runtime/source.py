@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import ast
 
-__all__ = ["EXPRESSION", "expression_of", "location_of"]
+__all__ = ["EXPRESSION", "body_of", "expression_of", "location_of"]
 
 EXPRESSION = "<expression>"
 """The name of a function whose file holds nothing but the expression that it returns."""
@@ -29,6 +29,39 @@ def expression_of(function: Callable[..., Any]) -> str | None:
     """
     code = getattr(function, "__code__", None)
     return None if code is None else _expression(code)
+
+
+def body_of(function: Callable[..., Any]) -> str | None:
+    """Return the text of a function's statements, without its docstring; None without source.
+
+    That of a bundle's section is all of its file.
+    """
+    code = getattr(function, "__code__", None)
+    parsed = None if code is None else _parse(code.co_filename)
+    if code is None or parsed is None:
+        return None
+    text, tree = parsed
+    if code.co_varnames and not code.co_varnames[0].isidentifier():
+        return text  # a bundle's code has a machine that it cannot name
+    if code.co_name == "<lambda>":
+        return _expression(code)
+    node = _definition(tree, code)
+    if node is None:
+        return None
+    body = _undocumented(node)
+    return "" if not body else _lines_of(text.splitlines(), node, body)
+
+
+def _lines_of(lines: list[str], node: ast.FunctionDef, body: list[ast.stmt]) -> str:
+    """Return the lines of statements, with the comments right above them."""
+    from textwrap import dedent
+
+    start, end = body[0].lineno, body[-1].end_lineno
+    if start == node.lineno:  # def f(self): a; b
+        return lines[start - 1].encode()[body[0].col_offset :].decode()
+    while lines[start - 2].lstrip()[:1] == "#":
+        start -= 1
+    return dedent("\n".join(lines[start - 1 : end]))
 
 
 @lru_cache(maxsize=1024)
@@ -64,20 +97,35 @@ def _find(tree: ast.Module, code: CodeType) -> ast.expr | None:
     if code.co_name == EXPRESSION:
         only = tree.body[0]
         return only.value if isinstance(only, ast.Expr) else None
-    lambdas = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Lambda) and node.lineno == code.co_firstlineno:
-            lambdas.append(node.body)
-        elif isinstance(node, ast.FunctionDef) and node.name == code.co_name:
-            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-            body = node.body[ast.get_docstring(node, clean=False) is not None :]
-            if first == code.co_firstlineno and len(body) == 1 and isinstance(body[0], ast.Return):
-                return body[0].value
     if code.co_name != "<lambda>":
-        return None
+        function = _definition(tree, code)
+        body = [] if function is None else _undocumented(function)
+        return body[0].value if len(body) == 1 and isinstance(body[0], ast.Return) else None
+    lambdas = [
+        node.body
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Lambda) and node.lineno == code.co_firstlineno
+    ]
     if len(lambdas) > 1:  # several on one line: the instructions know their columns
         spans = set(code.co_positions())
         lambdas = [
             b for b in lambdas if (b.lineno, b.end_lineno, b.col_offset, b.end_col_offset) in spans
         ]
     return lambdas[0] if len(lambdas) == 1 else None
+
+
+def _definition(tree: ast.Module, code: CodeType) -> ast.FunctionDef | None:
+    import ast
+
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and node.name == code.co_name:
+            first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+            if first == code.co_firstlineno:
+                return node
+    return None
+
+
+def _undocumented(function: ast.FunctionDef) -> list[ast.stmt]:
+    import ast
+
+    return function.body[ast.get_docstring(function, clean=False) is not None :]

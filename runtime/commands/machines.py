@@ -1,4 +1,4 @@
-"""Machines as a command line names them: ``RosPingPong``, ``package.module:Class``."""
+"""Machines as a command line names them: ``RosPingPong``, ``package.module:Class``, a bundle."""
 
 from __future__ import annotations
 
@@ -11,25 +11,44 @@ from typing import Any
 import click
 import msgspec
 
+from ..bundles import SUFFIX, load_bundle
 from ..machine import Machine
 
-__all__ = ["find_machine", "parse_assignments"]
+__all__ = ["find_bundle", "find_machine", "parse_assignments"]
 
 _SHIPPED = "llfsm.machines"
 
 
-def find_machine(name: str) -> type[Machine]:
-    """Return the class of a machine that ships, or of ``package.module:Class``.
+def find_bundle(name: str, folders: Iterable[Path] = ()) -> Path | None:
+    """Return the folder of the bundle that `name` means, with or without ``.machine``, or None.
 
-    Modules are also looked for in the current folder. Raise ``click.UsageError``.
+    It is a path from the current folder, or the name of a bundle in one of `folders`.
     """
+    path = Path(name)
+    names = (path, path.with_name(path.name + SUFFIX)) if path.name else ()
+    for folder in (Path.cwd(), *folders):
+        for each in names:
+            if each.suffix == SUFFIX and (folder / each).is_dir():
+                return folder / each
+    return None
+
+
+def find_machine(name: str, folders: Iterable[Path] = ()) -> type[Machine]:
+    """Return the machine class of a bundle, of ``package.module:Class``, or one that ships.
+
+    Bundles are looked for as `find_bundle` does, modules also in the current folder. Raise
+    ``click.UsageError``, and `BundleError` if a bundle is there but wrong.
+    """
+    bundle = find_bundle(name, folders)
+    if bundle is not None:
+        return load_bundle(bundle)
     module, colon, attribute = name.partition(":")
     if not colon:
         shipped = importlib.import_module(_SHIPPED)
         if name not in shipped.__all__:
             raise click.UsageError(
                 f"no machine {name!r}; those that ship: {', '.join(shipped.__all__)}; "
-                f"your own: package.module:Class"
+                f"your own: package.module:Class, or a bundle, as path/to/Name{SUFFIX}"
             )
         found = getattr(shipped, name)
     else:

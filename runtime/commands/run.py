@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.metadata
 import logging
 import sys
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Literal
 
 import click
@@ -12,6 +14,7 @@ import click
 from llfsm.whiteboard import Whiteboard
 
 from ..arrangement import Arrangement
+from ..bundles import SUFFIX
 from ..machine import Machine
 from ..status import StatusPoster
 from .board import board_option
@@ -69,10 +72,12 @@ def run(
 ) -> None:
     """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
 
-    A machine is one that ships or package.module:Class; name:variable=value sets a variable.
+    A machine is one that ships, package.module:Class, or the folder of a bundle;
+    name:variable=value sets a variable.
 
     \b
     llfsm run RosPingPong -v
+    llfsm run path/to/Patrol.machine
     llfsm run RosBlindTurttleBot TurtleSuspendResume -s
     llfsm run my_robot.patrol:Patrol Patrol:rounds=3
     """
@@ -91,7 +96,7 @@ def run(
                 whiteboard=wb,
                 idle_us=idle_us,
                 unload_accepting=not keep,
-                library=_library,
+                library=_Library(named.values()),
                 on_error=on_error,
             )
             for number, (name, cls) in enumerate(named.items()):
@@ -119,8 +124,15 @@ def _free_name(name: str, taken: dict[str, type[Machine]]) -> str:
     return next(free for free in names if free not in taken)
 
 
-def _library(name: str) -> type[Machine] | None:
-    try:
-        return find_machine(name)
-    except click.UsageError:
-        return None  # the arrangement's own error names those that can be loaded
+class _Library:
+    """Find machines that code loads by name: also bundles beside those that it was started with."""
+
+    def __init__(self, machines: Iterable[type[Machine]]):
+        paths = [Path(cls.table.path) for cls in machines]
+        self._folders = list(dict.fromkeys(path.parent for path in paths if path.suffix == SUFFIX))
+
+    def __call__(self, name: str) -> type[Machine] | None:
+        try:
+            return find_machine(name, self._folders)
+        except click.UsageError:
+            return None  # the arrangement's own error names those that can be loaded

@@ -1,0 +1,2 @@
+say = Actuator(Slot("pinpong", String))
+count: int = 0

@@ -1,0 +1,1 @@
+linear_x = angular_z = 0.0

@@ -1,0 +1,2 @@
+if answer.number >= number and answer.failure:
+    ask_position()  # as the original, which calls until it is told

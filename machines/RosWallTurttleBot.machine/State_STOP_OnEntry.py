@@ -1,0 +1,2 @@
+move(0.0, 0.0)
+ask_position()

@@ -1,0 +1,2 @@
+pos_x = int(answer.x)
+pos_y = int(answer.y)

@@ -1,0 +1,28 @@
+"""Machines as `.machine` folders, as clfsm's tools keep them: read, run, written, imported.
+
+Read in this order: `model` (what a bundle says), `read` with `cpp` and `plist` (how it is read),
+`names`, `code`, `scope` and `compiling` (how one of Python runs), `write`, then `expressions` and
+`importing` (how one of C++ becomes one of Python).
+"""
+
+from .compiling import compile_bundle, load_bundle
+from .importing import import_bundle
+from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
+from .names import UNTRANSLATED
+from .read import SUFFIX, read_bundle
+from .write import write_bundle
+
+__all__ = [
+    "PYTHON",
+    "SUFFIX",
+    "UNTRANSLATED",
+    "Bundle",
+    "BundleState",
+    "BundleTransition",
+    "Fragment",
+    "compile_bundle",
+    "import_bundle",
+    "load_bundle",
+    "read_bundle",
+    "write_bundle",
+]

@@ -1,0 +1,85 @@
+"""Compile and run the texts of a bundle: what goes wrong is said with their files and lines."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from typing import Any
+
+from ..state import DEFERRED
+from .model import Fragment
+from .names import MACHINE
+
+__all__ = ["evaluate", "function_of", "parse", "parse_expression", "run"]
+
+
+def parse(fragment: Fragment) -> ast.Module:
+    """Return the syntax tree of statements."""
+    try:
+        return ast.parse(fragment.text, fragment.source)
+    except SyntaxError as error:
+        raise fragment.error(f"SyntaxError: {error.msg}", error.lineno) from error
+    except ValueError as error:
+        raise fragment.error(f"SyntaxError: {error}") from error
+
+
+def parse_expression(fragment: Fragment) -> ast.expr:
+    """Return the syntax tree of a text that is one expression."""
+    tree = parse(Fragment(fragment.text.lstrip(" \t"), fragment.file))
+    only = tree.body[0] if len(tree.body) == 1 else None
+    if not isinstance(only, ast.Expr):
+        raise fragment.error("this is not one expression", tree.body[0].lineno if only else 1)
+    return only.value
+
+
+def function_of(
+    name: str, body: list[ast.stmt], fragment: Fragment, module: dict[str, Any]
+) -> Callable[[Any], Any]:
+    """Return the function of a machine with this body."""
+    tree = ast.parse("def function(machine): ...")
+    function = tree.body[0]
+    assert isinstance(function, ast.FunctionDef)
+    function.name = name
+    function.args.args[0].arg = MACHINE
+    function.body = body
+    function.lineno = function.end_lineno = body[0].lineno
+    made = run(tree, fragment, module, {})
+    if made[name].__code__.co_flags & DEFERRED:
+        raise fragment.error("a machine runs each section to its end: no yield, no await")
+    found: Callable[[Any], Any] = made[name]
+    return found
+
+
+def run(
+    tree: ast.Module, fragment: Fragment, module: dict[str, Any], made: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """Run statements in `module` and return where they put their names: `made`, or else it."""
+    _execute(tree, "exec", fragment, module, made)
+    return module if made is None else made
+
+
+def evaluate(node: ast.expr, fragment: Fragment, module: dict[str, Any]) -> Any:
+    """Return the value of an expression in `module`."""
+    return _execute(ast.Expression(node), "eval", fragment, module, None)
+
+
+def _execute(
+    tree: ast.Module | ast.Expression,
+    mode: str,
+    fragment: Fragment,
+    module: dict[str, Any],
+    made: dict[str, Any] | None,
+) -> Any:
+    try:
+        code = compile(ast.fix_missing_locations(tree), fragment.source, mode, dont_inherit=True)
+    except SyntaxError as error:
+        raise fragment.error(f"SyntaxError: {error.msg}", error.lineno) from error
+    try:
+        return eval(code, module, module if made is None else made)
+    except Exception as error:  # of the bundle's own code, whatever it is
+        line, trace = None, error.__traceback__
+        while trace is not None:
+            if trace.tb_frame.f_code.co_filename == fragment.source:
+                line = trace.tb_lineno
+            trace = trace.tb_next
+        raise fragment.error(f"{type(error).__name__}: {error}", line) from error

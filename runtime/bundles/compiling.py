@@ -1,0 +1,113 @@
+"""Make a machine class from a bundle of Python, equal to a class statement that says the same."""
+
+from __future__ import annotations
+
+import ast
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+
+from ..machine import Machine, define
+from ..source import EXPRESSION
+from ..state import State, Transition
+from .code import function_of, parse, parse_expression
+from .model import PYTHON, Bundle, BundleState, Fragment
+from .names import resolve
+from .read import read_bundle
+from .scope import Scope
+
+__all__ = ["compile_bundle", "load_bundle"]
+
+
+def load_bundle(folder: str | Path) -> type[Machine]:
+    """Return the machine class that the bundle of Python in `folder` describes.
+
+    Its `table.path` is the real path of the folder, its `table.layout` what ``Layout.plist``
+    says. Raise `BundleError` for what cannot be read or means nothing, with file and line, and
+    `DefinitionError` for a table that contradicts itself.
+    """
+    return compile_bundle(read_bundle(folder))
+
+
+def compile_bundle(bundle: Bundle) -> type[Machine]:
+    """Return the machine class that `bundle` describes; raise as `load_bundle` does."""
+    if bundle.language != PYTHON:
+        where = Fragment("", bundle.folder)
+        raise where.error("this is a bundle of C++; make it one of Python with `llfsm import`")
+    path = str(bundle.folder or f"<bundle {bundle.name}>")
+    module = ModuleType(path)
+    module.__file__ = path
+    sys.modules[path] = module  # where message types made in it look for their annotations
+    _extend_search(bundle)
+    scope = Scope(vars(module))
+    scope.declare(bundle)
+    states = {each.name: State(each.name, suspend=each.name == bundle.suspend)
+              for each in bundle.states}  # fmt: skip
+    for each in bundle.states:
+        _fill(states[each.name], each, states, scope.of_state(each))
+    cls = define(
+        bundle.name,
+        states.values(),
+        variables=scope.variables,
+        attributes={"__module__": path, "__doc__": module.__doc__, **scope.attributes},
+        path=path,
+    )
+    cls.table.layout = bundle.layout
+    return cls
+
+
+def _fill(state: State, source: BundleState, states: dict[str, State], scope: Scope) -> None:
+    """Give a state its sections and transitions."""
+    for section, fragment in source.sections.items():
+        tree = parse(fragment)
+        if tree.body:
+            tree = resolve(tree, fragment, scope.known, running=True)
+            state.sections[section] = function_of(section, tree.body, fragment, scope.module)
+    for each in source.transitions:
+        target = states[each.target]
+        expression = each.expression or Fragment("true")
+        state.transitions.append(_transition(state, target, expression, scope))
+
+
+def _transition(state: State, target: State, fragment: Fragment, scope: Scope) -> Transition:
+    declared, label = (fragment.source, 1), fragment.text.strip()
+    if label in ("true", "True"):
+        return Transition(state, target, declared, None, None, "true")
+    expression = parse_expression(fragment)
+    if "\n" in label or "#" in label:
+        label = ast.unparse(expression)
+    after_ms, after, guard = _split(expression)
+    transition = Transition(state, target, declared, after_ms, after, label)
+    if guard is not None:
+        value = resolve(guard, fragment, scope.known, running=True)
+        body: list[ast.stmt] = [ast.copy_location(ast.Return(value), guard)]
+        transition(function_of(EXPRESSION, body, fragment, scope.module))
+    return transition
+
+
+def _split(expression: ast.expr) -> tuple[float | None, float | None, ast.expr | None]:
+    """Return the milliseconds or seconds that `expression` waits for first, and what is left."""
+    first, rest = expression, None
+    if isinstance(expression, ast.BoolOp) and isinstance(expression.op, ast.And):
+        first, *others = expression.values
+        rest = others[0]
+        if len(others) > 1:
+            rest = ast.copy_location(ast.BoolOp(ast.And(), others), others[0])
+            rest.end_lineno, rest.end_col_offset = expression.end_lineno, expression.end_col_offset
+    match first:
+        case ast.Call(ast.Name("after_ms"), [ast.Constant(int() | float() as time)], []):
+            return time, None, rest
+        case ast.Call(ast.Name("after"), [ast.Constant(int() | float() as time)], []):
+            return None, time, rest
+    return None, None, expression
+
+
+def _extend_search(bundle: Bundle) -> None:
+    """Let imports find what is in the bundle's include folders."""
+    for text in bundle.include_paths:
+        path = os.path.expandvars(text)
+        if bundle.folder is not None:
+            path = os.path.normpath(bundle.folder / path)
+        if path not in sys.path:
+            sys.path.append(path)

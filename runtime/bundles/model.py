@@ -1,0 +1,73 @@
+"""What a bundle says: states in order, their texts and targets, and where each text is written.
+
+Two bundles are equal if they say the same, wherever they lie. What is absent and what is blank
+is the same, and absent here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..errors import BundleError
+from ..layout import Layout
+
+__all__ = ["PYTHON", "Bundle", "BundleState", "BundleTransition", "Fragment"]
+
+PYTHON = "python"
+
+
+@dataclass(frozen=True)
+class Fragment:
+    """A text of a bundle, with lines that end in ``\\n``, and the file that it stands in."""
+
+    text: str
+    file: Path | None = field(default=None, compare=False)
+
+    @property
+    def source(self) -> str:
+        """What a traceback names as its file."""
+        return "<bundle>" if self.file is None else str(self.file)
+
+    def error(self, what: str, line: int | None = None) -> BundleError:
+        """Return the error that says `what` is wrong in this text."""
+        return BundleError(what, self.file, line)
+
+
+@dataclass(frozen=True)
+class BundleTransition:
+    """A transition; without an expression it always fires."""
+
+    target: str
+    expression: Fragment | None = None
+
+
+@dataclass(frozen=True)
+class BundleState:
+    """A state: the sections that have a text, by name, and the transitions in their order."""
+
+    name: str
+    sections: dict[str, Fragment] = field(default_factory=dict)
+    transitions: tuple[BundleTransition, ...] = ()
+    includes: Fragment | None = None
+    variables: Fragment | None = None
+    methods: Fragment | None = None
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A machine as a bundle describes it; the first state is initial.
+
+    `language` is "python", or what a C++ bundle calls itself (by default "objc++").
+    """
+
+    name: str
+    states: tuple[BundleState, ...]
+    language: str = PYTHON
+    suspend: str | None = None
+    includes: Fragment | None = None
+    variables: Fragment | None = None
+    methods: Fragment | None = None
+    include_paths: tuple[str, ...] = ()
+    layout: Layout | None = None
+    folder: Path | None = field(default=None, compare=False)

@@ -1,0 +1,312 @@
+"""Give the bare names of a bundle's code their meaning: variables, ports, functions of a machine.
+
+In a section, ``count`` is the machine's variable and ``after_ms(10)`` asks the machine, as in
+clfsm. The syntax tree is rewritten so that such a name is an attribute of the machine, which
+every function takes as its only hidden parameter: then the code costs what a method costs, and
+keeps its lines. Names that the code binds itself, in a lambda say, stay what they are in Python.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, NamedTuple, TypeVar
+
+from .model import Fragment
+
+__all__ = ["MACHINE", "UNTRANSLATED", "Known", "Meaning", "resolve", "resolve_method"]
+
+MACHINE = "<machine>"
+"""The hidden parameter: no name that code can contain."""
+UNTRANSLATED = "UNTRANSLATED"
+"""The name that marks what an import has left to be translated by hand."""
+
+_COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
+_ALWAYS_KNOWN = frozenset(dir(builtins)) | {"__class__"}
+N = TypeVar("N", bound=ast.AST)
+
+
+class Meaning(NamedTuple):
+    """What a bare name stands for: an attribute of the machine, and what kind of thing it is."""
+
+    attribute: str
+    kind: str
+    variable: bool = False  # whether code may assign it
+
+
+class Known(NamedTuple):
+    """The names that code may use: those of the machine, and those of its module."""
+
+    machine: Mapping[str, Meaning]
+    module: dict[str, Any]
+
+
+def resolve(tree: N, fragment: Fragment, known: Known, *, running: bool) -> N:
+    """Return `tree` with the names of the machine as its attributes.
+
+    `running` is False for code that is evaluated when the bundle is loaded. Raise `BundleError`
+    for names that nothing defines and for what cannot be done with those of the machine.
+    """
+    resolved: N = _Resolver(fragment, known, running).resolve(tree)
+    return resolved
+
+
+def resolve_method(function: ast.FunctionDef, fragment: Fragment, known: Known) -> None:
+    """Resolve a function of the machine in place: its header, then its body, as `resolve` does."""
+    outside = [*function.decorator_list, *_evaluated_outside(function.args)]
+    for node in (
+        *outside,
+        *_annotations(function),
+    ):  # nothing in it can be the machine's, so that nothing is replaced
+        _Resolver(fragment, known, running=False).resolve(node)
+    _Resolver(fragment, known, running=True).resolve_body(function)
+
+
+class _Resolver(ast.NodeTransformer):
+    def __init__(self, fragment: Fragment, known: Known, running: bool):
+        self._fragment = fragment
+        self._known = known
+        self._running = running
+        self._here: frozenset[str] = frozenset()  # what the code has bound itself
+        self._inner: frozenset[str] = frozenset()  # of that, what functions inside it see
+
+    def resolve(self, tree: ast.AST) -> Any:
+        self._here = self._inner = frozenset(_bound([tree]) - self._known.machine.keys())
+        return self.visit(tree)
+
+    def resolve_body(self, function: ast.FunctionDef) -> None:
+        bound = _bound(function.body) - self._known.machine.keys()
+        self._here = self._inner = frozenset(bound | _parameters(function.args))
+        function.body = [self.visit(each) for each in function.body]
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        name = node.id
+        if name == "self" and self._running and name not in self._here:
+            return _at(node, _machine())
+        meaning = None if name in self._here else self._known.machine.get(name)
+        if meaning is None:
+            if isinstance(node.ctx, ast.Load):
+                self._check_known(node)
+            return node
+        if not self._running:
+            raise self._error(
+                node, f"{name!r} is {meaning.kind}: there is none before the machine runs"
+            )
+        if isinstance(node.ctx, ast.Del) or (
+            isinstance(node.ctx, ast.Store) and not meaning.variable
+        ):
+            done = "deleted" if isinstance(node.ctx, ast.Del) else "assigned"
+            raise self._error(node, f"{name!r} is {meaning.kind}: it cannot be {done}")
+        return _at(node, ast.Attribute(_at(node, _machine()), meaning.attribute, node.ctx))
+
+    # What binds names, but no attributes
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        if isinstance(node.target, ast.Name):
+            self._refuse(node.target, node.target.id, "declared here")
+        return self.generic_visit(node)
+
+    def visit_NamedExpr(self, node: ast.NamedExpr) -> ast.AST:
+        self._refuse(node, node.target.id, "assigned by :=")
+        return self.generic_visit(node)
+
+    def visit_Import(self, node: ast.Import) -> ast.AST:
+        return self._import(node)
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST:
+        return self._import(node)
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
+        self._refuse(node, node.name, "bound by except")
+        return self.generic_visit(node)
+
+    def visit_MatchAs(self, node: ast.MatchAs) -> ast.AST:
+        self._refuse(node, node.name, "bound by a pattern")
+        return self.generic_visit(node)
+
+    def visit_MatchStar(self, node: ast.MatchStar) -> ast.AST:
+        self._refuse(node, node.name, "bound by a pattern")
+        return self.generic_visit(node)
+
+    def visit_MatchMapping(self, node: ast.MatchMapping) -> ast.AST:
+        self._refuse(node, node.rest, "bound by a pattern")
+        return self.generic_visit(node)
+
+    def visit_Global(self, node: ast.Global) -> ast.AST:
+        raise self._error(node, "machines share no variables: leave out `global`")
+
+    def visit_Nonlocal(self, node: ast.Nonlocal) -> ast.AST:
+        for name in node.names:
+            if self._is_machine_name(name):
+                raise self._error(node, f"{name!r} belongs to the machine: leave out `nonlocal`")
+        return node
+
+    # Scopes inside the code
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        return self._function(node)
+
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
+        return self._function(node)
+
+    def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
+        self._visit_outside(node.args)
+        with self._scope(_parameters(node.args) | _bound([node.body])):
+            node.body = self.visit(node.body)
+        return node
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        self._refuse(node, node.name, "the name of a class")
+        node.decorator_list = [self.visit(each) for each in node.decorator_list]
+        node.bases = [self.visit(each) for each in node.bases]
+        node.keywords = [self.visit(each) for each in node.keywords]
+        seen_inside = self._inner
+        with self._scope(_bound(node.body)):
+            self._inner = seen_inside  # functions do not see what the class around them binds
+            node.body = [self.visit(each) for each in node.body]
+        return node
+
+    def _function(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> ast.AST:
+        self._refuse(node, node.name, "the name of a function")
+        node.decorator_list = [self.visit(each) for each in node.decorator_list]
+        self._visit_outside(node.args)
+        if node.returns:
+            node.returns = self.visit(node.returns)
+        with self._scope(_parameters(node.args) | _bound(node.body)):
+            node.body = [self.visit(each) for each in node.body]
+        return node
+
+    def _comprehension(
+        self, node: ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+    ) -> ast.AST:
+        first = node.generators[0]
+        first.iter = self.visit(first.iter)  # evaluated outside
+        with self._scope(_bound([generator.target for generator in node.generators])):
+            for generator in node.generators:
+                generator.target = self.visit(generator.target)
+                if generator is not first:
+                    generator.iter = self.visit(generator.iter)
+                generator.ifs = [self.visit(each) for each in generator.ifs]
+            for part in ("key", "value", "elt"):
+                if hasattr(node, part):
+                    setattr(node, part, self.visit(getattr(node, part)))
+        return node
+
+    def visit_ListComp(self, node: ast.ListComp) -> ast.AST:
+        return self._comprehension(node)
+
+    def visit_SetComp(self, node: ast.SetComp) -> ast.AST:
+        return self._comprehension(node)
+
+    def visit_DictComp(self, node: ast.DictComp) -> ast.AST:
+        return self._comprehension(node)
+
+    def visit_GeneratorExp(self, node: ast.GeneratorExp) -> ast.AST:
+        return self._comprehension(node)
+
+    @contextmanager
+    def _scope(self, bound: set[str]) -> Iterator[None]:
+        here, inner = self._here, self._inner
+        self._here = self._inner = inner | bound
+        yield
+        self._here, self._inner = here, inner
+
+    def _visit_outside(self, arguments: ast.arguments) -> None:
+        """Resolve what a function's header evaluates where it stands."""
+        arguments.defaults = [self.visit(each) for each in arguments.defaults]
+        arguments.kw_defaults = [each and self.visit(each) for each in arguments.kw_defaults]
+        for argument in _arguments(arguments):
+            if argument.annotation:
+                argument.annotation = self.visit(argument.annotation)
+
+    # Checks
+
+    def _import(self, node: ast.Import | ast.ImportFrom) -> ast.AST:
+        for alias in node.names:
+            self._refuse(node, alias.asname or alias.name.partition(".")[0], "imported")
+        return node
+
+    def _refuse(self, node: ast.AST, name: str | None, done: str) -> None:
+        if name is not None and self._is_machine_name(name):
+            kind = self._known.machine[name].kind
+            raise self._error(node, f"{name!r} is {kind}: it cannot be {done}")
+
+    def _is_machine_name(self, name: str) -> bool:
+        return name in self._known.machine and name not in self._here
+
+    def _check_known(self, node: ast.Name) -> None:
+        name = node.id
+        if name in self._here or name in self._known.module or name in _ALWAYS_KNOWN:
+            return
+        if name == UNTRANSLATED:
+            raise self._error(
+                node, f"C++ that waits to be translated: write the Python, and delete {name}"
+            )
+        raise self._error(node, f"nothing is called {name!r}")
+
+    def _error(self, node: Any, what: str) -> Exception:
+        return self._fragment.error(what, node.lineno)
+
+
+def _bound(nodes: list[Any]) -> set[str]:
+    """Return the names that a scope with these nodes binds itself."""
+    bound: set[str] = set()
+    freed: set[str] = set()
+    todo = [(node, True) for node in nodes]
+    while todo:
+        node, direct = todo.pop()
+        if isinstance(node, ast.Name):
+            if direct and not isinstance(node.ctx, ast.Load):
+                bound.add(node.id)
+        elif isinstance(node, ast.NamedExpr):  # binds around the comprehension that it is in
+            bound.add(node.target.id)
+        elif isinstance(node, ast.Nonlocal):
+            freed.update(node.names)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            bound.update(a.asname or a.name.partition(".")[0] for a in node.names)
+        elif isinstance(node, ast.ExceptHandler | ast.MatchAs | ast.MatchStar) and node.name:
+            bound.add(node.name)
+        elif isinstance(node, ast.MatchMapping) and node.rest:
+            bound.add(node.rest)
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            bound.add(node.name)
+            bound.update(each.name for each in getattr(node, "type_params", ()))
+        if isinstance(node, ast.Lambda):
+            todo += [(each, direct) for each in _evaluated_outside(node.args)]
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            outside = [*node.decorator_list, *_evaluated_outside(node.args)]
+            todo += [(each, direct) for each in outside]
+        elif isinstance(node, ast.ClassDef):
+            todo += [(each, direct) for each in (*node.decorator_list, *node.bases)]
+        else:
+            direct = direct and not isinstance(node, _COMPREHENSIONS)
+            todo += [(child, direct) for child in ast.iter_child_nodes(node)]
+    return bound - freed
+
+
+def _evaluated_outside(arguments: ast.arguments) -> list[ast.expr]:
+    return [each for each in (*arguments.defaults, *arguments.kw_defaults) if each is not None]
+
+
+def _arguments(arguments: ast.arguments) -> list[ast.arg]:
+    several = (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
+    return [*several, *(each for each in (arguments.vararg, arguments.kwarg) if each)]
+
+
+def _parameters(arguments: ast.arguments) -> set[str]:
+    return {argument.arg for argument in _arguments(arguments)}
+
+
+def _annotations(function: ast.FunctionDef) -> list[ast.expr]:
+    found = [function.returns, *(argument.annotation for argument in _arguments(function.args))]
+    return [each for each in found if each is not None]
+
+
+def _machine() -> ast.Name:
+    return ast.Name(MACHINE, ast.Load())
+
+
+def _at(node: ast.AST, new: N) -> N:
+    return ast.copy_location(new, node)

@@ -1,0 +1,196 @@
+"""Read a bundle, of Python or C++, whatever wrote it.
+
+The list of states decides which files belong: bundles keep files of states and transitions that
+they no longer have, and one state's name may be the beginning of another's.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ..errors import BundleError
+from ..layout import Layout
+from ..state import SECTIONS
+from .cpp import suspend_state, targets
+from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
+from .plist import read_layout
+
+__all__ = ["STATE_NAME", "SUFFIX", "read_bundle"]
+
+SUFFIX = ".machine"
+_DEFAULT_LANGUAGE = "objc++"
+_PYTHON_FILES = (".py",)
+_CODE_FILES = (".mm", ".cpp", ".cc", ".cxx", ".m", ".c")
+_HEADER_FILES = (".h", ".hpp", ".hh")
+_CPP = re.compile(r"(obj(ective)?-?)?c(\+\+|pp|xx)?")
+STATE_NAME = re.compile(r"[^\W\d]\w*", re.ASCII)
+
+
+def read_bundle(folder: str | Path) -> Bundle:
+    """Return what the bundle in `folder` says.
+
+    Raise `BundleError`, which names the file, and the line where there is one.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise BundleError("there is no such folder", folder)
+    return _Reader(folder.resolve()).bundle()
+
+
+class _Reader:
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.name = folder.name.removesuffix(SUFFIX)
+        language = self.text("Language")
+        self.language = _DEFAULT_LANGUAGE if language is None else language.text.strip().lower()
+        self.python = self.language == PYTHON
+        if not self.python and not _CPP.fullmatch(self.language):
+            raise BundleError(
+                f"the language {self.language!r} is unknown; known: python, c++, objc++",
+                folder / "Language",
+            )
+        self.code = _PYTHON_FILES if self.python else _CODE_FILES
+        self.headers = _PYTHON_FILES if self.python else _HEADER_FILES
+
+    def bundle(self) -> Bundle:
+        names = self.state_names()
+        states = tuple(self.state(name, names) for name in names)
+        return Bundle(
+            self.name,
+            states,
+            self.language,
+            self.suspend(names),
+            self.find(f"{self.name}_Includes", self.headers),
+            self.find(f"{self.name}_Variables", self.headers),
+            self.find(f"{self.name}_Methods", self.headers),
+            self.include_paths(),
+            self.layout(),
+            self.folder,
+        )
+
+    def state_names(self) -> list[str]:
+        if not (self.folder / "States").exists():
+            raise BundleError(
+                "there is no file States, which lists the states: this is no bundle", self.folder
+            )
+        listed = self.text("States")
+        if listed is None:
+            raise BundleError("it lists no states", self.folder / "States")
+        names: list[str] = []
+        for line, text in enumerate(listed.text.splitlines(), 1):
+            name = text.strip()
+            if name in names:
+                raise listed.error(f"state {name!r} is listed twice", line)
+            if name and not STATE_NAME.fullmatch(name):
+                raise listed.error(f"{name!r} cannot name a state: use letters, digits and _", line)
+            if name:
+                names.append(name)
+        return names
+
+    def state(self, name: str, names: list[str]) -> BundleState:
+        stem = f"State_{name}"
+        sections = {key: self.find(f"{stem}_{key}", self.code) for key in SECTIONS}
+        read = self.python_transitions if self.python else self.cpp_transitions
+        transitions = read(name, names)
+        return BundleState(
+            name,
+            {key: fragment for key, fragment in sections.items() if fragment is not None},
+            transitions,
+            self.find(f"{stem}_Includes", self.headers),
+            self.find(f"{stem}_Variables", self.headers),
+            self.find(f"{stem}_Methods", self.headers),
+        )
+
+    def cpp_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
+        header = self.find(f"State_{state}", self.headers)
+        if header is None:
+            raise BundleError(
+                f"it is missing; it would say where the transitions of state {state!r}, which "
+                f"States lists, lead",
+                self.folder / f"State_{state}.h",
+            )
+        leading = targets(state, header, self.find(f"State_{state}", self.code), names)
+        return tuple(
+            BundleTransition(target, self.expression(f"State_{state}_Transition_{number}.expr"))
+            for number, target in enumerate(leading)
+        )
+
+    def python_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
+        stem = f"State_{state}"
+        mine = re.compile(rf"{stem}_Transition_(\d+)\.(?:target|expr)")
+        numbers = {int(m[1]) for file in self.folder.iterdir() if (m := mine.fullmatch(file.name))}
+        endings = (*SECTIONS, "Variables", "Includes", "Methods")
+        if not numbers and not any((self.folder / f"{stem}_{end}.py").exists() for end in endings):
+            raise BundleError(
+                f"state {state!r} has no files; if that is meant, leave an empty {stem}_OnEntry.py",
+                self.folder / "States",
+            )
+        transitions = []
+        for number in range(max(numbers, default=-1) + 1):
+            target = self.text(f"{stem}_Transition_{number}.target")
+            if target is None:
+                raise BundleError(
+                    f"it is missing; it must name the state that transition {number} of state "
+                    f"{state!r} leads to",
+                    self.folder / f"{stem}_Transition_{number}.target",
+                )
+            leads_to = self.known_state(target, names)
+            expression = self.expression(f"{stem}_Transition_{number}.expr")
+            transitions.append(BundleTransition(leads_to, expression))
+        return tuple(transitions)
+
+    def suspend(self, names: list[str]) -> str | None:
+        if self.python:
+            named = self.text("SuspendState")
+            return None if named is None else self.known_state(named, names)
+        code = self.find(self.name, self.code)
+        if code is None:
+            raise BundleError(
+                "it is missing; was the folder renamed? It is named after the machine",
+                self.folder / f"{self.name}.mm",
+            )
+        return suspend_state(code, names)
+
+    def known_state(self, fragment: Fragment, names: list[str]) -> str:
+        name = fragment.text.strip()
+        if name not in names:
+            raise fragment.error(f"{name!r} is no state; there are: {', '.join(names)}", 1)
+        return name
+
+    def include_paths(self) -> tuple[str, ...]:
+        listed = self.text("IncludePath")
+        lines = [] if listed is None else listed.text.splitlines()
+        return tuple(line.strip() for line in lines if line.strip())
+
+    def layout(self) -> Layout | None:
+        file = self.folder / "Layout.plist"
+        return read_layout(file) if file.exists() else None
+
+    def expression(self, name: str) -> Fragment | None:
+        """Return an expression; a transition whose file is missing always fires."""
+        found = self.text(name)
+        if found is None and (self.folder / name).exists():
+            raise BundleError("it is empty; write an expression", self.folder / name)
+        return found
+
+    def find(self, stem: str, endings: tuple[str, ...]) -> Fragment | None:
+        """Return the text of the first file that there is, unless it is blank."""
+        for ending in endings:
+            if (self.folder / (stem + ending)).exists():
+                return self.text(stem + ending)
+        return None
+
+    def text(self, name: str) -> Fragment | None:
+        """Return the text of the file, unless it does not exist or is blank."""
+        file = self.folder / name
+        try:
+            text = file.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise BundleError(error.strerror or str(error), file) from error
+        except UnicodeDecodeError as error:
+            line = error.object.count(b"\n", 0, error.start) + 1
+            raise BundleError("this is no UTF-8 text", file, line) from error
+        return Fragment(text, file) if text.strip() else None

@@ -1,0 +1,122 @@
+"""Write a bundle of Python: all of it, or nothing."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..errors import BundleError
+from .model import PYTHON, Bundle, BundleState
+from .plist import layout_to_plist
+from .read import STATE_NAME, SUFFIX
+
+__all__ = ["write_bundle"]
+
+
+def write_bundle(bundle: Bundle, folder: str | Path, *, replace: bool = False) -> None:
+    """Write `bundle` so that `read_bundle` reads it equal; `folder` must be called after it.
+
+    The folder appears complete or not at all. A folder that is there already is an error unless
+    `replace` is True, and then it must be a bundle or empty. Raise `BundleError`.
+    """
+    folder = Path(folder).absolute()
+    _check(bundle, folder)
+    if folder.exists():
+        _check_replaceable(folder, replace)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as beside:
+            new = Path(beside) / "new"
+            new.mkdir()  # with the usual permissions, which the folder around it lacks
+            for name, content in _files(bundle):
+                (new / name).write_bytes(content)
+            _put(new, folder, Path(beside) / "old")
+    except OSError as error:
+        raise BundleError(f"not written: {error.strerror or error}", folder) from error
+    except UnicodeEncodeError as error:
+        raise BundleError(f"not written: {error}", folder) from error
+
+
+def _check(bundle: Bundle, folder: Path) -> None:
+    names = [state.name for state in bundle.states]
+    wrong = None
+    if bundle.language != PYTHON:
+        wrong = "only bundles of Python are written; import it first"
+    elif folder.name.removesuffix(SUFFIX) != bundle.name:
+        wrong = f"the folder of machine {bundle.name!r} must be called {bundle.name}{SUFFIX}"
+    elif not names:
+        wrong = "it has no states"
+    elif len(set(names)) < len(names):
+        wrong = "two states have the same name"
+    elif unnamed := [name for name in names if not STATE_NAME.fullmatch(name)]:
+        wrong = f"{unnamed[0]!r} cannot name a state: use letters, digits and _"
+    elif bundle.suspend not in (None, *names):
+        wrong = f"the suspend state {bundle.suspend!r} is no state"
+    for state in bundle.states if wrong is None else ():
+        for number, transition in enumerate(state.transitions):
+            what = f"transition {number} of state {state.name!r}"
+            if transition.target not in names:
+                wrong = f"{what} leads to {transition.target!r}, which is no state"
+            elif transition.expression and not transition.expression.text.strip():
+                wrong = f"{what} has an empty expression"
+    if wrong is not None:
+        raise BundleError(f"not written: {wrong}", folder)
+
+
+def _check_replaceable(folder: Path, replace: bool) -> None:
+    if not replace:
+        raise BundleError("not written: it is there already", folder)
+    if not folder.is_dir() or (any(folder.iterdir()) and not (folder / "States").exists()):
+        raise BundleError("not written: what is there is no bundle, so it is kept", folder)
+
+
+def _put(new: Path, folder: Path, old: Path) -> None:
+    """Move `new` to `folder`, and what is there to `old`; if it fails, leave what was there."""
+    if folder.exists():
+        folder.rename(old)
+    try:
+        new.rename(folder)
+    except OSError:
+        if old.exists():
+            old.rename(folder)
+        raise
+
+
+def _files(bundle: Bundle) -> Iterator[tuple[str, bytes]]:
+    """Give the names and contents of the files."""
+    texts = {
+        "States": "".join(f"{state.name}\n" for state in bundle.states),
+        "Language": f"{PYTHON}\n",
+    }
+    if bundle.suspend is not None:
+        texts["SuspendState"] = f"{bundle.suspend}\n"
+    if bundle.include_paths:
+        texts["IncludePath"] = "".join(f"{path}\n" for path in bundle.include_paths)
+    texts |= _declarations(bundle.name, bundle)
+    for state in bundle.states:
+        texts |= _state_texts(state)
+    for name, text in texts.items():
+        yield name, text.encode()
+    if bundle.layout is not None:
+        yield "Layout.plist", layout_to_plist(bundle.layout)
+
+
+def _state_texts(state: BundleState) -> dict[str, str]:
+    stem = f"State_{state.name}"
+    texts = {f"{stem}_{key}.py": fragment.text for key, fragment in state.sections.items()}
+    texts |= _declarations(stem, state)
+    for number, transition in enumerate(state.transitions):
+        texts[f"{stem}_Transition_{number}.target"] = f"{transition.target}\n"
+        if transition.expression is not None:
+            texts[f"{stem}_Transition_{number}.expr"] = transition.expression.text
+    return texts or {f"{stem}_OnEntry.py": "\n"}  # a state needs a file
+
+
+def _declarations(stem: str, source: Bundle | BundleState) -> dict[str, str]:
+    fragments = {
+        "Includes": source.includes,
+        "Variables": source.variables,
+        "Methods": source.methods,
+    }
+    return {f"{stem}_{key}.py": each.text for key, each in fragments.items() if each is not None}

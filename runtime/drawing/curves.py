@@ -1,0 +1,66 @@
+"""Cubic Bézier curves: where they run, and what they run into."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+from .diagram import Box, Curve, Label, Point
+
+__all__ = ["at", "hits", "sample", "straight", "through"]
+
+
+def straight(start: Point, end: Point) -> Curve:
+    """Return a straight line as a curve."""
+    third = Point((2 * start.x + end.x) / 3, (2 * start.y + end.y) / 3)
+    return start, third, Point((start.x + 2 * end.x) / 3, (start.y + 2 * end.y) / 3), end
+
+
+def through(points: Sequence[Point]) -> Curve:
+    """Return the curve through points in the order of their y, vertical in each of them."""
+    corners: list[Point] = []
+    for point in points:
+        if corners and point.y - corners[-1].y < 0.01:
+            continue
+        if len(corners) > 1 and corners[-2].x == corners[-1].x == point.x:
+            corners.pop()  # two straight pieces are one
+        corners.append(point)
+    curve = corners[:1]
+    for a, b in pairwise(corners):
+        if a.x == b.x:
+            curve += straight(a, b)[1:]
+        else:
+            middle = (a.y + b.y) / 2
+            curve += Point(a.x, middle), Point(b.x, middle), b
+    return tuple(curve)
+
+
+def at(curve: Curve, t: float) -> tuple[Point, Point]:
+    """Return the place and the direction at `t`, from 0 to 1 over all pieces."""
+    pieces = (len(curve) - 1) // 3
+    piece = min(int(t * pieces), pieces - 1)
+    t = t * pieces - piece
+    a, b, c, d = curve[3 * piece : 3 * piece + 4]
+    u = 1 - t
+    along = [
+        3 * u * u * (q - p) + 6 * u * t * (r - q) + 3 * t * t * (s - r)
+        for p, q, r, s in ((a.x, b.x, c.x, d.x), (a.y, b.y, c.y, d.y))
+    ]
+    return (
+        Point(
+            u**3 * a.x + 3 * u * u * t * b.x + 3 * u * t * t * c.x + t**3 * d.x,
+            u**3 * a.y + 3 * u * u * t * b.y + 3 * u * t * t * c.y + t**3 * d.y,
+        ),
+        Point(*along),
+    )
+
+
+def sample(curve: Curve, number: int = 24) -> list[Point]:
+    """Return points along a curve, both ends included."""
+    return [at(curve, i / number)[0] for i in range(number + 1)]
+
+
+def hits(points: Iterable[Point], box: Box | Label, margin: float = 0) -> int:
+    """Return how many points are within a box, or nearer to it than `margin`."""
+    x, y = box.width / 2 + margin, box.height / 2 + margin
+    return sum(abs(p.x - box.x) < x and abs(p.y - box.y) < y for p in points)

@@ -1,0 +1,113 @@
+"""Boxes and labels that fit their text, and where each line of it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
+
+from . import style
+from .diagram import Box, Label, SectionText
+from .text import code_width, line_height, text_width, wrap
+
+__all__ = ["TextLine", "box_lines", "cut_sections", "label_lines", "make_box", "make_label"]
+
+_PADDING = 12.0  # beside the text of a box
+_ABOVE = 9.0  # above and below a title on its own
+_ABOVE_SECTIONS = 7.0  # above a title with sections, and below these
+_HEADING = 4.0 + line_height(style.HEADING_SIZE)
+_CUT = " …"
+_BASELINE = 0.35  # of a size below the middle of a line
+
+
+class TextLine(NamedTuple):
+    """A line of text with its baseline's start, or its middle if `centred`, at (x, y)."""
+
+    x: float
+    y: float
+    text: str
+    size: float
+    color: str
+    face: Literal["regular", "bold", "code"]
+    centred: bool
+
+
+def make_label(text: str) -> Label:
+    """Return a label of some text, to be placed."""
+    lines = wrap(text)
+    width = max(text_width(line, style.LABEL_SIZE) for line in lines)
+    return Label(0, 0, width + 8, len(lines) * line_height(style.LABEL_SIZE) + 2, lines)
+
+
+def make_box(
+    state: str,
+    sections: tuple[SectionText, ...],
+    *,
+    initial: bool,
+    accepting: bool,
+    suspend: bool,
+    width: float = 0,
+    height: float = 0,
+) -> Box:
+    """Return the box of a state, to be placed: as large as asked, or as its text needs."""
+    title = wrap(state)
+    widths = [text_width(line, style.TITLE_SIZE) * style.BOLD for line in title]
+    needed = _title_height(title) + 2 * (_ABOVE_SECTIONS if sections else _ABOVE)
+    for section in sections:
+        widths.append(text_width(section.name, style.HEADING_SIZE) * style.BOLD)
+        widths += [code_width(line, style.CODE_SIZE) for line in section.lines]
+        needed += _HEADING + len(section.lines) * line_height(style.CODE_SIZE)
+    width, height = max(width, max(widths) + 2 * _PADDING), max(height, needed)
+    return Box(state, 0, 0, width, height, title, sections, initial, accepting, suspend)
+
+
+def cut_sections(
+    state: str, sections: tuple[SectionText, ...], width: float, height: float
+) -> tuple[SectionText, ...]:
+    """Return what of a state's sections fits into a box; an ellipsis stands for the rest."""
+    letters = max(int((width - 2 * _PADDING) / code_width("m", style.CODE_SIZE)), 1)
+    room = height - _title_height(wrap(state)) - 2 * _ABOVE_SECTIONS
+    kept: list[SectionText] = []
+    for section in sections:
+        room -= _HEADING
+        if room < 0:
+            if kept:
+                kept[-1] = kept[-1]._replace(name=f"{kept[-1].name.removesuffix(_CUT)}{_CUT}")
+            break
+        lines = [
+            line if len(line) <= letters else f"{line[: letters - 1]}…" for line in section.lines
+        ]
+        shown = tuple(lines[: int(room / line_height(style.CODE_SIZE))])
+        room -= len(shown) * line_height(style.CODE_SIZE)
+        kept.append(SectionText(section.name + _CUT * (len(shown) < len(lines)), shown))
+    return tuple(kept)
+
+
+def box_lines(box: Box) -> Iterator[TextLine]:
+    """Yield the text of a box: its title, in the middle or above the sections."""
+    y = box.top + _ABOVE_SECTIONS if box.sections else box.y - _title_height(box.title) / 2
+    for line in box.title:
+        y += line_height(style.TITLE_SIZE)
+        base = y - line_height(style.TITLE_SIZE) / 2 + _BASELINE * style.TITLE_SIZE
+        yield TextLine(box.x, base, line, style.TITLE_SIZE, style.INK, "bold", True)
+    x = box.left + _PADDING
+    for section in box.sections:
+        y += _HEADING
+        base = y - _BASELINE * style.HEADING_SIZE
+        yield TextLine(x, base, section.name, style.HEADING_SIZE, style.ACCENT, "bold", False)
+        for line in section.lines:
+            y += line_height(style.CODE_SIZE)
+            base = y - _BASELINE * style.CODE_SIZE
+            yield TextLine(x, base, line, style.CODE_SIZE, style.CODE, "code", False)
+
+
+def label_lines(label: Label) -> Iterator[TextLine]:
+    """Yield the text of a label."""
+    size = style.LABEL_SIZE
+    y = label.y - (len(label.lines) - 1) / 2 * line_height(size) + _BASELINE * size
+    for line in label.lines:
+        yield TextLine(label.x, y, line, size, style.LABEL, "regular", True)
+        y += line_height(size)
+
+
+def _title_height(title: tuple[str, ...]) -> float:
+    return len(title) * line_height(style.TITLE_SIZE)

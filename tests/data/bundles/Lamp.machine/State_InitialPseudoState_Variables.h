@@ -1,0 +1,5 @@
+//
+// State_InitialPseudoState_Variables.h
+//
+// Automatically created through MiCASE -- do not change manually!
+//
