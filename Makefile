@@ -28,7 +28,7 @@ demo: $(VENV)/.ready
 test: $(VENV)/.ready-test
 	$(BIN)/python -m pytest
 
-check: $(VENV)/.ready-check
+check: $(VENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p llfsm
@@ -56,10 +56,9 @@ bench: $(VENV)/.ready-bench
 # One stamp a set of extras; each is made again when what it depends on changes.
 $(VENV)/.ready: EXTRAS = draw
 $(VENV)/.ready-test: EXTRAS = test
-$(VENV)/.ready-check: EXTRAS = check
 $(VENV)/.ready-bench: EXTRAS = bench,draw
 
-$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-check $(VENV)/.ready-bench: $(SOURCES)
+$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-bench: $(SOURCES)
 	@python=$$(sh .ci/prerequisites) && \
 	    { test -x $(BIN)/python || $$python -m venv $(VENV); }
 	@echo "installing llfsm[$(EXTRAS)] into $(VENV) ..."
