@@ -1,0 +1,157 @@
+/* A Board as Python sees it, and how a status of the protocol becomes an exception. */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include "llfsm_whiteboard.h"
+
+static PyObject *raise_status; /* llfsm.whiteboard.errors: (status, errno, where, detail) */
+
+/* Beside lwb_status. */
+enum { CLOSED = -1, WRONG_TYPE = -2, WRONG_FIELD = -3, UNREADABLE = -4, REMOVED = -5 };
+
+/* Raise the Python error for a status, unless one is set: then making `detail` failed. Steals
+ * `detail`, which may be NULL. Always NULL. */
+static PyObject *fail(int status, PyObject *where, PyObject *detail)
+{
+    int number = errno;
+    if (!PyErr_Occurred())
+        Py_XDECREF(PyObject_CallFunction(raise_status, "iiOO", status, number, where,
+                                         detail ? detail : Py_None));
+    Py_XDECREF(detail);
+    return NULL;
+}
+
+/* The exception that is set, as an object to be another's cause, a new reference; NULL, and it
+ * stays set, if it is no Exception: an interrupt is not about the message. */
+static PyObject *take_error(void)
+{
+    if (!PyErr_ExceptionMatches(PyExc_Exception))
+        return NULL;
+    PyObject *type, *value, *traceback;
+    PyErr_Fetch(&type, &value, &traceback);
+    PyErr_NormalizeException(&type, &value, &traceback);
+    if (traceback)
+        PyException_SetTraceback(value, traceback);
+    Py_XDECREF(type);
+    Py_XDECREF(traceback);
+    return value;
+}
+
+typedef struct {
+    PyObject_HEAD
+    struct lwb_board board;
+    PyObject *path;
+    bool closed;
+    int users; /* calls under which a close must not unmap the board; the last one does it then.
+                * (A forked child may count a thread that it lacks; dealloc unmaps then.) */
+} Board;
+
+static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
+{
+    static char *names[] = {"path", "create", NULL};
+    PyObject *path;
+    int create;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "Up", names, &path, &create))
+        return NULL;
+    Board *self = (Board *)type->tp_alloc(type, 0);
+    if (!self)
+        return NULL;
+    self->board = (struct lwb_board){.fd = -1, .writer = -1};
+    self->path = Py_NewRef(path);
+    PyObject *bytes = NULL;
+    if (PyUnicode_FSConverter(path, &bytes)) {
+        int status = lwb_open(&self->board, PyBytes_AS_STRING(bytes), create);
+        Py_DECREF(bytes);
+        if (!status)
+            return (PyObject *)self;
+        fail(status, path, NULL);
+    }
+    Py_DECREF(self);
+    return NULL;
+}
+
+static void board_dealloc(Board *self)
+{
+    lwb_close(&self->board);
+    Py_XDECREF(self->path);
+    Py_TYPE(self)->tp_free((PyObject *)self);
+}
+
+static bool is_open(Board *self, PyObject *where)
+{
+    if (self->closed)
+        fail(CLOSED, where, NULL);
+    return !self->closed;
+}
+
+static void board_leave(Board *self)
+{
+    if (--self->users == 0 && self->closed)
+        lwb_close(&self->board);
+}
+
+static PyObject *board_close(Board *self, PyObject *unused)
+{
+    (void)unused;
+    self->closed = true;
+    if (!self->users)
+        lwb_close(&self->board);
+    Py_RETURN_NONE;
+}
+
+static PyObject *board_linked(Board *self, PyObject *unused)
+{
+    (void)unused;
+    return PyBool_FromLong(!self->closed && lwb_linked(&self->board));
+}
+
+static PyObject *board_shared(Board *self, PyObject *unused)
+{
+    (void)unused;
+    return is_open(self, self->path) ? PyBool_FromLong(lwb_shared(&self->board)) : NULL;
+}
+
+static PyObject *board_slots(Board *self, PyObject *unused)
+{
+    (void)unused;
+    if (!is_open(self, self->path))
+        return NULL;
+    PyObject *list = PyList_New(0);
+    struct lwb_record *r = NULL;
+    int status = LWB_OK;
+    self->users++; /* making objects may start the garbage collector, and that anything */
+    for (int i = 0; list; i++) {
+        uint64_t offset;
+        if (!(r = lwb_slot_at(&self->board, i, &offset, &status)))
+            break;
+        const char *texts = lwb_texts(r);
+        PyObject *item = Py_BuildValue(
+            "s#s#y#KK", texts, (Py_ssize_t)r->name_length, texts + r->name_length,
+            (Py_ssize_t)r->type_length, texts + r->name_length + r->type_length,
+            (Py_ssize_t)r->schema_length, (unsigned long long)r->fingerprint,
+            (unsigned long long)r->capacity);
+        if (!item || PyList_Append(list, item))
+            Py_CLEAR(list);
+        Py_XDECREF(item);
+    }
+    board_leave(self);
+    if (list && status != LWB_MISSING)
+        Py_SETREF(list, fail(status, self->path, NULL));
+    return list;
+}
+
+static PyMethodDef board_methods[] = {
+    {"close", (PyCFunction)board_close, METH_NOARGS, NULL},
+    {"linked", (PyCFunction)board_linked, METH_NOARGS, NULL},
+    {"shared", (PyCFunction)board_shared, METH_NOARGS, NULL},
+    {"slots", (PyCFunction)board_slots, METH_NOARGS, NULL},
+    {NULL, NULL, 0, NULL}};
+
+static PyTypeObject BoardType = {
+    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "llfsm.whiteboard._shm.Board",
+    .tp_basicsize = sizeof(Board),
+    .tp_flags = Py_TPFLAGS_DEFAULT,
+    .tp_new = board_new,
+    .tp_dealloc = (destructor)board_dealloc,
+    .tp_methods = board_methods,
+};
