@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -95,6 +95,7 @@ class Arrangement(Roster):
         self.on_error = on_error
         self.reason: Reason | None = None
         self.stop_cause: str | None = None
+        self.after_rounds: list[Callable[[bool], None]] = []  # `run` tells them: has any fired?
         self._turn = ringlet
         for observer in observers:
             self.attach(observer)
@@ -139,8 +140,7 @@ class Arrangement(Roster):
             if leaving:
                 self._let_go()
         if self._observers:
-            machines = tuple(None if s is None else s.status() for s in self._seats)
-            self.emit(RoundEnd(*self.stamp(), fired, self.finished, machines))
+            self.emit(RoundEnd(*self.stamp(), fired, self.finished, self.standings()))
         return fired
 
     def run(self, *, grace_s: float = 1.0, max_rounds: int | None = None) -> Reason:
@@ -185,6 +185,8 @@ class Arrangement(Roster):
         give_up_ns = None
         while True:
             fired = self.round()
+            for look in self.after_rounds:
+                look(fired)
             if self.reason is not None:  # a machine or an observer has ended it
                 return self.reason
             if max_rounds is not None and self.rounds >= max_rounds:

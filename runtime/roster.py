@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .binding import bind
 from .errors import LoadError, ObserverError, UnknownMachineError
-from .events import Event, Observer, Request
+from .events import Event, MachineStatus, Observer, Request
 from .machine import Machine, Status
 from .ringlet import ringlet
 from .seat import Seat
@@ -185,6 +185,10 @@ class Roster:
     def state_name_of(self, name: str) -> str:
         """Return the name of a machine's current state."""
         return self._find(name).current.name
+
+    def standings(self) -> tuple[MachineStatus | None, ...]:
+        """Return where each machine stands, in order of index, with None for each hole."""
+        return tuple(None if seat is None else seat.status() for seat in self._seats)
 
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""

@@ -6,44 +6,56 @@ from typing import TYPE_CHECKING
 
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
-from .events import End, Event, RoundEnd
-
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot
 
+    from .roster import Roster
+
 __all__ = ["StatusPoster"]
+
+_PAUSE_NS = 20_000_000  # as often as anybody can look
 
 
 class StatusPoster:
-    """Observe an arrangement and post a machine's status at the end of a round that changed it."""
+    """Post the status of each machine of an arrangement when it has changed.
 
-    def __init__(self, board: Board) -> None:
+    It is asked after every round. While round follows round without a sleep it looks only fifty
+    times a second, so that a fast arrangement stays fast: the latest status is told.
+    """
+
+    def __init__(self, roster: Roster, board: Board) -> None:
+        self._roster = roster
         self._board = board
         self._slots: dict[str, BoundSlot[MachineStatus]] = {}
         self._posted: dict[str, MachineStatus] = {}
+        self._due_ns = roster.clock.now_ns()
 
-    def __call__(self, event: Event) -> None:
-        """Take an event."""
-        if isinstance(event, RoundEnd):
-            now = {
-                machine.machine: MachineStatus(machine.state, machine.suspended)
-                for machine in event.machines
-                if machine is not None
-            }
-        elif isinstance(event, End):
-            now = {}
-        else:
-            return
-        for name, status in now.items():
+    def __call__(self, fired: bool) -> None:
+        """Post what has changed, after a round in which a transition `fired` or none did."""
+        now_ns = self._roster.clock.now_ns()
+        if not fired or now_ns >= self._due_ns:
+            self._due_ns = now_ns + _PAUSE_NS
+            self._post(
+                {
+                    machine.machine: MachineStatus(machine.state, machine.suspended)
+                    for machine in self._roster.standings()
+                    if machine is not None
+                }
+            )
+
+    def end(self) -> None:
+        """Post that the machines are gone."""
+        self._post({})
+
+    def _post(self, now: dict[str, MachineStatus]) -> None:
+        gone = {
+            name: MachineStatus(status.state, loaded=False)
+            for name, status in self._posted.items()
+            if name not in now
+        }
+        for name, status in (now | gone).items():
             if self._posted.get(name) != status:
-                self._post(name, status)
-        for name in self._posted.keys() - now.keys():
-            self._post(name, MachineStatus(self._posted.pop(name).state, loaded=False))
-
-    def _post(self, name: str, status: MachineStatus) -> None:
-        slot = self._slots.get(name)
-        if slot is None:
-            slot = self._slots[name] = self._board[status_slot(name)]
-        slot.add(status)
-        if status.loaded:
-            self._posted[name] = status
+                if name not in self._slots:
+                    self._slots[name] = self._board[status_slot(name)]
+                self._slots[name].add(status)
+        self._posted = now

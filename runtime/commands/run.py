@@ -102,7 +102,7 @@ def run(
             for number, (name, cls) in enumerate(named.items()):
                 load = arrangement.load if number < len(chosen) else arrangement.load_suspended
                 load(cls, variables=variables[name])
-            arrangement.attach(StatusPoster(wb))
+            arrangement.after_rounds.append(poster := StatusPoster(arrangement, wb))
             if verbose:
                 arrangement.attach(StateReport(arrangement, with_path=verbose > 1))
             if report:
@@ -112,7 +112,10 @@ def run(
                 click.echo(f"llfsm {version}: {', '.join(named)} on whiteboard {wb.name}", err=True)
             if until_eof:
                 end_with_input()
-            arrangement.run()
+            try:
+                arrangement.run()
+            finally:
+                poster.end()
         finally:
             if remove_board:
                 wb.remove()

@@ -14,7 +14,7 @@ from .conftest import Llfsm, alive, children, exists, wait_for, wait_for_line
 
 def start(llfsm: Llfsm, board: str, name: str = "wall") -> subprocess.Popen[str]:
     process = llfsm.start("demo", name, "-b", board, "--picture", "pictures/path")
-    wait_for_line(process, ": INITIAL")
+    wait_for_line(process, "turtle1 at")  # by then machine and simulator are up
     return process
 
 

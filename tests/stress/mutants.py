@@ -1,0 +1,110 @@
+"""Prove that stress.c can fail: break the protocol in one place after the other, and see it fail.
+
+Run it by hand, after a change to the protocol or to stress.c::
+
+    python tests/stress/mutants.py
+
+A run of a broken protocol that ends well, or a place that is no longer found, is an error.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).parent
+HEADER = HERE.parents[1] / "whiteboard/include/llfsm_whiteboard.h"
+SECONDS = 3  # most fail within milliseconds; those that hang are given up after twice as much
+
+ZERO = "    atomic_store_explicit(&buffer->count, 0, memory_order_release);\n"
+TIME = "    clock_gettime(CLOCK_MONOTONIC, &now);\n"
+WAKE = "    lwb_wake(s);\n"
+FILL = "    const unsigned char *from = data;\n"
+WAITING = "atomic_compare_exchange_strong(waiting, &now, now + 1)"
+SKIP = """        s->next = (s->next + 1) % LWB_BUFFERS; /* readers are at the published one */"""
+COUNT = """        atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
+"""
+SWAP = """!atomic_compare_exchange_weak_explicit(slot_word, &word, mine, memory_order_seq_cst,
+                                                    memory_order_relaxed)"""
+PLACE = "    uint64_t place = (uint64_t)s->writer << 4 | (uint64_t)s->next, mine;\n"
+CHECK = "atomic_load_explicit(&buffer->count, memory_order_relaxed) == meta->count"
+STORE = "        atomic_store_explicit(&buffer->payload[i], w, memory_order_relaxed);\n"
+CLAIM = "lwb_lock(b->fd, F_OFD_SETLK, F_WRLCK, id) >= 0"
+TABLE = "atomic_compare_exchange_strong(&lwb_head(b)->slots[i], &none, mine)"
+RELAXED = "memory_order_relaxed, memory_order_relaxed"
+END = "*offset = atomic_fetch_add(&lwb_head(b)->end, length);"
+TAKE = "meta->length < room ? meta->length : room;"
+ANNOUNCE = "    uint32_t odd = atomic_fetch_or(waiting, 1) | 1;\n"
+LOOK = "    if (lwb_count_of(atomic_load(&s->record->word)) <= after)\n"
+
+MUTANTS: dict[str, list[tuple[str, str]]] = {
+    "a reader does not check the count": [(CHECK, "1")],
+    "the count stays while the buffer is filled": [(ZERO, "")],
+    "the count is cleared after the payload": [(ZERO, ""), (TIME, TIME + ZERO)],
+    "a new owner fills the published buffer": [(SKIP, "        ;")],
+    "a buffer keeps the count of a swap that was lost": [
+        (PLACE, "    int tries = 0;\n" + PLACE),
+        (COUNT, f"        if (!tries++)\n    {COUNT}"),
+    ],
+    "the word is stored, not swapped": [(SWAP, "(atomic_store(slot_word, mine), 0)")],
+    "all writers have one id": [(CLAIM, "1")],
+    "the room is ignored": [(TAKE, "meta->length;")],
+    "a writer does not wake": [(WAKE, "")],
+    "a writer wakes before its swap": [(WAKE, ""), (FILL, WAKE + FILL)],
+    "a writer wakes one only": [("FUTEX_WAKE, INT32_MAX", "FUTEX_WAKE, 1")],
+    "who waits is told by a flag": [(WAITING, "atomic_store(waiting, 0)")],
+    "a waiter looks before it says that it waits": [
+        (
+            ANNOUNCE + LOOK,
+            LOOK.replace("if", "bool sleeps =").rstrip() + ";\n" + ANNOUNCE + "    if (sleeps)\n",
+        )
+    ],
+    "slots are stored into the table": [(TABLE, "(atomic_store(&lwb_head(b)->slots[i], mine), 1)")],
+    "the end is read and written": [
+        (
+            END,
+            "*offset = atomic_load(&lwb_head(b)->end);"
+            "atomic_store(&lwb_head(b)->end, *offset + length);",
+        )
+    ],
+    "the payload is written plainly": [(STORE, "        *(uint64_t *)&buffer->payload[i] = w;\n")],
+    "a slot is published without order": [
+        (TABLE, TABLE.replace("strong", "strong_explicit").replace("mine", f"mine, {RELAXED}"))
+    ],
+}
+
+
+def survives(header: str, flags: list[str]) -> bool:
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, HEADER.name).write_text(header)
+        program = str(Path(folder, "stress"))
+        command = ["cc", "-std=c11", "-pthread", "-w", *flags, "-I", folder, "-o", program]
+        subprocess.run([*command, str(HERE / "stress.c")], check=True)
+        try:
+            done = subprocess.run(
+                [program, str(SECONDS)], timeout=2 * SECONDS, capture_output=True, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return False
+        return done.returncode == 0
+
+
+def main() -> None:
+    builds = {"plain": ["-O2"], "TSan": ["-O1", "-fsanitize=thread"]}
+    alive = []
+    for name, changes in {"the protocol as it is": [], **MUTANTS}.items():
+        header = HEADER.read_text()
+        for old, new in changes:
+            assert header.count(old) == 1, f"{name}: where is {old!r}?"
+            header = header.replace(old, new)
+        by = next((build for build, flags in builds.items() if not survives(header, flags)), None)
+        print(f"{name}: " + (f"found by the {by} build" if by else "nothing found"), flush=True)
+        if (by is None) != (not changes):
+            alive.append(name)
+    sys.exit(f"not as it should be: {', '.join(alive)}" if alive else 0)
+
+
+if __name__ == "__main__":
+    main()
