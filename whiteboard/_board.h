@@ -124,6 +124,10 @@ static PyObject *board_slots(Board *self, PyObject *unused)
         uint64_t offset;
         if (!(r = lwb_slot_at(&self->board, i, &offset, &status)))
             break;
+        if (!lwb_is_sound(r)) {
+            status = LWB_CORRUPT;
+            break;
+        }
         const char *texts = lwb_texts(r);
         PyObject *item = Py_BuildValue(
             "s#s#y#KK", texts, (Py_ssize_t)r->name_length, texts + r->name_length,

@@ -295,7 +295,14 @@ static inline int lwb_lock(int fd, int command, short type, int index)
 
 /* ---- Boards -------------------------------------------------------------------------------- */
 
-/* A record at `offset`, checked against the file's size and its own checksum, or NULL. */
+/* Does a record still say what was written? */
+static inline bool lwb_is_sound(const struct lwb_record *r)
+{
+    return r->checksum == lwb_record_sum(r);
+}
+
+/* A record at `offset`, its lengths checked against the file's size, or NULL. Whoever uses more
+ * of it than its name asks lwb_is_sound, which costs reading all of it. */
 static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t offset)
 {
     struct lwb_record *r = lwb_at(b, offset, sizeof *r);
@@ -304,9 +311,7 @@ static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t off
         r->schema_length > LWB_MAX_SCHEMA)
         return NULL;
     size_t texts = (size_t)r->name_length + r->type_length + r->schema_length;
-    if (r->size != sizeof *r + texts || !(r = lwb_at(b, offset, r->size)))
-        return NULL;
-    return r->checksum == lwb_record_sum(r) ? r : NULL;
+    return r->size == sizeof *r + texts ? lwb_at(b, offset, r->size) : NULL;
 }
 
 /* The buffers of `writer` in a slot, checked, or NULL. */
@@ -327,7 +332,7 @@ static inline bool lwb_end_is_sound(struct lwb_board *b)
         if (!at)
             break;
         struct lwb_record *r = lwb_record_at(b, at);
-        if (!r)
+        if (!r || !lwb_is_sound(r))
             return false;
         if (at + r->size > furthest)
             furthest = at + r->size;
@@ -481,7 +486,7 @@ static inline bool lwb_shared(const struct lwb_board *b)
 
 /* ---- Slots --------------------------------------------------------------------------------- */
 
-/* Record number `index`, or NULL with *status LWB_MISSING if there are no more. */
+/* Record number `index`, see lwb_record_at; NULL with *status LWB_MISSING if there are no more. */
 static inline struct lwb_record *lwb_slot_at(struct lwb_board *b, int index, uint64_t *offset,
                                              int *status)
 {
@@ -557,6 +562,8 @@ static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const str
         if (lwb_is_named(r, s->name, length))
             break;
     }
+    if (!lwb_is_sound(r))
+        return LWB_CORRUPT;
     *slot = (struct lwb_slot){.board = b, .record = r, .offset = offset, .capacity = r->capacity,
                               .stride = lwb_stride(r->capacity), .writer = -1};
     return r->fingerprint == s->fingerprint ? LWB_OK : LWB_DIFFERS;
