@@ -16,7 +16,7 @@ from .cpp import suspend_state, targets
 from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
 from .plist import read_layout
 
-__all__ = ["STATE_NAME", "SUFFIX", "read_bundle"]
+__all__ = ["STATE_NAME", "SUFFIX", "Reader", "read_bundle"]
 
 SUFFIX = ".machine"
 _DEFAULT_LANGUAGE = "objc++"
@@ -35,10 +35,12 @@ def read_bundle(folder: str | Path) -> Bundle:
     folder = Path(folder)
     if not folder.is_dir():
         raise BundleError("there is no such folder", folder)
-    return _Reader(folder.resolve()).bundle()
+    return Reader(folder.resolve()).bundle()
 
 
-class _Reader:
+class Reader:
+    """Read one folder; a subclass may read on where this one raises."""
+
     def __init__(self, folder: Path):
         self.folder = folder
         self.name = folder.name.removesuffix(SUFFIX)

@@ -1,0 +1,163 @@
+"""A machine class as a subject: its code is found in the files where it was written."""
+
+from __future__ import annotations
+
+import ast
+import linecache
+import sys
+from collections.abc import Iterator
+from functools import lru_cache
+from types import CodeType, FunctionType
+
+from ..machine import Machine
+from ..state import State, Transition
+from .rules import findings_of
+from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
+
+__all__ = ["check_class"]
+
+
+def check_class(cls: type[Machine]) -> list[Finding]:
+    """Return what is wrong with `cls`; its code is read, never called.
+
+    Only what the class itself declares can be unused: what it inherits, others may use.
+    """
+    return findings_of(_Reader(cls).subject())
+
+
+class _Reader:
+    def __init__(self, cls: type[Machine]):
+        self.cls = cls
+        self.table = cls.table
+        self.opaque = False
+        self.file = getattr(sys.modules.get(cls.__module__), "__file__", None) or "<unknown>"
+        self.definition = _class_definition(self.file, cls.__qualname__)
+        self.line = self.definition.lineno if self.definition else 1
+
+    def subject(self) -> Subject:
+        table = self.table
+        methods: dict[str, Code] = {}
+        sections: list[Code] = []
+        for name, function in self.functions():
+            if code := self.code(function):
+                sections += [methods[name]] if name in methods else []  # still there for super()
+                methods[name] = code
+        for state in table.states:
+            sections += [code for each in state.sections.values() if (code := self.code(each))]
+        return Subject(
+            [self.state(state) for state in table.states],
+            table.suspend.name if table.suspend else None,
+            self.attributes(),
+            dict(self.declared()),
+            set(table.actuators),
+            methods,
+            sections,
+            self.opaque,
+        )
+
+    def functions(self) -> Iterator[tuple[str, object]]:
+        for owner in reversed(self.cls.__mro__):
+            if owner in Machine.__mro__:
+                continue
+            for name, value in vars(owner).items():
+                if isinstance(value, property) and value.fget:
+                    yield name, value.fget
+                elif isinstance(value, FunctionType):
+                    yield name, value
+
+    def attributes(self) -> set[str] | None:
+        if hasattr(self.cls, "__getattr__"):
+            return None
+        return {*dir(self.cls), *self.table.variables}
+
+    def declared(self) -> Iterator[tuple[str, Declared]]:
+        table = self.table
+        for name, variable in table.variables.items():
+            if variable.owner is self.cls:
+                yield name, Declared("variable", self.place(name))
+        for name in table.sensors.keys() & vars(self.cls).keys():
+            yield name, Declared("sensor", self.place(name))
+        for name in table.actuators.keys() & vars(self.cls).keys():
+            if table.actuators[name].at_end is None:  # that alone is a use
+                yield name, Declared("actuator", self.place(name))
+
+    def state(self, state: State) -> CheckedState:
+        transitions = [self.transition(each) for each in state.transitions]
+        called = (name for name, value in vars(self.cls).items() if value is state)
+        return CheckedState(state.name, self.place(next(called, "")), transitions)
+
+    def transition(self, transition: Transition) -> CheckedTransition:
+        guard = None if transition.guard is None else self.code(transition.guard)
+        untimed_true = transition.after_ms is None and guard is not None and guard.is_true
+        always = transition.unconditional or untimed_true
+        return CheckedTransition(transition.target.name, Place(*transition.location), always, guard)
+
+    def code(self, function: object) -> Code | None:
+        """Return the code of a function, or None, and remember it, if it cannot be read."""
+        code = getattr(function, "__code__", None)
+        node = _definition(code) if isinstance(code, CodeType) else None
+        arguments = [*node.args.posonlyargs, *node.args.args] if node else []
+        if not (code and node and arguments):
+            self.opaque = True
+            return None
+        body = node.body if isinstance(node.body, list) else [_returned(node.body)]
+        return Code(body, arguments[0].arg, code.co_filename)
+
+    def place(self, name: str) -> Place:
+        """Return where the class gives `name` its meaning, or where the class begins."""
+        for node in self.definition.body if self.definition else ():
+            match node:
+                case ast.AnnAssign(ast.Name(found)) | ast.Assign([ast.Name(found)]):
+                    if found == name:
+                        return Place(self.file, node.lineno)
+        return Place(self.file, self.line)
+
+
+def _returned(value: ast.expr) -> ast.Return:
+    return ast.copy_location(ast.Return(value), value)
+
+
+@lru_cache(maxsize=16)
+def _parse(file: str) -> ast.Module:
+    """Return the syntax of a file that has been imported; nothing if it cannot be read."""
+    try:
+        return ast.parse("".join(linecache.getlines(file)))
+    except SyntaxError:  # changed since
+        return ast.Module([], [])
+
+
+def _class_definition(file: str, qualname: str) -> ast.ClassDef | None:
+    found: ast.AST | None = _parse(file)
+    for name in qualname.split("."):
+        if name != "<locals>":
+            found = next(
+                (node for node in ast.walk(found) if _is_named(node, name)) if found else iter(()),
+                None,
+            )
+    return found if isinstance(found, ast.ClassDef) else None
+
+
+def _is_named(node: ast.AST, name: str) -> bool:
+    return isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name
+
+
+def _definition(code: CodeType) -> ast.FunctionDef | ast.Lambda | None:
+    """Return the function whose code this is."""
+    found = []
+    for node in ast.walk(_parse(code.co_filename)):
+        if isinstance(node, ast.FunctionDef):
+            first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
+            if (node.name, first) == (code.co_name, code.co_firstlineno):
+                found.append(node)
+    return found[0] if found else _lambda(code)
+
+
+def _lambda(code: CodeType) -> ast.Lambda | None:
+    """Return the lambda whose code this is; of several on a line, the columns tell which."""
+    spans = set(code.co_positions())
+    for node in ast.walk(_parse(code.co_filename)):
+        if isinstance(node, ast.Lambda) and node.lineno == code.co_firstlineno:
+            body = node.body
+            if (body.lineno, body.end_lineno, body.col_offset, body.end_col_offset) in spans:
+                return node
+    return None

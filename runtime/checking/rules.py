@@ -1,0 +1,111 @@
+"""The rules: each gives what it finds wrong with a subject."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from .subject import Code, Finding, Place, Subject
+from .uses import uses_of
+
+__all__ = ["findings_of"]
+
+_REQUESTS = frozenset({
+    "abandon", "load", "load_suspended", "restart", "restart_self", "resume", "resume_self",
+    "suspend", "suspend_all", "suspend_self", "unload",
+})  # fmt: skip
+_UNUSED = {"variable": "used", "sensor": "read", "actuator": "called"}
+
+
+def findings_of(subject: Subject) -> list[Finding]:
+    """Return what all rules find wrong, in the order of files and lines, each thing once."""
+    rules = (_unreachable, _shadowed, _unused, _unknown, _guards)
+    return sorted({finding for rule in rules for finding in rule(subject)})
+
+
+def _unreachable(subject: Subject) -> Iterator[Finding]:
+    states = {state.name: state for state in subject.states}
+    frontier = [subject.states[0].name, subject.suspend or subject.states[0].name]
+    reached = set(frontier)
+    while frontier:
+        state = states.get(frontier.pop())
+        new = {each.target for each in state.transitions} - reached if state else set()
+        reached |= new
+        frontier += new
+    for name, state in states.items():
+        if name not in reached:
+            yield Finding(*state.where, "warning", f"no transitions lead to state {name!r}")
+
+
+def _shadowed(subject: Subject) -> Iterator[Finding]:
+    for state in subject.states:
+        first = None
+        for transition in state.transitions:
+            if first is not None:
+                yield Finding(
+                    *transition.where, "error",
+                    f"state {state.name!r}: the transition to {transition.target!r} can never "
+                    f"fire, the one to {first.target!r} before it always does",
+                )  # fmt: skip
+            elif transition.always:
+                first = transition
+
+
+def _unused(subject: Subject) -> Iterator[Finding]:
+    uses = [uses_of(code) for code in _all_code(subject)]
+    if subject.opaque or any(each.escapes for each in uses):
+        return  # code that is not here may use them
+    used = {name for each in uses for name in (*each.loaded, *each.stored)}
+    read = {name for each in uses for name in each.loaded}
+    for name, (kind, where) in subject.declared.items():
+        if name not in (used if kind == "variable" else read):
+            shown = name.rpartition(".")[2]
+            yield Finding(*where, "warning", f"{kind} {shown!r} is never {_UNUSED[kind]}")
+
+
+def _unknown(subject: Subject) -> Iterator[Finding]:
+    if subject.attributes is None:
+        return
+    code = list(_all_code(subject))
+    uses = [uses_of(each) for each in code]
+    if any(each.escapes for each in uses):
+        return  # code that is not here may set them
+    known = subject.attributes.union(*(each.stored for each in uses))
+    for piece, each in zip(code, uses, strict=True):
+        for name, line in each.loaded.items():
+            if name not in known:
+                yield Finding(piece.file, line, "error", f"the machine has no {name!r}")
+
+
+def _guards(subject: Subject) -> Iterator[Finding]:
+    for state in subject.states:
+        for guard, where in ((each.guard, each.where) for each in state.transitions):
+            if guard is None:
+                continue
+            if not uses_of(guard).returns and not isinstance(guard.body[-1], ast.Raise):
+                yield Finding(*where, "error", "this guard returns no value: return True or False")
+            yield from _effects(subject, guard)
+
+
+def _effects(subject: Subject, guard: Code) -> Iterator[Finding]:
+    """Find what a guard, which may be evaluated any number of times, does to others."""
+    todo: list[tuple[Code, Place | None, str]] = [(guard, None, "")]
+    seen = set()
+    while todo:
+        code, outside, through = todo.pop()
+        for name, line in uses_of(code).called.items():
+            where = outside or Place(code.file, line)
+            if name in subject.actuators:
+                yield Finding(*where, "warning", f"a guard posts to actuator {name!r}{through}")
+            elif name in _REQUESTS:
+                yield Finding(*where, "warning", f"a guard makes the request {name!r}{through}")
+            elif name in subject.methods and name not in seen:
+                seen.add(name)
+                todo.append((subject.methods[name], where, through or f", through {name!r}"))
+
+
+def _all_code(subject: Subject) -> Iterator[Code]:
+    yield from subject.sections
+    yield from subject.methods.values()
+    for state in subject.states:
+        yield from (each.guard for each in state.transitions if each.guard is not None)

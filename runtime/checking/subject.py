@@ -1,0 +1,89 @@
+"""What the rules are about: a machine as text, whether a class or a bundle says it."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, TypeAlias
+
+__all__ = [
+    "CheckedState", "CheckedTransition", "Code", "Declared", "Finding", "Place", "Severity",
+    "Subject",
+]  # fmt: skip
+
+Severity: TypeAlias = Literal["error", "warning"]
+
+
+class Place(NamedTuple):
+    """A line of a file; lines count from 1."""
+
+    file: str
+    line: int
+
+
+class Finding(NamedTuple):
+    """One thing that is wrong; findings sort by file and line."""
+
+    file: str
+    line: int
+    severity: Severity
+    text: str
+
+
+class Code(NamedTuple):
+    """Statements, and the name by which they call their machine."""
+
+    body: Sequence[ast.AST]
+    machine: str
+    file: str
+
+    @property
+    def is_true(self) -> bool:
+        """Whether all it does is to return True."""
+        match self.body:
+            case [ast.Return(ast.Constant(value))]:
+                return value is True
+        return False
+
+
+class Declared(NamedTuple):
+    """A variable or port that the machine itself declares."""
+
+    kind: Literal["variable", "sensor", "actuator"]
+    where: Place
+
+
+class CheckedTransition(NamedTuple):
+    """A transition; `always` says that it fires whenever it is evaluated."""
+
+    target: str
+    where: Place
+    always: bool
+    guard: Code | None = None
+
+
+class CheckedState(NamedTuple):
+    """A state and its transitions in their order."""
+
+    name: str
+    where: Place
+    transitions: Sequence[CheckedTransition]
+
+
+@dataclass
+class Subject:
+    """A machine as the rules see it; the first state is initial.
+
+    `attributes` are all that its code may ask of it, or None if that cannot be told. `opaque`
+    says that there is code which cannot be read, and which may use whatever is declared.
+    """
+
+    states: list[CheckedState]
+    suspend: str | None
+    attributes: set[str] | None
+    declared: dict[str, Declared] = field(default_factory=dict)
+    actuators: set[str] = field(default_factory=set)
+    methods: dict[str, Code] = field(default_factory=dict)
+    sections: list[Code] = field(default_factory=list)
+    opaque: bool = False

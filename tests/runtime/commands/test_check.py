@@ -1,0 +1,86 @@
+"""`llfsm check`: one line a finding, and a status."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from .conftest import Llfsm
+
+GOOD = """\
+from llfsm.runtime import Machine, State
+class Good(Machine):
+    A = State()
+    B = State()
+    A.to(B)
+"""
+
+
+def bundle(folder: Path, entry: str) -> None:
+    folder.mkdir()
+    (folder / "Language").write_text("python")
+    (folder / "States").write_text("A")
+    (folder / "State_A_OnEntry.py").write_text(entry)
+
+
+def test_machines_without_findings(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "good.py").write_text(GOOD)
+    bundle(llfsm.cwd / "M.machine", "print(name)")
+    done = llfsm.run("check", "good:Good", "M", "RosWallTurttleBot")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "no findings\n", "")
+
+
+def test_warnings_alone_are_no_failure(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "lonely.py").write_text(GOOD + "    C = State()\n")
+    done = llfsm.run("check", "lonely:Good")
+    said = "lonely.py:6: warning: no transitions lead to state 'C'\n"
+    assert (done.returncode, done.stdout, done.stderr) == (0, said, "")
+
+
+def test_findings_of_all_machines_are_sorted_and_told_once(llfsm: Llfsm) -> None:
+    bundle(llfsm.cwd / "N.machine", "one\n" * 10)
+    bundle(llfsm.cwd / "M.machine", "two")
+    done = llfsm.run("check", "N", "M", "N.machine")
+    lines = ["M.machine/State_A_OnEntry.py:1: error: nothing is called 'two'"]
+    lines += [
+        f"N.machine/State_A_OnEntry.py:{line}: error: nothing is called 'one'"
+        for line in range(1, 11)
+    ]
+    assert (done.returncode, done.stdout.splitlines(), done.stderr) == (1, lines, "")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GOOD + "    A.to(A)\n", "bad.py:2: error: DefinitionError: Good, state 'A': the tran"),
+        (
+            GOOD + "    def suspend(self): ...\n",
+            "bad.py:2: error: DefinitionError: Good: 'suspend'",
+        ),
+        (GOOD + "    A.to(nowhere)\n", "bad.py:6: error: NameError: name 'nowhere' is not defined"),
+        (GOOD + "    (\n", "bad.py:6: error: SyntaxError: '(' was never closed"),
+        ("import nothing_like_it", "bad.py:1: error: ModuleNotFoundError: No module named 'noth"),
+    ],
+)
+def test_a_module_that_cannot_be_imported(llfsm: Llfsm, text: str, said: str) -> None:
+    (llfsm.cwd / "bad.py").write_text(text)
+    done = llfsm.run("check", "bad:Good", "RosPingPong")
+    assert (done.returncode, done.stderr) == (1, "")
+    assert done.stdout.startswith(said)
+    assert done.stdout.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "Missing argument 'MACHINE...'"),
+        (["Nobody"], "no machine 'Nobody'; those that ship: Ros"),
+        (["nowhere:M"], "there is no module 'nowhere'"),
+    ],
+)
+def test_wrong_usage(llfsm: Llfsm, arguments: list[str], said: str) -> None:
+    done = llfsm.run("check", *arguments)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
