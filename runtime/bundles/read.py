@@ -56,6 +56,7 @@ class Reader:
         self.headers = _PYTHON_FILES if self.python else _HEADER_FILES
 
     def bundle(self) -> Bundle:
+        """Return all that the folder says."""
         names = self.state_names()
         states = tuple(self.state(name, names) for name in names)
         return Bundle(
@@ -72,6 +73,7 @@ class Reader:
         )
 
     def state_names(self) -> list[str]:
+        """Return the states in order; what is no list of names is an error."""
         if not (self.folder / "States").exists():
             raise BundleError(
                 "there is no file States, which lists the states: this is no bundle", self.folder
@@ -91,6 +93,7 @@ class Reader:
         return names
 
     def state(self, name: str, names: list[str]) -> BundleState:
+        """Return one state with its sections and transitions."""
         stem = f"State_{name}"
         sections = {key: self.find(f"{stem}_{key}", self.code) for key in SECTIONS}
         read = self.python_transitions if self.python else self.cpp_transitions
@@ -105,6 +108,7 @@ class Reader:
         )
 
     def cpp_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
+        """Return a state's transitions, whose targets C++ hides in generated code."""
         header = self.find(f"State_{state}", self.headers)
         if header is None:
             raise BundleError(
@@ -119,6 +123,7 @@ class Reader:
         )
 
     def python_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
+        """Return a state's transitions, each with a file for its target."""
         stem = f"State_{state}"
         mine = re.compile(rf"{stem}_Transition_(\d+)\.(?:target|expr)")
         numbers = {int(m[1]) for file in self.folder.iterdir() if (m := mine.fullmatch(file.name))}
@@ -143,6 +148,7 @@ class Reader:
         return tuple(transitions)
 
     def suspend(self, names: list[str]) -> str | None:
+        """Return the declared suspend state."""
         if self.python:
             named = self.text("SuspendState")
             return None if named is None else self.known_state(named, names)
@@ -155,17 +161,20 @@ class Reader:
         return suspend_state(code, names)
 
     def known_state(self, fragment: Fragment, names: list[str]) -> str:
+        """Return the state that a file names; one that there is not is an error."""
         name = fragment.text.strip()
         if name not in names:
             raise fragment.error(f"{name!r} is no state; there are: {', '.join(names)}", 1)
         return name
 
     def include_paths(self) -> tuple[str, ...]:
+        """Return the folders to look for includes in, as they stand in the file."""
         listed = self.text("IncludePath")
         lines = [] if listed is None else listed.text.splitlines()
         return tuple(line.strip() for line in lines if line.strip())
 
     def layout(self) -> Layout | None:
+        """Return where an editor has drawn the states."""
         file = self.folder / "Layout.plist"
         return read_layout(file) if file.exists() else None
 
