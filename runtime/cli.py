@@ -15,12 +15,18 @@ __all__ = ["clfsm", "main"]
 
 # name: (where it is, what `llfsm --help` says of it)
 _COMMANDS = {
+    "new": ("llfsm.runtime.commands.new:new", "Make a machine to start from."),
     "run": ("llfsm.runtime.commands.run:run", "Run machines as one arrangement."),
+    "check": ("llfsm.runtime.commands.check:check", "Check machines without running them."),
     "draw": ("llfsm.runtime.commands.draw:draw", "Draw a machine."),
     "show": ("llfsm.runtime.commands.show:show", "Show what a machine consists of."),
     "import": (
         "llfsm.runtime.commands.importing:import_",
         "Make a bundle of Python from one of C++.",
+    ),
+    "package": (
+        "llfsm.runtime.commands.package:package",
+        "Write the ROS 2 package that starts a machine.",
     ),
     "turtlesim": ("llfsm.bridges.turtlesim.command:turtlesim", "Simulate turtles, without ROS."),
     "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),

@@ -11,6 +11,8 @@ FsmError
 │   └── GuardResultError     a guard returned something else than True or False
 ├── ObserverError            an observer raised
 ├── DrawingError             a picture of a machine cannot be drawn as asked
+├── PackageError             a ROS 2 package cannot be written as asked
+├── OptionError              an argument of an arrangement is impossible
 ├── ArrangementEndedError    a round was asked of an arrangement that has ended
 └── ClockError               a clock was told to go back (also a ValueError)
 
@@ -38,6 +40,7 @@ __all__ = [
     "NotLoadedError",
     "ObserverError",
     "OptionError",
+    "PackageError",
     "UnknownMachineError",
     "UnreachableStateWarning",
     "VariableError",
@@ -121,6 +124,10 @@ class DrawingError(FsmError):
 
 class OptionError(FsmError, ValueError):
     """Say which option of an arrangement has an impossible value, and what is possible."""
+
+
+class PackageError(FsmError):
+    """Say why a package cannot be written."""
 
 
 class ArrangementEndedError(FsmError):

@@ -1,0 +1,101 @@
+"""`llfsm package`: the package's entry point runs what the command was given."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .conftest import Llfsm
+
+CLASS = """
+from llfsm.runtime import Machine, State
+
+class Mine(Machine):
+    n: int = 1
+    A = State()
+
+    @A.on_entry
+    def _(self):
+        print(self.name, self.n)
+"""
+
+
+def run_entry(package: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(package), str(package.parent)])
+    return subprocess.run(
+        [sys.executable, "-m", f"{package.name}.run", "-q", *arguments],
+        env=os.environ | {"PYTHONPATH": path},
+        cwd="/",
+        text=True,
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def write_bundle(folder: Path, entry: str) -> None:
+    folder.mkdir(parents=True)
+    (folder / "Language").write_text("python")
+    (folder / "States").write_text("A")
+    (folder / f"{folder.stem}_Variables.py").write_text("n: int = 1")
+    (folder / "State_A_OnEntry.py").write_text(entry)
+
+
+@pytest.mark.parametrize("name", ["robots/Mine", "robots/Mine.machine", "my_robot:Mine"])
+def test_what_is_packaged_runs(llfsm: Llfsm, board: str, name: str) -> None:
+    write_bundle(llfsm.cwd / "robots" / "Mine.machine", "print(name, n)")
+    (llfsm.cwd / "my_robot.py").write_text(CLASS)
+    done = llfsm.run("package", name)
+    assert (done.returncode, done.stdout) == (0, "wrote mine: ros2 run mine mine\n")
+    ran = run_entry(llfsm.cwd / "mine", "-b", board)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "Mine 1\n", "")
+
+
+def test_arguments_for_ros_are_left_out(llfsm: Llfsm, board: str) -> None:
+    write_bundle(llfsm.cwd / "Mine.machine", "print(name, n)")
+    assert llfsm.run("package", "Mine", "--output", "src").returncode == 0
+    ran = run_entry(
+        llfsm.cwd / "src" / "mine",
+        "--ros-args", "-r", "__node:=x", "--", "Mine:n=5", "-b", board, "--ros-args", "-p", "a:=1",
+    )  # fmt: skip
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "Mine 5\n", "")
+
+
+def test_one_that_ships(llfsm: Llfsm, board: str) -> None:
+    assert llfsm.run("package", "RosPingPong", "-o", "src").returncode == 0
+    ran = run_entry(llfsm.cwd / "src" / "ros_ping_pong", "RosPingPong:count=x", "-b", board)
+    assert ran.returncode == 2
+    assert "Usage: ros_ping_pong run" in ran.stderr  # it was found, and so was its variable
+    assert "'RosPingPong:count=x': Expected `int`" in ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        (["Nobody"], 2, "no machine 'Nobody'; those that ship: Ros"),
+        (["my_robot:Mine"], 2, "there is no module 'my_robot'"),
+        (["Broken"], 1, "State_A_OnEntry.py:1: nothing is called 'x'"),
+        (["Good", "-o", "Good.machine/States"], 2, "is a file"),
+    ],
+)
+def test_what_cannot_be_packaged(
+    llfsm: Llfsm, arguments: list[str], status: int, said: str
+) -> None:
+    write_bundle(llfsm.cwd / "Broken.machine", "x")
+    write_bundle(llfsm.cwd / "Good.machine", "pass")
+    done = llfsm.run("package", *arguments)
+    assert done.returncode == status
+    assert said in done.stderr
+    assert sorted(os.listdir(llfsm.cwd)) == ["Broken.machine", "Good.machine"]
+
+
+def test_a_package_is_not_overwritten(llfsm: Llfsm) -> None:
+    write_bundle(llfsm.cwd / "Good.machine", "pass")
+    assert llfsm.run("package", "Good").returncode == 0
+    done = llfsm.run("package", "Good")
+    assert done.returncode == 1
+    assert done.stderr == "Error: good is there already: remove it, or write to another folder\n"
