@@ -149,7 +149,8 @@ def test_it_installs_and_its_script_runs_the_machine(tmp_path: Path) -> None:
     site = tmp_path / "site"
     subprocess.run(
         [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-         "--no-deps", "--no-build-isolation", "--no-index", "--target", str(site), str(package)],
+         "--no-deps", "--no-build-isolation", "--use-pep517", "--no-index", "--target", str(site),
+         str(package)],
         check=True,
     )  # fmt: skip
     assert {
