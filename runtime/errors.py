@@ -12,6 +12,7 @@ FsmError
 ├── ObserverError            an observer raised
 ├── DrawingError             a picture of a machine cannot be drawn as asked
 ├── PackageError             a ROS 2 package cannot be written as asked
+├── ProcessDiedError         a process that a command watches ended by itself
 ├── OptionError              an argument of an arrangement is impossible
 ├── ArrangementEndedError    a round was asked of an arrangement that has ended
 └── ClockError               a clock was told to go back (also a ValueError)
@@ -41,6 +42,7 @@ __all__ = [
     "ObserverError",
     "OptionError",
     "PackageError",
+    "ProcessDiedError",
     "UnknownMachineError",
     "UnreachableStateWarning",
     "VariableError",
@@ -128,6 +130,10 @@ class OptionError(FsmError, ValueError):
 
 class PackageError(FsmError):
     """Say why a package cannot be written."""
+
+
+class ProcessDiedError(FsmError):
+    """Tell which process ended although nobody asked it to, and what it said last."""
 
 
 class ArrangementEndedError(FsmError):

@@ -16,20 +16,14 @@ from ..bundles import (
     read_bundle,
     write_bundle,
 )
+from .options import output_option
 
 __all__ = ["import_"]
 
 
 @click.command("import")
 @click.argument("bundle", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    metavar="DIR",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=".",
-    help="Make the new bundle in this folder; by default the current one.",
-)
+@output_option("the new bundle")
 @click.option("-f", "--force", is_flag=True, help="Replace a bundle that is there already.")
 def import_(bundle: Path, output: Path, force: bool) -> None:
     """Make a bundle of Python from BUNDLE, one of C++.

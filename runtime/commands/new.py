@@ -12,6 +12,7 @@ import click
 
 from ..bundles import SUFFIX, Bundle, BundleState, BundleTransition, Fragment, write_bundle
 from ..layout import Layout, StateBox, TransitionPath
+from .options import output_option
 
 __all__ = ["new"]
 
@@ -24,14 +25,7 @@ __all__ = ["new"]
     default=False,
     help="Make a Python file with a class, or a .machine bundle, which is the default.",
 )
-@click.option(
-    "-o",
-    "--output",
-    metavar="DIR",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=".",
-    help="Make it in this folder; by default the current one.",
-)
+@output_option("it")
 def new(name: str, as_class: bool, output: Path) -> None:
     """Make machine NAME: it counts for a second and ends, and its comments explain.
 

@@ -8,20 +8,14 @@ import click
 
 from ..packaging import write_package
 from .machines import find_bundle, find_machine
+from .options import output_option
 
 __all__ = ["package"]
 
 
 @click.command()
 @click.argument("machine")
-@click.option(
-    "-o",
-    "--output",
-    metavar="DIR",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=".",
-    help="Make the package in this folder, as a workspace's src; by default the current one.",
-)
+@output_option("the package")
 def package(machine: str, output: Path) -> None:
     """Write the ROS 2 package that starts MACHINE, named as for `llfsm run`.
 

@@ -11,15 +11,11 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Self
 
-from ..errors import FsmError
+from ..errors import ProcessDiedError
 
-__all__ = ["ProcessDiedError", "Processes"]
+__all__ = ["Processes"]
 
 _PATIENCE_S = 5.0  # from SIGTERM to SIGKILL
-
-
-class ProcessDiedError(FsmError):
-    """Tell which process ended although nobody asked it to, and what it said last."""
 
 
 class _Process:
