@@ -21,6 +21,7 @@ __all__ = [
     "IdleSleep",
     "MachineStatus",
     "Observer",
+    "Reason",
     "Request",
     "RoundBegin",
     "RoundEnd",
@@ -35,6 +36,17 @@ class Request(StrEnum):
     SUSPEND = "suspend"
     RESUME = "resume"
     RESTART = "restart"
+
+
+class Reason(StrEnum):
+    """Why an arrangement ended."""
+
+    ACCEPTING = "accepting"  # every machine accepts or is suspended
+    STOPPED = "stopped"  # asked to stop, and the grace period is over
+    MAX_ROUNDS = "max_rounds"
+    FAILED = "failed"  # code of a machine or an observer raised
+    INTERRUPTED = "interrupted"  # KeyboardInterrupt, SystemExit
+    CLOSED = "closed"  # `end` was called, or its `with` block was left
 
 
 class RoundBegin(NamedTuple):
