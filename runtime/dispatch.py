@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable
 from itertools import pairwise
 from math import lcm
 from pathlib import Path
 
 from .errors import ConfigurationError
+from .failure import logger
 from .plan import Plan, PlannedMachine
 from .schedule import TimeSlot, Timetable
 
@@ -43,13 +45,24 @@ class DispatchTable(Plan, frozen=True, kw_only=True):
         ]
         even_us = lcm(*(self.machines[number].period_us or 1 for number, _ in self.slots))
         length_us = slots[-1].start_us - slots[0].start_us
-        return Timetable(slots, (length_us // even_us + 1) * even_us)
+        cycle_us = (length_us // even_us + 1) * even_us
+        for number, turns in Counter(number for number, _ in self.slots).items():
+            period_us = self.machines[number].period_us
+            if period_us is not None and turns * period_us != cycle_us:
+                logger().warning(
+                    "%s has a period of %d us, but the table gives it %d turns in %d us",
+                    called[number],
+                    period_us,
+                    turns,
+                    cycle_us,
+                )
+        return Timetable(slots, cycle_us)
 
 
 def read_dispatch_table(file: Path) -> DispatchTable:
     """Read a dispatch table; raise `ConfigurationError` with the line of what is wrong."""
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = file.read_text(encoding="utf-8").split("\n")
     except OSError as error:
         raise ConfigurationError(f"cannot be read: {error.strerror}", file=file) from error
     except UnicodeDecodeError as error:

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Plan", "PlannedMachine", "assemble", "names_of", "read_plan"]
 
-Positive = Annotated[int, msgspec.Meta(ge=1)]
-NotNegative = Annotated[int, msgspec.Meta(ge=0)]
+_LONGEST_US = 10**12  # eleven days
+Positive = Annotated[int, msgspec.Meta(ge=1, le=_LONGEST_US)]
+NotNegative = Annotated[int, msgspec.Meta(ge=0, le=_LONGEST_US)]
 
 
 class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -83,13 +84,17 @@ def read_plan(file: Path) -> Plan:
 
 
 def names_of(plan: Plan, classes: Iterable[type[Machine]]) -> list[str]:
-    """Return the name that each machine of the plan gets: a second `P` becomes `P.0`."""
-    taken: list[str] = []
-    for planned, cls in zip(plan.machines, classes, strict=True):
+    """Return the name that each machine of the plan gets: a second `P` becomes `P.0`.
+
+    Those that are only preloaded get what is left.
+    """
+    names: dict[int, str] = {}
+    given = list(enumerate(zip(plan.machines, classes, strict=True)))
+    for number, (planned, cls) in sorted(given, key=lambda each: each[1][0].preload):
         name = planned.name or cls.__name__
-        names = [name, *(f"{name}.{number}" for number in range(len(taken)))]
-        taken.append(next(free for free in names if free not in taken))
-    return taken
+        all_names = [name, *(f"{name}.{count}" for count in range(len(names)))]
+        names[number] = next(free for free in all_names if free not in names.values())
+    return [names[number] for number in range(len(names))]
 
 
 def assemble(

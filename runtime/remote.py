@@ -89,17 +89,19 @@ class Directory:
         self._board = board
         self._slots: dict[str, BoundSlot[MachineStatus]] = {}  # by name of the slot
 
-    def find(self, name: str, known: Iterable[str] = ()) -> RemoteMachine:
+    def find(self, name: str, known: Iterable[str] | None = None) -> RemoteMachine:
         """Return the machine of that name, or raise `UnknownMachineError` naming those there are.
 
-        `known` are the machines of the asking arrangement, which are others.
+        `known` are the machines of the asking arrangement, if one asks; they are others.
         """
         slot = status_slot(name).name
         if slot not in self._slots:
             self._look()
         sample = self._slots[slot].sample() if slot in self._slots else None
         if sample is None or not is_live(sample):
-            others = {machine.name for machine in self.machines()} - {*known}
+            others = {machine.name for machine in self.machines()} - {*(known or ())}
+            if known is None:
+                raise UnknownMachineError(name, sorted(others), f"on {self._board.name}")
             raise UnknownMachineError(name, known, elsewhere=sorted(others))
         return RemoteMachine(self._board, name, sample)
 

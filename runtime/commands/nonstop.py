@@ -9,6 +9,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
@@ -35,7 +36,8 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
         if child and asked == 1:
             os.close(pipe)
         elif child:
-            os.kill(child, number)
+            with suppress(ProcessLookupError):  # it has ended, which is about to be noticed
+                os.kill(child, number)
 
     before = {number: signal.signal(number, on_signal) for number in _SIGNALS}
     while not asked:
@@ -85,7 +87,11 @@ def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -
             traceback.print_exc()
         else:
             click.echo(f"Error: {error}", err=True)
+    except SystemExit as error:
+        status = error.code if isinstance(error.code, int) else int(error.code is not None)
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status)
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        finally:  # also if nobody listens: what comes after `run_nonstop` is up to the parent
+            os._exit(status)

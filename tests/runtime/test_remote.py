@@ -330,7 +330,7 @@ def test_a_machine_of_a_process_that_was_killed_is_unknown(board: Whiteboard, pr
     worker = processes.run("Worker")
     worker.kill()
     worker.wait()
-    with pytest.raises(UnknownMachineError, match=r"no machine 'Worker'; loaded: none$"):
+    with pytest.raises(UnknownMachineError, match=r"no machine 'Worker'; on .*: none$"):
         Directory(board).find("Worker")
     assert Directory(board).machines() == []
 
