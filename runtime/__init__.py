@@ -24,8 +24,8 @@ from .errors import (
     UnreachableStateWarning,
     VariableError,
 )
-from .events import Event, Observer, Reason, Request
-from .machine import Machine, Status, define
+from .events import Event, Observer, Reason, Request, Status
+from .machine import Machine, define
 from .ports import Actuator, Sensor
 from .schedule import Requirement, TimeSlot, Timetable
 from .state import State, Transition

@@ -8,7 +8,7 @@ An observer is any function of one event; with none attached no event is made. A
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import NamedTuple, TypeAlias
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "RoundBegin",
     "RoundEnd",
     "Section",
+    "Status",
     "Turn",
 ]
 
@@ -36,6 +37,14 @@ class Request(StrEnum):
     SUSPEND = "suspend"
     RESUME = "resume"
     RESTART = "restart"
+
+
+class Status(IntEnum):
+    """What a request returns, with clfsm's numbers: the status of the machine before it."""
+
+    ERROR = -1
+    RUNNING = 0
+    SUSPENDED = 1
 
 
 class Reason(StrEnum):

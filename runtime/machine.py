@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from enum import IntEnum
 from types import new_class
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, Unpack, cast, dataclass_transform
 
 from .errors import DefinitionError, NotLoadedError, VariableError
-from .events import Call
+from .events import Call, Status
 from .state import ClassBody, State
 from .table import REQUIRED, Table, make_table
 
@@ -17,18 +16,10 @@ if TYPE_CHECKING:
     from .seat import Seat
     from .submachine import Submachine
 
-__all__ = ["Machine", "MachineType", "Status", "define"]
+__all__ = ["Machine", "MachineType", "define"]
 
 R = TypeVar("R")
 M = TypeVar("M", bound="Machine")
-
-
-class Status(IntEnum):
-    """What a request returns, with clfsm's numbers: the status of the machine before it."""
-
-    ERROR = -1
-    RUNNING = 0
-    SUSPENDED = 1
 
 
 @dataclass_transform(kw_only_default=True)

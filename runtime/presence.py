@@ -17,8 +17,8 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 
 from . import events
+from .events import Status
 from .failure import logger
-from .machine import Status
 from .remote import born, host_name, is_live
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 
 from .errors import UnknownMachineError
-from .machine import Status
+from .events import Status
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Sample

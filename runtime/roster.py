@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar, Unpack
 
 from .binding import bind
 from .errors import LoadError, ObserverError, UnknownMachineError
-from .events import Event, MachineStatus, Observer, Request
-from .machine import Machine, Status
+from .events import Event, MachineStatus, Observer, Request, Status
+from .machine import Machine
 from .ringlet import ringlet
 from .seat import Seat
 from .submachine import Submachine

@@ -12,7 +12,7 @@ from llfsm.whiteboard import Board, BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import Action, MachineStatus, status_slot
 from llfsm.whiteboard.shared import boards
 
-from ..machine import Status
+from ..events import Status
 from ..remote import SILENT_S, Directory, RemoteMachine, is_live
 from .board import board_option
 
