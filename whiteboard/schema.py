@@ -248,6 +248,8 @@ def _zero(schema: Schema) -> Any:
             return [_zero(i) for i in items]
         case {"type": "array"}:
             return [_zero(schema["items"])] * schema.get("minItems", 0)
+        case {"contentEncoding": "base64", "minLength": length}:
+            return binascii.b2a_base64(bytes(length), newline=False).decode()
         case {"type": "number" | "integer" as kind}:
             return max(schema.get("minimum", -math.inf), min(0, schema.get("maximum", 0)))
         case {"type": kind}:

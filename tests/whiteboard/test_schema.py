@@ -198,8 +198,9 @@ def test_zero_keeps_to_the_limits() -> None:
         low: Annotated[float, msgspec.Meta(le=-2.5)]
         level: Level
         two: Annotated[tuple[Level, ...], msgspec.Meta(min_length=2)]
+        uuid: Annotated[bytes, msgspec.Meta(min_length=4, max_length=4)]
 
-    assert from_plain({}, describe(Limited)) == [3, -2.5, -1, [-1, -1]]
+    assert from_plain({}, describe(Limited)) == [3, -2.5, -1, [-1, -1], bytes(4)]
 
 
 @pytest.mark.parametrize(
