@@ -134,14 +134,17 @@ class Arrangement(Roster):
 
         With a period or a timetable, wait until they are due.
         """
-        self._check_not_ended()
-        if self._pacer is not None and not self._pacer.wait_for_round():
+        if self.reason is not None:
+            raise self._ended()
+        pacer = self._pacer
+        if pacer is not None and not pacer.wait_for_round():
             return False
         self.rounds += 1
         if self._observers:
             self.emit(RoundBegin(*self.stamp()))
         fired, leaving = False, self._leaving
-        for seat in self._turns():  # the list grows and gets holes on the way
+        seats = self._seats if pacer is None else self._turns(pacer)
+        for seat in seats:  # the list grows and gets holes on the way
             if seat is None:
                 continue
             turn = self._turn  # another one when an observer comes or goes
@@ -166,7 +169,8 @@ class Arrangement(Roster):
         states. A second signal acts as if there were no arrangement. `max_rounds` ends it
         after that round, counted from the first.
         """
-        self._check_not_ended()
+        if self.reason is not None:
+            raise self._ended()
         reason = Reason.INTERRUPTED
         try:
             with stop_on_signals(self.stop):
@@ -237,9 +241,8 @@ class Arrangement(Roster):
         """When the next round begins; None if it begins when it is asked for."""
         return None if self._pacer is None else self._pacer.next_ns
 
-    def _check_not_ended(self) -> None:
-        if self.reason is not None:
-            raise ArrangementEndedError(f"this arrangement has ended: {self.reason}")
+    def _ended(self) -> ArrangementEndedError:
+        return ArrangementEndedError(f"this arrangement has ended: {self.reason}")
 
     def _wait_for_turn(self, due_ns: int) -> bool:
         if self._execution is not None:
@@ -247,10 +250,10 @@ class Arrangement(Roster):
         self.clock.sleep_until_ns(due_ns)
         return self.reason is None
 
-    def _turns(self) -> Iterable[Seat | None]:
-        if self.timetable is None or self._pacer is None:
+    def _turns(self, pacer: Pacer) -> Iterable[Seat | None]:
+        if self.timetable is None:
             return self._seats
-        return self._pacer.turns(self.timetable.slots, self._named)
+        return pacer.turns(self.timetable.slots, self._named)
 
     def _admit(self, name: str) -> None:
         if self.timetable is not None and name not in self.timetable.machines:

@@ -64,7 +64,7 @@ def _guard(seat: Seat, transition: Transition) -> Guard | None:
     guard = transition.guard
     if transition.after_ms is None:
         return guard
-    now, limit_ns = seat.now, transition.after_ms * 1_000_000
+    now, limit_ns = seat.roster.clock.now_ns, transition.after_ms * 1_000_000
     if guard is None:
         return lambda _: now() - seat.entered_ns > limit_ns
     return lambda machine: now() - seat.entered_ns > limit_ns and guard(machine)

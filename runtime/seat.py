@@ -76,7 +76,7 @@ class Seat:
         self.name = name
         self.path = path
         self.renamed = renamed  # slots: name in the machine -> name on the board
-        self.now = roster.clock.now_ns
+        self.now = self._first_now
         self.states = {state.name: BoundState(state.name) for state in table.states}
         self.initial = self.states[table.initial.name]
         self.suspension = (
@@ -123,6 +123,12 @@ class Seat:
         if self.first_round == 0:
             return self.nested
         return self.roster.rounds - self.first_round + 1 + self.nested
+
+    def _first_now(self) -> int:
+        """Tell the time as the first turn begins, and take note of it: later ones pay nothing."""
+        self.first_round = self.roster.rounds
+        self.now = self.roster.clock.now_ns
+        return self.now()
 
     def suspend(self) -> None:
         """Go to the suspend state and remember the current one; nothing if suspended."""
