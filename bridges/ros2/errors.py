@@ -2,6 +2,12 @@
 
 Ros2Error
 ├── RosNameError              not a name of a node, topic or service
+├── RosTypeError
+│   ├── UnknownTypeError      nobody defines that type
+│   ├── DefinitionSyntaxError a definition breaks ROS 2's rules for them
+│   ├── DefinitionPlaceError  where definitions were to be looked for is nothing
+│   └── TypeMismatchError     a Message class with other fields than the type of its name
+├── CdrError                  bytes that are no message of a type, or a message that has no bytes
 └── PortError
     ├── PortUnavailableError  this way into ROS is not installed, or cannot be opened
     ├── DomainIdError         not a ROS domain id
@@ -21,6 +27,9 @@ __all__ = [
     "AlreadyAnsweredError",
     "CallFailedError",
     "CallTimeoutError",
+    "CdrError",
+    "DefinitionPlaceError",
+    "DefinitionSyntaxError",
     "DomainIdError",
     "NoServerError",
     "PortClosedError",
@@ -28,8 +37,11 @@ __all__ = [
     "PortUnavailableError",
     "Ros2Error",
     "RosNameError",
+    "RosTypeError",
     "RouterError",
     "ServiceCallError",
+    "TypeMismatchError",
+    "UnknownTypeError",
 ]
 
 
@@ -39,6 +51,30 @@ class Ros2Error(Exception):
 
 class RosNameError(Ros2Error, ValueError):
     """A name of a node, namespace, topic or service breaks ROS 2's rules."""
+
+
+class RosTypeError(Ros2Error):
+    """Something about a ROS type or its definition."""
+
+
+class UnknownTypeError(RosTypeError, LookupError):
+    """Nobody defines that type; the message says where it was looked for and what comes near."""
+
+
+class DefinitionSyntaxError(RosTypeError, ValueError):
+    """A definition breaks ROS 2's rules; the message says where and which."""
+
+
+class DefinitionPlaceError(RosTypeError, ValueError):
+    """A folder or file in which to look for definitions is not there."""
+
+
+class TypeMismatchError(RosTypeError, TypeError):
+    """A Message class bears the name of a ROS type and has other fields; says how they differ."""
+
+
+class CdrError(Ros2Error, ValueError):
+    """Bytes are no message of a type, or a message cannot be bytes; the message names the field."""
 
 
 class PortError(Ros2Error):
