@@ -26,9 +26,8 @@ Names may be relative (``cmd_vel``), private (``~/pose``) or full; see :mod:`.na
 
 from __future__ import annotations
 
-import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
@@ -37,6 +36,7 @@ from llfsm.whiteboard.message import M, Message
 
 from .graph import Graph
 from .lifetime import Closable
+from .names import NO_REMAPPING
 from .qos import SERVICE, TOPIC, Qos
 
 if TYPE_CHECKING:
@@ -54,10 +54,7 @@ __all__ = [
     "Request",
     "Server",
     "Subscription",
-    "log_notice",
 ]
-
-_LOG = logging.getLogger("llfsm.bridges.ros2")
 
 
 class NoticeKind(Enum):
@@ -84,12 +81,6 @@ class Notice(NamedTuple):
     name: str
     """The topic or service; empty if it is about the whole port."""
     text: str
-
-
-def log_notice(notice: Notice) -> None:
-    """Log a notice as a warning (coming up again: as information)."""
-    level = logging.INFO if notice.kind is NoticeKind.UP else logging.WARNING
-    _LOG.log(level, "%s", ": ".join(part for part in (notice.name, notice.text) if part))
 
 
 class MessageInfo(NamedTuple):
@@ -272,8 +263,13 @@ class Port(Closable):
         """Whether the way into ROS is there; see :attr:`NoticeKind.DOWN`."""
 
     @abstractmethod
-    def node(self, name: str, namespace: str = "/") -> Node:
-        """Put a node on the graph; raise :class:`.RosNameError` if a name is not one."""
+    def node(
+        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
+    ) -> Node:
+        """Put a node on the graph; raise :class:`.RosNameError` if a name is not one.
+
+        ``remap`` gives names of topics and services that its endpoints use another name.
+        """
 
     @abstractmethod
     def graph(self) -> Graph:

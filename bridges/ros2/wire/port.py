@@ -1,0 +1,181 @@
+"""The port on Zenoh."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import zenoh
+
+from llfsm.whiteboard.message import M
+
+from ..errors import PortClosedError
+from ..graph import Endpoint, Graph, Role
+from ..later import Later
+from ..names import NO_REMAPPING, Names, check_domain, domain_from_environment
+from ..port import Arrival, Node, Notice, NoticeKind, Port, Request
+from ..qos import SERVICE, TOPIC, Qos
+from ..telling import Teller, log_notice
+from ..types import RosMessage, RosService
+from .client import ZenohClient
+from .discovery import Discovery
+from .endpoint import Place, Wire
+from .server import ZenohServer
+from .session import open_session
+from .tokens import node_token
+from .topics import ZenohPublisher, ZenohSubscription
+
+__all__ = ["ZenohPort"]
+
+
+class ZenohPort(Port):
+    """A citizen of the graph of nodes that use rmw_zenoh_cpp.
+
+    A lost router is told, and found again without help: within a second of its return the nodes
+    are back on its graph. Without one, nodes that were met before still hear each other.
+    """
+
+    def __init__(
+        self,
+        domain: int | None = None,
+        *,
+        router: Sequence[str] | None = None,
+        notify: Callable[[Notice], None] = log_notice,
+    ) -> None:
+        """Open a session, whether the router is there or not.
+
+        ``domain`` defaults to ``ROS_DOMAIN_ID``, ``router`` (endpoints as ``tcp/localhost:7447``)
+        to what the environment says (see :mod:`.session`). Raise :class:`.DomainIdError` and
+        :class:`.PortUnavailableError`.
+        """
+        super().__init__()
+        self.domain = domain_from_environment() if domain is None else check_domain(domain)
+        self._teller = Teller(notify)
+        self._session, self._router = open_session(router)
+        self._session_id = str(self._session.zid())
+        self._numbers = itertools.count()
+        self._later = Later("ros2 answers")
+        self._discovery = Discovery(self._session, self.domain, self._teller)
+        self._wire = Wire(self._session, self._discovery, self._teller, self.domain)
+        self._routers: set[str] = set()
+        self._listener = self._session.info.declare_transport_events_listener(
+            self._on_transport, history=True
+        )
+        if not self.up:
+            self._teller.tell(NoticeKind.DOWN, f"{self._no_router()}; `llfsm router` starts one")
+
+    @property
+    def up(self) -> bool:
+        """Whether there is a connection to a router, if one was asked for."""
+        return not self._router or bool(self._session.info.routers_zid())
+
+    def node(
+        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
+    ) -> Node:
+        """Put a node on the graph."""
+        names = Names(name, namespace, remap)
+        with self._lifetime:
+            self._check_open()
+            token = node_token(
+                self.domain, self._session_id, next(self._numbers), names.namespace, name
+            )
+            return _ZenohNode(self, names, token, self._wire, self._numbers, self._later)
+
+    def graph(self) -> Graph:
+        """Return what the tokens tell."""
+        return self._discovery.graph()
+
+    def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
+        """Block until ``ready`` says yes to the graph."""
+        done = self._discovery.wait(ready, timeout)
+        if done is None:
+            raise PortClosedError(f"{self} is closed")
+        return done
+
+    def __str__(self) -> str:
+        return "the port on Zenoh"
+
+    def _close(self) -> None:
+        self._listener.undeclare()
+        self._discovery.close()
+        self._session.close()
+        self._later.close()
+
+    def _on_transport(self, event: zenoh.TransportEvent) -> None:
+        """Follow routers that come and go; Zenoh calls this on one thread."""
+        if not self._router or event.transport.whatami != zenoh.WhatAmI.ROUTER:
+            return
+        before = bool(self._routers)
+        if event.kind == zenoh.SampleKind.PUT:
+            self._routers.add(str(event.transport.zid))
+        else:
+            self._routers.discard(str(event.transport.zid))
+        if self._routers and not before:
+            self._teller.tell(NoticeKind.UP, "connected to a router")
+        elif before and not self._routers and not self._closed:
+            self._teller.tell(NoticeKind.DOWN, self._no_router())
+
+    def _no_router(self) -> str:
+        return f"no router at {' or '.join(self._router)}, trying on"
+
+
+class _ZenohNode(Node):
+    def __init__(
+        self,
+        owner: ZenohPort,
+        names: Names,
+        token: str,
+        wire: Wire,
+        numbers: itertools.count[int],
+        later: Later,
+    ) -> None:
+        super().__init__(owner)
+        self.name = names.full_node
+        self._names = names
+        self._token_key = token
+        self._wire = wire
+        self._numbers = numbers
+        self._later = later
+        self._token = wire.session.liveliness().declare_token(token)
+
+    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> ZenohPublisher[M]:
+        with self._lifetime:
+            return ZenohPublisher(self, self._place(Role.PUBLISHER, topic, of, qos), of, qos)
+
+    def subscription(
+        self,
+        topic: str,
+        of: RosMessage[M],
+        callback: Callable[[Arrival[M]], None],
+        qos: Qos = TOPIC,
+    ) -> ZenohSubscription:
+        with self._lifetime:
+            place = self._place(Role.SUBSCRIPTION, topic, of, qos)
+            return ZenohSubscription(self, place, of, callback, qos)
+
+    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> ZenohClient:
+        with self._lifetime:
+            return ZenohClient(self, self._place(Role.CLIENT, service, of, qos), of, self._later)
+
+    def server(
+        self,
+        service: str,
+        of: RosService,
+        handler: Callable[[Request[Any, Any]], None],
+        qos: Qos = SERVICE,
+    ) -> ZenohServer:
+        with self._lifetime:
+            return ZenohServer(self, self._place(Role.SERVER, service, of, qos), of, handler)
+
+    def __str__(self) -> str:
+        return f"the node {self.name}"
+
+    def _place(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Place:
+        self._check_open()
+        full = self._names.full(name)
+        end = Endpoint(role, self.name, full, of.name, of.type_hash, qos)
+        return Place(self._wire, self._token_key, next(self._numbers), end, of.dds_name)
+
+    def _close(self) -> None:
+        self._token.undeclare()
