@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -27,6 +28,8 @@ from .tokens import node_token
 from .topics import ZenohPublisher, ZenohSubscription
 
 __all__ = ["ZenohPort"]
+
+_GRACE = 1.0  # seconds that a router has to be met before its absence is news
 
 
 class ZenohPort(Port):
@@ -59,11 +62,13 @@ class ZenohPort(Port):
         self._discovery = Discovery(self._session, self.domain, self._teller)
         self._wire = Wire(self._session, self._discovery, self._teller, self.domain)
         self._routers: set[str] = set()
+        self._told_up = True
+        self._following = threading.Lock()
         self._listener = self._session.info.declare_transport_events_listener(
             self._on_transport, history=True
         )
-        if not self.up:
-            self._teller.tell(NoticeKind.DOWN, f"{self._no_router()}; `llfsm router` starts one")
+        if self._router:
+            self._later.after(_GRACE, self._tell_router)
 
     @property
     def up(self) -> bool:
@@ -103,21 +108,26 @@ class ZenohPort(Port):
         self._later.close()
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
-        """Follow routers that come and go; Zenoh calls this on one thread."""
         if not self._router or event.transport.whatami != zenoh.WhatAmI.ROUTER:
             return
-        before = bool(self._routers)
-        if event.kind == zenoh.SampleKind.PUT:
-            self._routers.add(str(event.transport.zid))
-        else:
-            self._routers.discard(str(event.transport.zid))
-        if self._routers and not before:
-            self._teller.tell(NoticeKind.UP, "connected to a router")
-        elif before and not self._routers and not self._closed:
-            self._teller.tell(NoticeKind.DOWN, self._no_router())
+        change = self._routers.add if event.kind == zenoh.SampleKind.PUT else self._routers.discard
+        change(str(event.transport.zid))
+        self._tell_router()
 
-    def _no_router(self) -> str:
-        return f"no router at {' or '.join(self._router)}, trying on"
+    def _tell_router(self) -> None:
+        """Tell whether there is a router, if that is news."""
+        with self._following:
+            up = bool(self._routers)
+            if up is self._told_up or self._closed:
+                return
+            self._told_up = up
+        if up:
+            self._teller.tell(NoticeKind.UP, "connected to a router")
+        else:
+            where = " or ".join(self._router)
+            self._teller.tell(
+                NoticeKind.DOWN, f"no router at {where}, still trying; `llfsm router` starts one"
+            )
 
 
 class _ZenohNode(Node):

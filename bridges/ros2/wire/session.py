@@ -9,71 +9,83 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import zenoh
 
 from ..errors import PortUnavailableError
 
-__all__ = ["ROUTER", "open_session", "override"]
+__all__ = ["open_session", "open_with"]
 
-ROUTER = "tcp/localhost:7447"
-"""Where a session looks for its router unless told otherwise."""
-
-_DEFAULTS: dict[str, Any] = {
+_OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
+_PEER: dict[str, Any] = {
     "mode": "peer",
-    "connect/endpoints": [ROUTER],
+    "connect/endpoints": ["tcp/localhost:7447"],
     "connect/timeout_ms": -1,  # a router that is not there yet is no reason to give up
     "connect/exit_on_failure": False,
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
     "listen/endpoints": ["tcp/localhost:0"],
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": True,
-    "timestamping/enabled": {"router": True, "peer": True, "client": True},  # for histories
+}
+_ALWAYS: dict[str, Any] = {
+    "scouting/delay": 1,  # ms that opening takes; others are not waited for
+    "timestamping/enabled": True,  # histories are ordered by it
 }
 
 
 def open_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list[str]]:
-    """Open a session; return it with the endpoints where it looks for a router.
+    """Open a node's session; return it with the endpoints where it looks for a router.
 
     ``router`` wins over the environment. Raise :class:`.PortUnavailableError` if what either says
     cannot be used.
     """
-    config = _config()
-    if router is not None:
-        _insert(config, "connect/endpoints", json.dumps(list(router)), "the router's address")
-    try:
-        endpoints = json.loads(config.get_json("connect/endpoints"))
-        return zenoh.open(config), endpoints
-    except zenoh.ZError as error:
-        raise PortUnavailableError(f"no Zenoh session can be opened: {error}") from error
-
-
-def override(config: zenoh.Config, text: str) -> None:
-    """Change a configuration as ``ZENOH_CONFIG_OVERRIDE`` says."""
-    for entry in filter(None, map(str.strip, text.split(";"))):
-        path, _, value = entry.partition("=")
-        _insert(config, path.strip(), value.strip(), f"ZENOH_CONFIG_OVERRIDE: {entry!r}")
-
-
-def _config() -> zenoh.Config:
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI")
     if path:
         try:
             config = zenoh.Config.from_file(path)
         except zenoh.ZError as error:
-            raise PortUnavailableError(f"ZENOH_SESSION_CONFIG_URI={path}: {error}") from error
+            raise PortUnavailableError(
+                f"ZENOH_SESSION_CONFIG_URI={path}: {_plain(error)}"
+            ) from error
     else:
-        config = zenoh.Config()
-        for name, value in _DEFAULTS.items():
-            config.insert_json5(name, json.dumps(value))
-    override(config, os.environ.get("ZENOH_CONFIG_OVERRIDE", ""))
+        config = _configured(_ALWAYS | _PEER)
+    for entry in filter(None, map(str.strip, os.environ.get(_OVERRIDE, "").split(";"))):
+        name, _, value = entry.partition("=")
+        _insert(config, name.strip(), value.strip(), f"{_OVERRIDE}: {entry}: ")
+    if router is not None:
+        _insert(config, "connect/endpoints", json.dumps(list(router)))
+    return _open(config), json.loads(config.get_json("connect/endpoints"))
+
+
+def open_with(settings: dict[str, Any]) -> zenoh.Session:
+    """Open a session with settings alone; raise :class:`.PortUnavailableError`."""
+    return _open(_configured(_ALWAYS | settings))
+
+
+def _configured(settings: Mapping[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    for name, value in settings.items():
+        _insert(config, name, json.dumps(value))
     return config
 
 
-def _insert(config: zenoh.Config, path: str, value: str, source: str) -> None:
+def _insert(config: zenoh.Config, name: str, value: str, source: str = "") -> None:
     try:
-        config.insert_json5(path, value)
+        config.insert_json5(name, value)
     except zenoh.ZError as error:
-        raise PortUnavailableError(f"{source} is not something Zenoh takes: {error}") from error
+        raise PortUnavailableError(f"{source}{_plain(error)}") from error
+
+
+def _open(config: zenoh.Config) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise PortUnavailableError(_plain(error)) from error
+
+
+def _plain(error: zenoh.ZError) -> str:
+    """Return an error's text without the places in Zenoh's sources where it was raised."""
+    return re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error)).strip()

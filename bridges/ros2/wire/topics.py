@@ -135,7 +135,8 @@ class _Sample(Arrival[M]):
         return self._of.decode(self._sample.payload.to_bytes())
 
 
-def _declare_publisher(place: Place, qos: Qos) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
+def _declare_publisher(place: Place, qos: Qos) -> Any:
+    """Return a publisher, of one of Zenoh's two kinds."""
     reliable = qos.reliability is Reliability.RELIABLE
     congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
     reliability = zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT
