@@ -77,15 +77,15 @@ def shipped_class(made: type[Message], name: str) -> type[Message] | None:
     if importlib.util.find_spec(module) is None:
         return None
     found = getattr(importlib.import_module(module), last, None)
-    if getattr(found, "__type_name__", None) != name or describe(found) != describe(made):
+    if not (isinstance(found, type) and issubclass(found, Message)):
         return None
-    return found
+    return found if describe(found) == describe(made) else None
 
 
 def _annotation(kind: FieldType, nested: _Nested) -> Any:
     if kind.is_bytes:
         return _limited(bytes, kind)
-    single = nested(kind.base) if kind.nested else _PYTHON[kind.base]
+    single: Any = nested(kind.base) if kind.nested else _PYTHON[kind.base]
     if kind.bound:
         single = Annotated[single, Meta(max_length=kind.bound)]
     return single if kind.shape is Shape.SINGLE else _limited(tuple[single, ...], kind)

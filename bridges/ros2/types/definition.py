@@ -126,7 +126,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Definition:
-    """A message, service or action, as ``kind`` says, under its name: ``geometry_msgs/msg/Twist``."""
+    """A message, service or action, as ``kind`` says, under its full name."""
 
     name: str
     fields: tuple[Field, ...] = ()

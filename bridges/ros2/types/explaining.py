@@ -28,7 +28,7 @@ def why_unreadable(record: Record, data: bytes) -> CdrError:
         return CdrError(f"{record.name}: the header has {HEADER} bytes, and here are {len(data)}")
     if data[0] != 0 or data[1] > 1:
         return CdrError(
-            f"{record.name}: the header is {data[:HEADER].hex(' ')}; plain CDR starts 00 00 or 00 01"
+            f"{record.name}: the header is {data[:HEADER].hex(' ')}, and plain CDR's 00 00 or 00 01"
         )
     walk = _Walk(data)
     try:

@@ -34,7 +34,7 @@ class Item(NamedTuple):
 
 @dataclass(frozen=True)
 class At:
-    """What is known of an offset: its remainder, modulo 1 (nothing), 2, 4 or 8 (all that counts)."""
+    """What is known of an offset: its remainder, modulo 1 (nothing), 2, 4 or 8 (all)."""
 
     modulus: int = 1
     residue: int = 0

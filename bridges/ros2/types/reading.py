@@ -35,8 +35,8 @@ def compile_decoder(
         "length": Struct(f"{order}I").unpack_from,
         "otherwise": otherwise,
         "explain": explain,
-        "Failed": (error, IndexError, UnicodeError, wire.Unreadable),
-        "Unreadable": wire.Unreadable,
+        "Failed": (error, IndexError, UnicodeError, wire.UnreadableError),
+        "UnreadableError": wire.UnreadableError,
         "truth": wire.FALSE_TRUE,
         "read_texts": wire.read_texts,
         "read_wide_texts": wire.read_wide_texts,
@@ -56,7 +56,7 @@ def compile_decoder(
         f"  {code.lines[0]}",
         f"  if {header} != {known}: return otherwise(data)",
         *(f"  {line}" for line in code.lines[1:]),
-        f"  if size - ({code.offset}) > {_MOST_PADDING}: raise Unreadable",
+        f"  if size - ({code.offset}) > {_MOST_PADDING}: raise UnreadableError",
         f"  return {message}",
         " except Failed: pass",
         " raise explain(data)",
@@ -146,7 +146,7 @@ class _Function:
             count = self.add(Item("I", 4, 4))
             self.flush()
             if kind.size:
-                self._emit(f"if {count} > {kind.size}: raise Unreadable")
+                self._emit(f"if {count} > {kind.size}: raise UnreadableError")
         if record is not None:
             return self._messages(record, count)
         if kind.is_text:
@@ -163,13 +163,13 @@ class _Function:
             self._at = At(4, 0)
         else:
             end = self._assign(f"{start} + {count}")
-            self._emit(f"if data[{end} - 1]: raise Unreadable")
+            self._emit(f"if data[{end} - 1]: raise UnreadableError")
             self._reach(end)
             self._at = At()
             value = f"data[{start}:{end} - 1].decode()"
         if kind.bound:
             value = self._assign(value)
-            self._emit(f"if len({value}) > {kind.bound}: raise Unreadable")
+            self._emit(f"if len({value}) > {kind.bound}: raise UnreadableError")
         return value
 
     def _texts(self, kind: FieldType, count: str) -> str:
@@ -229,7 +229,7 @@ class _Function:
             start = self._assign(f"{self.offset} + ({missing} if {count} else 0)")
             self._at = self._at.either(_rows(At(align, HEADER % align), size))
         end = self._assign(f"{start} + {count} * {size}")
-        self._emit(f"if {end} > size: raise Unreadable")
+        self._emit(f"if {end} > size: raise UnreadableError")
         self._reach(end)
         return start, end
 

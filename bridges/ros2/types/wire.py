@@ -13,8 +13,8 @@ from struct import Struct, pack, unpack, unpack_from
 __all__ = [
     "FALSE_TRUE",
     "ZERO_ONE",
-    "Unreadable",
-    "Unwritable",
+    "UnreadableError",
+    "UnwritableError",
     "exact",
     "narrow",
     "read_texts",
@@ -25,11 +25,11 @@ __all__ = [
 ]
 
 
-class Unreadable(Exception):
+class UnreadableError(Exception):
     """The bytes are no message; :mod:`.explaining` finds out why."""
 
 
-class Unwritable(Exception):
+class UnwritableError(Exception):
     """The message cannot be bytes; :mod:`.explaining` finds out why."""
 
 
@@ -40,7 +40,7 @@ ZERO_ONE = {False: 0, True: 1}.__getitem__  # any other value is a KeyError
 def exact(value: bytes, size: int) -> bytes:
     """Return the value if it is of that size: struct would cut or fill it."""
     if type(value) is not bytes or len(value) != size:
-        raise Unwritable
+        raise UnwritableError
     return value
 
 
@@ -59,19 +59,19 @@ def read_texts(
         start = offset + 4
         offset = start + size
         if data[offset - 1]:
-            raise Unreadable
+            raise UnreadableError
         texts.append(data[start : offset - 1].decode())
     if bound and any(len(text) > bound for text in texts):
-        raise Unreadable
+        raise UnreadableError
     return tuple(texts), offset
 
 
 def write_texts(texts: tuple[str, ...], offset: int, bound: int) -> bytes:
     """Return the bytes of texts that start at an offset."""
-    parts = []
+    parts: list[bytes] = []
     for text in texts:
         if 0 < bound < len(text):
-            raise Unwritable
+            raise UnwritableError
         raw = (text + "\0").encode()
         padding = -offset & 3
         parts += (_LENGTHS[padding](len(raw)), raw)
@@ -82,7 +82,7 @@ def write_texts(texts: tuple[str, ...], offset: int, bound: int) -> bytes:
 def narrow(data: bytes, offset: int, count: int, order: str) -> str:
     """Return the wide text of so many units."""
     if 4 * count > len(data) - offset:
-        raise Unreadable
+        raise UnreadableError
     units = unpack_from(f"{order}{count}I", data, offset)
     return pack(f"<{count}H", *units).decode("utf-16-le")
 
@@ -104,7 +104,7 @@ def read_wide_texts(
         texts.append(narrow(data, offset + 4, units, order))
         offset += 4 + 4 * units
     if bound and any(len(text) > bound for text in texts):
-        raise Unreadable
+        raise UnreadableError
     return tuple(texts), offset
 
 
@@ -113,7 +113,7 @@ def write_wide_texts(texts: tuple[str, ...], offset: int, bound: int) -> bytes:
     parts = [bytes(-offset & 3)]
     for text in texts:
         if 0 < bound < len(text):
-            raise Unwritable
+            raise UnwritableError
         raw = text.encode("utf-16-le")
         parts += (_LENGTHS[0](len(raw) // 2), widen(raw))
     return b"".join(parts)

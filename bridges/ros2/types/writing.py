@@ -35,9 +35,9 @@ def compile_encoder(
             AttributeError,
             OverflowError,
             UnicodeError,
-            wire.Unwritable,
+            wire.UnwritableError,
         ),
-        "Unwritable": wire.Unwritable,
+        "UnwritableError": wire.UnwritableError,
         "exact": wire.exact,
         "zero_one": wire.ZERO_ONE,
         "write_texts": wire.write_texts,
@@ -141,7 +141,7 @@ class _Function:
         python = "bytes" if kind.is_bytes else "tuple"
         wrong = {Shape.ARRAY: "!=", Shape.BOUNDED: ">"}.get(kind.shape)
         size = f" or len({value}) {wrong} {kind.size}" if wrong else ""
-        self._emit(f"if type({value}) is not {python}{size}: raise Unwritable")
+        self._emit(f"if type({value}) is not {python}{size}: raise UnwritableError")
         if kind.shape is not Shape.ARRAY:
             self.add(Item("I", 4, 4), f"len({value})")
         self.flush()
@@ -157,7 +157,7 @@ class _Function:
 
     def _text(self, kind: FieldType, value: str) -> None:
         if kind.bound:
-            self._emit(f"if len({value}) > {kind.bound}: raise Unwritable")
+            self._emit(f"if len({value}) > {kind.bound}: raise UnwritableError")
         if kind.base == "wstring":
             raw = self._assign(f'{value}.encode("utf-16-le")')
             self.add(Item("I", 4, 4), f"len({raw}) // 2")
