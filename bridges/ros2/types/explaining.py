@@ -12,6 +12,7 @@ from ..errors import CdrError
 from .definition import INTEGERS, PRIMITIVES, FieldType, Shape
 from .layout import HEADER
 from .record import Member, Record
+from .wire import ZERO_ONE
 
 __all__ = ["why_unreadable", "why_unwritable"]
 
@@ -146,20 +147,17 @@ def _check_one(member: Member, value: Any, path: str) -> None:
     kind = member.type
     if member.record is not None:
         _check_message(member.record, value, path)
-    elif kind.is_text:
+        return
+    if kind.is_text:
         _check_text(kind, value, path)
-    elif kind.base == "bool":
-        if not isinstance(value, bool):
-            raise _FoundError(f"{path}: a bool needed, not {value!r}")
-    elif kind.base in INTEGERS:
-        least, most = INTEGERS[kind.base]
-        if not isinstance(value, int) or not least <= value <= most:
-            raise _FoundError(f"{path}: {value!r} is no {kind.base}, which has {least} to {most}")
-    else:
-        try:
-            pack(PRIMITIVES[kind.base].code, value)
-        except Exception:
-            raise _FoundError(f"{path}: {value!r} is no {kind.base}") from None
+        return
+    try:
+        number = ZERO_ONE(value) if kind.base == "bool" else value
+        pack(f"<{PRIMITIVES[kind.base].code}", number)
+    except Exception:  # whatever a value that is no number raises when it is asked to be one
+        least, most = INTEGERS.get(kind.base, (None, None))
+        limits = "" if most is None else f", which has {least} to {most}"
+        raise _FoundError(f"{path}: {value!r} is no {kind.base}{limits}") from None
 
 
 def _check_text(kind: FieldType, value: Any, path: str) -> None:

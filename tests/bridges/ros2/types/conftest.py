@@ -4,13 +4,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import settings
 
 from llfsm.bridges.ros2.types import TypeLibrary
-
-# How long an example takes says how busy the machine is, and nothing of the code.
-settings.register_profile("ros2", deadline=None)
-settings.load_profile("ros2")
 
 
 @pytest.fixture(autouse=True)
