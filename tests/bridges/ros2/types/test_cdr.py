@@ -123,6 +123,7 @@ def le(code: str, *values: object) -> bytes:
     ("text", "data", "message"),
     [
         ("int8 a\nint32 b", le("bxxxH", 1, 2), "b: needs 4 bytes at offset 8, 2 are left"),
+        ("int8 a\nint32 b", le("b", 1), "b: needs 4 bytes at offset 8, 0 are left"),
         ("bool[2] a", le("BB", 1, 2), r"a[1]: a bool is 0 or 1, not 2"),
         ("bool a", le("B", 255), "a: a bool is 0 or 1, not 255"),
         ("string a", le("I", 4), "a: needs 4 bytes at offset 8, 0 are left"),
