@@ -170,7 +170,8 @@ class TypeLibrary:
         self._check_kind(name, "message")
         ours, theirs = describe(self._class(name)), describe(cls)
         if ours != theirs:
-            found = "; ".join(differences(ours, theirs)).replace("the board", "ROS")
+            found = "; ".join(differences(ours, theirs))
+            found = found.replace("on the board", "in ROS").replace("the board", "ROS")
             raise TypeMismatchError(f"{cls.__qualname__} is not {name}: {found}")
         return self._made(cls, name)
 
