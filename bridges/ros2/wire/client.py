@@ -33,12 +33,23 @@ class ZenohClient(Client[Any, Any]):
         self._soon = later.soon
         self._sequence = itertools.count(1)
         self._calls = Calls(place.name, of.response, place.wire.teller)
+        # It knows whether a queryable is there, which a server's token may tell too early.
+        self._querier = place.wire.session.declare_querier(
+            place.key, target=zenoh.QueryTarget.ALL_COMPLETE
+        )
+        discovery = place.wire.discovery
+        self._listener: zenoh.MatchingListener[None] = self._querier.declare_matching_listener(
+            lambda _: discovery.look_again()
+        )
         place.show()
 
     @property
     def ready(self) -> bool:
-        """Whether a token tells of a server with our type."""
-        return self._place.wire.discovery.serves(self.name, self._of.type_hash)
+        """Whether a server with our type can be asked."""
+        if self._closed:
+            return False
+        status: Any = self._querier.matching_status  # its stub says bool
+        return bool(status.matching)
 
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
         """Send a query; Zenoh watches the time."""
@@ -47,12 +58,13 @@ class ZenohClient(Client[Any, Any]):
             self._check_open()
             call = self._calls.begin()
         deadline = time.monotonic() + timeout
+        served = self.ready
 
         def on_reply(reply: zenoh.Reply) -> None:
             self._soon(partial(self._on_reply, call, deadline, reply))
 
         def on_end() -> None:
-            self._soon(partial(self._on_end, call))
+            self._soon(partial(self._on_end, call, served))
 
         try:
             self._place.wire.session.get(
@@ -78,11 +90,11 @@ class ZenohClient(Client[Any, Any]):
             else:
                 self._calls.failed(call, reason)
 
-    def _on_end(self, call: Future[Any]) -> None:
+    def _on_end(self, call: Future[Any], served: bool) -> None:
         """Conclude that no reply will come any more."""
         if call.done():
             return
-        if self.ready:
+        if served or self.ready:
             self._calls.failed(call, "the server gave no answer")
         else:
             self._calls.unserved(call, self._place.wire.discovery.why_unserved(self.name))
@@ -90,6 +102,8 @@ class ZenohClient(Client[Any, Any]):
     def _close(self) -> None:
         self._place.hide()
         self._calls.close()
+        self._listener.undeclare()
+        self._querier.undeclare()
 
     def __str__(self) -> str:
         return f"the client of {self.name}"

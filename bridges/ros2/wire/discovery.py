@@ -54,11 +54,10 @@ class Discovery:
             done = self._changed.wait_for(lambda: self._over or ready(self.graph()), timeout)
             return None if self._over else done
 
-    def serves(self, name: str, type_hash: str) -> bool:
-        """Tell whether a service has a server with this type."""
-        return any(
-            end.role is Role.SERVER and end.type_hash == type_hash for end in self.named(name)
-        )
+    def look_again(self) -> None:
+        """Let those who wait look again: something changed that no token tells."""
+        with self._changed:
+            self._changed.notify_all()
 
     def why_unserved(self, service: str) -> str:
         """Say why a call found no server with its type."""

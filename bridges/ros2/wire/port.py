@@ -29,7 +29,7 @@ from .topics import ZenohPublisher, ZenohSubscription
 
 __all__ = ["ZenohPort"]
 
-_GRACE = 1.0  # seconds that a router has to be met before its absence is news
+_GRACE = 1.0  # seconds that opening waits for a router before its absence is news
 
 
 class ZenohPort(Port):
@@ -46,7 +46,7 @@ class ZenohPort(Port):
         router: Sequence[str] | None = None,
         notify: Callable[[Notice], None] = log_notice,
     ) -> None:
-        """Open a session, whether the router is there or not.
+        """Open a session, whether the router is there or not; without, it takes a second.
 
         ``domain`` defaults to ``ROS_DOMAIN_ID``, ``router`` (endpoints as ``tcp/localhost:7447``)
         to what the environment says (see :mod:`.session`). Raise :class:`.DomainIdError` and
@@ -63,17 +63,18 @@ class ZenohPort(Port):
         self._wire = Wire(self._session, self._discovery, self._teller, self.domain)
         self._routers: set[str] = set()
         self._told_up = True
-        self._following = threading.Lock()
+        self._met = threading.Condition()
         self._listener = self._session.info.declare_transport_events_listener(
             self._on_transport, history=True
         )
-        if self._router:
-            self._later.after(_GRACE, self._tell_router)
+        with self._met:
+            self._met.wait_for(lambda: self.up, _GRACE)
+        self._tell_router()
 
     @property
     def up(self) -> bool:
         """Whether there is a connection to a router, if one was asked for."""
-        return not self._router or bool(self._session.info.routers_zid())
+        return not self._router or bool(self._routers)
 
     def node(
         self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
@@ -108,16 +109,21 @@ class ZenohPort(Port):
         self._later.close()
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
-        if not self._router or event.transport.whatami != zenoh.WhatAmI.ROUTER:
+        if event.transport.whatami != zenoh.WhatAmI.ROUTER:
             return
-        change = self._routers.add if event.kind == zenoh.SampleKind.PUT else self._routers.discard
-        change(str(event.transport.zid))
+        router = str(event.transport.zid)
+        with self._met:
+            if event.kind == zenoh.SampleKind.PUT:
+                self._routers.add(router)
+            else:
+                self._routers.discard(router)
+            self._met.notify_all()
         self._tell_router()
 
     def _tell_router(self) -> None:
         """Tell whether there is a router, if that is news."""
-        with self._following:
-            up = bool(self._routers)
+        with self._met:
+            up = self.up
             if up is self._told_up or self._closed:
                 return
             self._told_up = up
