@@ -10,6 +10,7 @@ from llfsm.bridges.ros2.parameter_server import PARAMETER_QOS, ParameterServer
 from llfsm.bridges.ros2.port import Port, Request
 from llfsm.bridges.ros2.qos import Qos, Reliability
 from llfsm.bridges.ros2.rosout import Rosout
+from llfsm.bridges.ros2.type_descriptions import TypeDescriptionServer
 from llfsm.bridges.ros2.types import TypeLibrary
 
 from .ros_turtle import RosTurtle
@@ -39,6 +40,7 @@ class RosTurtlesim:
         self.simulator = simulator = Simulator(self._tell)
         self._turtles: dict[str, RosTurtle] = {}
         ParameterServer(node, types, simulator.parameters, self.backlog.put)
+        TypeDescriptionServer(node, types, self.backlog.put)
         # The real node paints anew on such an event, and its clock looks for a simulated time.
         # Here nothing follows from it, but tools show the same graph.
         event = types.message("rcl_interfaces/msg/ParameterEvent")

@@ -9,7 +9,7 @@ from typing import Any
 
 from .definition import EMPTY_MEMBER, PRIMITIVES, Definition, Field, FieldType
 
-__all__ = ["rihs01"]
+__all__ = ["describe", "rihs01"]
 
 _NESTED = 1
 _BOUNDED_TEXT = {"string": 21, "wstring": 22}
@@ -21,6 +21,13 @@ def rihs01(definition: Definition, find: Callable[[str], Definition]) -> str:
 
     ``find`` returns the definition of a name. Defaults and constants do not count.
     """
+    # The separators, the order of keys and the escapes are part of the standard: those of json.
+    whole = json.dumps(describe(definition, find))
+    return "RIHS01_" + hashlib.sha256(whole.encode()).hexdigest()
+
+
+def describe(definition: Definition, find: Callable[[str], Definition]) -> dict[str, Any]:
+    """Return what is hashed: a type_description_interfaces/msg/TypeDescription without defaults."""
     told: dict[str, dict[str, Any]] = {}
     waiting = [definition]
     while waiting:
@@ -28,12 +35,10 @@ def rihs01(definition: Definition, find: Callable[[str], Definition]) -> str:
         if one.name not in told:
             told[one.name] = _description(one)
             waiting += [find(field.type.base) for field in one.fields if field.type.nested]
-    whole = {
+    return {
         "type_description": told.pop(definition.name),
         "referenced_type_descriptions": [told[name] for name in sorted(told)],
     }
-    # The separators, the order of keys and the escapes are part of the standard: those of json.
-    return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
 
 
 def _description(definition: Definition) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from ..errors import DefinitionSyntaxError, TypeMismatchError, UnknownTypeError
 from .classes import make_class, shipped_class
 from .definition import Definition
 from .explaining import why_unreadable, why_unwritable
+from .hashing import describe as describe_type
 from .hashing import rihs01
 from .places import Places
 from .reading import compile_decoder
@@ -160,6 +161,13 @@ class TypeLibrary:
                 self.message(f"{name}_FeedbackMessage"),
             )
         return self._actions[name]
+
+    def describe(self, name: str) -> tuple[dict[str, Any], str]:
+        """Return the description of a type of any kind, as its hash is made of, and the hash.
+
+        The description is a type_description_interfaces/msg/TypeDescription as plain data.
+        """
+        return describe_type(self._places.find(name), self._places.find), self._hash(name)
 
     def of(self, cls: type[M]) -> RosMessage[M]:
         """Return the type of a class that bears a ROS name, to encode from it and decode into it.
