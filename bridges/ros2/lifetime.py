@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
+from contextlib import ExitStack
 from typing import Self
 
 from .errors import PortClosedError
@@ -47,12 +48,13 @@ class Closable(ABC):
             if self._closed:
                 return
             self._closed = True
-            owned = list(reversed(self._owned))
+            owned = list(self._owned)
             if self._owner:
                 self._owner._owned.pop(self, None)
-        for each in owned:
-            each.close()
-        self._close()
+        with ExitStack() as last_first:  # all of it, whatever one of them raises
+            last_first.callback(self._close)
+            for each in owned:
+                last_first.callback(each.close)
 
     @abstractmethod
     def _close(self) -> None:

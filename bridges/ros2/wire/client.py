@@ -12,12 +12,12 @@ import zenoh
 import zenoh.handlers
 
 from ..calling import Calls
-from ..later import Later
 from ..lifetime import Closable
 from ..port import Client
 from ..types import RosService
 from .attachment import pack
 from .endpoint import Place
+from .receiving import hand_over
 
 __all__ = ["ZenohClient"]
 
@@ -25,12 +25,12 @@ __all__ = ["ZenohClient"]
 class ZenohClient(Client[Any, Any]):
     """Calls a service whose servers are queryables."""
 
-    def __init__(self, owner: Closable, place: Place, of: RosService, later: Later) -> None:
+    def __init__(self, owner: Closable, place: Place, of: RosService) -> None:
         super().__init__(owner)
         self.name = place.name
         self._place = place
         self._of = of
-        self._soon = later.soon
+        self._soon = place.wire.answers.soon
         self._sequence = itertools.count(1)
         self._calls = Calls(place.name, of.response, place.wire.teller)
         # It knows whether a queryable is there, which a server's token may tell too early.
@@ -39,7 +39,7 @@ class ZenohClient(Client[Any, Any]):
         )
         discovery = place.wire.discovery
         self._listener: zenoh.MatchingListener[None] = self._querier.declare_matching_listener(
-            lambda _: discovery.look_again()
+            hand_over(discovery.look_again, place.wire.events)
         )
         place.show()
 

@@ -9,7 +9,9 @@ from typing import Any
 import zenoh
 
 from ..graph import Endpoint, Graph, Role
+from ..later import Later
 from ..telling import Teller
+from .receiving import hand_over
 from .tokens import Token, domain_tokens, parse
 
 __all__ = ["Discovery"]
@@ -18,7 +20,7 @@ __all__ = ["Discovery"]
 class Discovery:
     """Knows the tokens of a domain, and tells which endpoints do not fit ours."""
 
-    def __init__(self, session: zenoh.Session, domain: int, teller: Teller) -> None:
+    def __init__(self, session: zenoh.Session, domain: int, teller: Teller, events: Later) -> None:
         self._ours = str(session.zid())
         self._teller = teller
         self._tokens: dict[str, Token] = {}
@@ -27,7 +29,7 @@ class Discovery:
         self._changed = threading.Condition()
         self._over = False
         self._subscriber: zenoh.Subscriber[Any] = session.liveliness().declare_subscriber(
-            domain_tokens(domain), self._on_token, history=True
+            domain_tokens(domain), hand_over(self._on_token, events), history=True
         )
 
     def close(self) -> None:
@@ -54,7 +56,7 @@ class Discovery:
             done = self._changed.wait_for(lambda: self._over or ready(self.graph()), timeout)
             return None if self._over else done
 
-    def look_again(self) -> None:
+    def look_again(self, _: zenoh.MatchingStatus) -> None:
         """Let those who wait look again: something changed that no token tells."""
         with self._changed:
             self._changed.notify_all()

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import zenoh
 
 from ..graph import Endpoint
+from ..later import Later
 from ..telling import Teller
 from .attachment import GID_SIZE
 from .discovery import Discovery
@@ -23,6 +24,10 @@ class Wire(NamedTuple):
     discovery: Discovery
     teller: Teller
     domain: int
+    events: Later
+    """What changes around us."""
+    answers: Later
+    """Results of calls, on a thread of their own: what follows one may wait for the others."""
 
 
 class Place:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import itertools
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +23,7 @@ from ..types import RosMessage, RosService
 from .client import ZenohClient
 from .discovery import Discovery
 from .endpoint import Place, Wire
+from .receiving import hand_over
 from .server import ZenohServer
 from .session import open_session
 from .tokens import node_token
@@ -58,15 +60,18 @@ class ZenohPort(Port):
         self._session, self._router = open_session(router)
         self._session_id = str(self._session.zid())
         self._numbers = itertools.count()
-        self._later = Later("ros2 answers")
-        self._discovery = Discovery(self._session, self.domain, self._teller)
-        self._wire = Wire(self._session, self._discovery, self._teller, self.domain)
+        events, answers = Later("ros2 events"), Later("ros2 answers")
+        self._discovery = Discovery(self._session, self.domain, self._teller, events)
+        self._wire = Wire(
+            self._session, self._discovery, self._teller, self.domain, events, answers
+        )
         self._routers: set[str] = set()
         self._told_up = True
         self._met = threading.Condition()
         self._listener = self._session.info.declare_transport_events_listener(
-            self._on_transport, history=True
+            hand_over(self._on_transport, events), history=True
         )
+        atexit.register(self.close)  # who forgets to close it leaves no ghost either
         with self._met:
             self._met.wait_for(lambda: self.up, _GRACE)
         self._tell_router()
@@ -86,7 +91,7 @@ class ZenohPort(Port):
             token = node_token(
                 self.domain, self._session_id, next(self._numbers), names.namespace, name
             )
-            return _ZenohNode(self, names, token, self._wire, self._numbers, self._later)
+            return _ZenohNode(self, names, token, self._wire, self._numbers)
 
     def graph(self) -> Graph:
         """Return what the tokens tell."""
@@ -103,10 +108,12 @@ class ZenohPort(Port):
         return "the port on Zenoh"
 
     def _close(self) -> None:
+        atexit.unregister(self.close)
         self._listener.undeclare()
         self._discovery.close()
         self._session.close()
-        self._later.close()
+        self._wire.events.close()
+        self._wire.answers.close()
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
         if event.transport.whatami != zenoh.WhatAmI.ROUTER:
@@ -144,7 +151,6 @@ class _ZenohNode(Node):
         token: str,
         wire: Wire,
         numbers: itertools.count[int],
-        later: Later,
     ) -> None:
         super().__init__(owner)
         self.name = names.full_node
@@ -152,7 +158,6 @@ class _ZenohNode(Node):
         self._token_key = token
         self._wire = wire
         self._numbers = numbers
-        self._later = later
         self._token = wire.session.liveliness().declare_token(token)
 
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> ZenohPublisher[M]:
@@ -172,7 +177,7 @@ class _ZenohNode(Node):
 
     def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> ZenohClient:
         with self._lifetime:
-            return ZenohClient(self, self._place(Role.CLIENT, service, of, qos), of, self._later)
+            return ZenohClient(self, self._place(Role.CLIENT, service, of, qos), of)
 
     def server(
         self,

@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 import zenoh
+import zenoh.handlers
 
 from ..lifetime import Closable
 from ..port import MessageInfo, Request, Server
@@ -15,12 +16,15 @@ from ..serving import Counter
 from ..types import RosService
 from .attachment import pack, unpack
 from .endpoint import Place
+from .receiving import receive
 
 __all__ = ["ZenohServer"]
 
+_WAITING = 256  # requests that may wait for the handler; more, and who asks is held up
+
 
 class ZenohServer(Server):
-    """Serves a service as a queryable, which Zenoh calls on a thread of its own."""
+    """Serves a service as a queryable, on a thread of its own."""
 
     def __init__(
         self,
@@ -33,9 +37,9 @@ class ZenohServer(Server):
         self.name = place.name
         self._place = place
         self._counter = Counter(place.name, of, handler, place.wire.teller)
-        self._queryable: zenoh.Queryable[None] = place.wire.session.declare_queryable(
-            place.key, self._on_query, complete=True
-        )
+        channel: zenoh.handlers.FifoChannel[zenoh.Query] = zenoh.handlers.FifoChannel(_WAITING)
+        self._queryable = place.wire.session.declare_queryable(place.key, channel, complete=True)
+        receive(self._queryable.handler.recv, self._on_query, place.name)
         place.show()
 
     def _on_query(self, query: zenoh.Query) -> None:

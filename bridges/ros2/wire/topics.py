@@ -20,6 +20,7 @@ from ..qos import Durability, History, Qos, Reliability
 from ..types import RosMessage
 from .attachment import pack, unpack
 from .endpoint import Place
+from .receiving import receive
 
 __all__ = ["ZenohPublisher", "ZenohSubscription"]
 
@@ -79,29 +80,14 @@ class ZenohSubscription(Subscription):
         self.name = place.name
         self._place = place
         self._subscriber = _declare_subscriber(place, qos)
-        threading.Thread(
-            target=self._receive,
-            args=(self._subscriber.handler.recv, of, callback),
-            name=f"ros2 {place.name}",
-            daemon=True,
-        ).start()
-        place.show()
+        deliver = place.wire.teller.deliver
 
-    def _receive(
-        self,
-        next_sample: Callable[[], zenoh.Sample],
-        of: RosMessage[M],
-        callback: Callable[[Arrival[M]], None],
-    ) -> None:
-        deliver = self._place.wire.teller.deliver
-        while True:
-            try:
-                sample = next_sample()
-            except zenoh.ZError:
-                return  # the subscription or the session is closed
-            if self._closed:
-                return
-            deliver(self.name, callback, _Sample(sample, of, self._place))
+        def take(sample: zenoh.Sample) -> None:
+            if not self._closed:
+                deliver(self.name, callback, _Sample(sample, of, place))
+
+        receive(self._subscriber.handler.recv, take, place.name)
+        place.show()
 
     def _close(self) -> None:
         self._place.hide()

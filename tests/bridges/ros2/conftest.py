@@ -48,7 +48,9 @@ class World:
     def open(self, notify: Callable[[Notice], None] | None = None, *, elsewhere: int = 0) -> Port:
         """Open one more port; ``elsewhere``: in another domain."""
         domain = self._domains[elsewhere]
-        return self._handles.enter_context(self._opener(domain, notify=Seen() if notify is None else notify))
+        return self._handles.enter_context(
+            self._opener(domain, notify=Seen() if notify is None else notify)
+        )
 
 
 _DOMAINS = itertools.count(1, 2)  # a pair for each test: what one leaves cannot reach another

@@ -208,3 +208,27 @@ def test_another_version_of_a_type_is_told(router, domain, stranger, types, seen
             told.wait(len)
     assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.TYPE_MISMATCH, "/pose")]
     assert "RIHS01_00" in told[0].text
+
+
+FORGETFUL = """
+import sys
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.bridges.ros2.wire.port import ZenohPort
+
+types = TypeLibrary()
+node = ZenohPort(int(sys.argv[1]), router=[sys.argv[2]]).node("forgetful")
+number, spawn = types.message("std_msgs/msg/Int64"), types.service("turtlesim/srv/Spawn")
+node.subscription("a", number, lambda arrival: arrival.decode())
+node.server("spawn", spawn, lambda request: None)
+node.client("spawn", spawn).call(spawn.request.message(), timeout=20)
+publisher = node.publisher("a", number)
+for value in range(100):
+    publisher.publish(number.message(data=value))
+sys.exit(3)
+"""
+
+
+def test_a_process_that_closes_nothing_ends_as_it_wants_to(router, domain):
+    command = [sys.executable, "-c", FORGETFUL, str(domain), router]
+    done = subprocess.run(command, timeout=30, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (3, "")
