@@ -90,7 +90,9 @@ def type_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
 def qos_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
     """Return why what one end of a topic offers is not what the other asks for, or None."""
     asking, offering = (ours, theirs) if ours.role is Role.SUBSCRIPTION else (theirs, ours)
-    if asking.role is not Role.SUBSCRIPTION or asking.qos is None or offering.qos is None:
+    if (asking.role, offering.role) != (Role.SUBSCRIPTION, Role.PUBLISHER):
+        return None
+    if asking.qos is None or offering.qos is None:
         return None
     refusal = asking.qos.refusal(offering.qos)
     return refusal and f"the subscription of {asking.node} {refusal} by {offering.node}"
