@@ -5,7 +5,6 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from hypothesis import settings
 
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
-from llfsm.bridges.ros2.port import Arrival, Client, Node, Port, Publisher
+from llfsm.bridges.ros2.port import Arrival, Client, Node, Notice, Port, Publisher
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.turtlesim.ros import RosTurtlesim
@@ -56,9 +55,12 @@ class Ros:
     Time passes only by `step`. What waits here works off our backlog meanwhile.
     """
 
-    def __init__(self, ours: Port, theirs: Port, log: list[tuple[Level, str]]) -> None:
+    def __init__(
+        self, ours: Port, theirs: Port, log: list[tuple[Level, str]], told: list[Notice]
+    ) -> None:
         self.turtlesim = RosTurtlesim(ours, lambda level, text: log.append((level, text)))
         log.clear()
+        self.told = told
         self.types = TypeLibrary()
         self.port = theirs
         self.node: Node = theirs.node("other")
@@ -138,16 +140,22 @@ class Ros:
 @pytest.fixture
 def ros(request: pytest.FixtureRequest, log: list[tuple[Level, str]]) -> Iterator[Ros]:
     """Our node and another, in memory; with the parameter "zenoh" over a router of their own."""
-    with ExitStack() as handles:
-        if getattr(request, "param", "memory") == "memory":
-            world = MemoryWorld()
-            ports: list[Port] = [handles.enter_context(MemoryPort(world)) for _ in range(2)]
-        else:
-            from llfsm.bridges.ros2.wire.port import ZenohPort
+    told: list[Notice] = []
+    if getattr(request, "param", "memory") == "memory":
+        world = MemoryWorld()
 
-            at = request.getfixturevalue("router")
-            ports = [handles.enter_context(ZenohPort(91, router=[at])) for _ in range(2)]
-        yield Ros(*ports, log)
+        def open_port() -> Port:
+            return MemoryPort(world, notify=told.append)
+    else:
+        from llfsm.bridges.ros2.wire.port import ZenohPort
+
+        at = request.getfixturevalue("router")
+
+        def open_port() -> Port:
+            return ZenohPort(91, router=[at], notify=told.append)
+
+    with open_port() as ours, open_port() as theirs:
+        yield Ros(ours, theirs, log, told)
 
 
 @pytest.fixture
