@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
-from collections.abc import Callable
-from types import ModuleType
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from .errors import PortUnavailableError
 from .port import Notice, Port
 from .telling import log_notice
 
-__all__ = ["WAYS", "load", "open_port"]
+__all__ = ["WAYS", "explained", "open_port"]
 
 WAYS = ("auto", "rclpy", "zenoh")
 
@@ -31,12 +30,16 @@ def open_port(
     if way == "auto":
         way = "rclpy" if importlib.util.find_spec("rclpy") else "zenoh"
     if way == "rclpy":
-        port: Port = load("llfsm.bridges.ros2.rcl.port").RclpyPort(domain, notify=notify)
-    elif way == "zenoh":
-        port = load("llfsm.bridges.ros2.wire.port").ZenohPort(domain, notify=notify)
-    else:
-        raise PortUnavailableError(f"no way into ROS is called {way!r}: {', '.join(WAYS)}")
-    return port
+        with explained():
+            from .rcl.port import RclpyPort
+
+            return RclpyPort(domain, notify=notify)
+    if way == "zenoh":
+        with explained():
+            from .wire.port import ZenohPort
+
+            return ZenohPort(domain, notify=notify)
+    raise PortUnavailableError(f"no way into ROS is called {way!r}: {', '.join(WAYS)}")
 
 
 _GET = {
@@ -45,12 +48,13 @@ _GET = {
 }
 
 
-def load(module: str) -> ModuleType:
-    """Import a module that needs a library; raise :class:`.PortUnavailableError` without it."""
+@contextmanager
+def explained() -> Iterator[None]:
+    """Raise :class:`.PortUnavailableError` where a library is missing, with how to get it."""
     try:
-        return importlib.import_module(module)
+        yield
     except ModuleNotFoundError as error:
-        how = _GET.get(error.name or "")
+        how = _GET.get((error.name or "").partition(".")[0])
         if how is None:
             raise
         raise PortUnavailableError(f"{error.name} is not installed; {how}") from error

@@ -14,6 +14,7 @@ import click
 from llfsm.runtime.commands.supervised import end_with_input, until_eof_option
 
 from .errors import PortUnavailableError, Ros2Error, RouterError
+from .opening import explained
 
 if TYPE_CHECKING:
     import zenoh
@@ -40,9 +41,8 @@ def open_router(listen: Sequence[str]) -> zenoh.Session:
     Raise :class:`.RouterError` if it cannot listen on one of the endpoints, and
     :class:`.PortUnavailableError` if Zenoh is not installed.
     """
-    from .opening import load
-
-    wire = load("llfsm.bridges.ros2.wire.session")
+    with explained():
+        from .wire.session import open_with
     settings = {
         "mode": "router",
         "listen/endpoints": list(listen),
@@ -50,10 +50,9 @@ def open_router(listen: Sequence[str]) -> zenoh.Session:
         "scouting/gossip/enabled": True,
     }
     try:
-        session: zenoh.Session = wire.open_with(settings)
+        return open_with(settings)
     except PortUnavailableError as error:
         raise RouterError(f"no router on {', '.join(listen)}: {error}") from error
-    return session
 
 
 @click.command()
