@@ -14,7 +14,7 @@ import click
 from click.core import ParameterSource
 
 from llfsm.bridges.ros2.errors import Ros2Error
-from llfsm.bridges.ros2.opening import WAYS, load, open_port
+from llfsm.bridges.ros2.opening import WAYS, explained, open_port
 from llfsm.bridges.ros2.port import Port
 from llfsm.runtime.commands.board import board_option
 from llfsm.runtime.commands.supervised import end_with_input, supervised_options
@@ -72,12 +72,16 @@ _Spawn = tuple[str, float, float, float]
     help="With --ros: the way into ROS.  [default: auto, which is rclpy if it is there]",
 )
 @click.option(
-    "--domain", type=int, help="With --ros: the ROS domain.  [default: $ROS_DOMAIN_ID, else 0]"
+    "--domain",
+    metavar="ID",
+    type=click.IntRange(0, 232),
+    help="With --ros: the ROS domain.  [default: $ROS_DOMAIN_ID, else 0]",
 )
 @click.option(
     "--router",
     metavar="ENDPOINT",
-    help="With --ros over Zenoh: the router, as tcp/localhost:7447.",
+    multiple=True,
+    help="With --ros: where a Zenoh router is, as tcp/192.168.1.5:7447.  [default: this host]",
 )
 @board_option
 @supervised_options
@@ -89,7 +93,7 @@ def turtlesim(
     ros: bool,
     way: str | None,
     domain: int | None,
-    router: str | None,
+    router: tuple[str, ...],
     board: str,
     until_eof: bool,
     remove_board: bool,
@@ -149,13 +153,15 @@ def _check_options(context: click.Context, world: str) -> None:
             raise click.UsageError(f"--ros {hint} {flags[name]}")
 
 
-def _open_port(way: str, domain: int | None, router: str | None) -> Port:
-    if router is None:
+def _open_port(way: str, domain: int | None, router: tuple[str, ...]) -> Port:
+    if not router:
         return open_port(way, domain)
     if way == "rclpy":
-        raise click.UsageError("--router is for --port zenoh: rclpy has its own ways to say that")
-    port: Port = load("llfsm.bridges.ros2.wire.port").ZenohPort(domain, router=[router])
-    return port
+        raise click.UsageError("--router is for --port zenoh: rclpy has its own configuration")
+    with explained():
+        from llfsm.bridges.ros2.wire.port import ZenohPort
+
+        return ZenohPort(domain, router=router)
 
 
 def _run_on_ros(port: Port, turtles: list[_Spawn], is_over: Callable[[], bool]) -> Simulator:

@@ -55,12 +55,9 @@ class RosTurtlesim:
     def step(self) -> None:
         """Do what came in, advance by 16 ms of simulated time, publish what became of it."""
         self.backlog.work_off()
-        turtles = self._turtles.values()
-        for turtle in turtles:
-            turtle.before_step()
         self.simulator.step()
-        for turtle in turtles:
-            turtle.after_step()
+        for turtle in self._turtles.values():
+            turtle.publish()
 
     def spawn(self, x: float, y: float, theta: float, name: str = "") -> str:
         """Make a turtle as `Simulator.spawn` does, and put it on the graph."""

@@ -40,7 +40,6 @@ class RosTurtle:
         self._put_on = put
         self._gone = False
         self._rotation: tuple[ServerGoal, RotateGoal] | None = None
-        self._turning = False  # whether the step that follows gives feedback
 
         name = turtle.name
         rotate = types.action("turtlesim/action/RotateAbsolute")
@@ -72,18 +71,12 @@ class RosTurtle:
         )
         self._ends.callback(action.close)
 
-    def before_step(self) -> None:
-        """Tell of the goal that something has ended since the last step."""
-        self._settle()
-        self._turning = (
-            self._rotation is not None and self._rotation[1].status is GoalStatus.EXECUTING
-        )
-
-    def after_step(self) -> None:
-        """Tell what became of the turtle."""
-        if self._rotation is not None and self._turning:
+    def publish(self) -> None:
+        """Tell what a step has made of the turtle and of its goal."""
+        if self._rotation is not None:
             goal, rotation = self._rotation
-            goal.tell(self._feedback(remaining=rotation.remaining))
+            if rotation.status in (GoalStatus.EXECUTING, GoalStatus.SUCCEEDED):
+                goal.tell(self._feedback(remaining=rotation.remaining))
         self._settle()
         self._tell_pose(Pose(*self.turtle.pose))
         self._tell_color(Color(*self.turtle.color))
@@ -103,6 +96,7 @@ class RosTurtle:
     def _obey(self, twist: Twist) -> None:
         linear = twist.linear
         self._simulator.command(self.turtle.name, linear.x, linear.y, twist.angular.z)
+        self._settle()  # a goal, which this has aborted
 
     def _set_pen(self, message: Any) -> None:
         self._simulator.set_pen(
@@ -123,12 +117,11 @@ class RosTurtle:
         self._rotation = goal, rotation
         return True
 
-    def _cancel(self, goal: ServerGoal) -> bool:
-        return (
-            self._rotation is not None and self._rotation[0] is goal and self._rotation[1].cancel()
-        )
+    def _cancel(self, _: ServerGoal) -> bool:
+        return self._rotation is not None and self._rotation[1].cancel()
 
     def _settle(self) -> None:
+        """Tell how the goal has ended, if it has."""
         if self._rotation is not None and not self._rotation[1].active:
             goal, rotation = self._rotation
             self._rotation = None

@@ -147,3 +147,12 @@ def test_a_goal_whose_turtle_goes_has_ended_cancelled(ros, client, end):
     ros.until(result.done)
     assert result.result().status == GoalStatus.CANCELED
     ros.step()
+
+
+def test_a_command_has_ended_a_goal_before_a_later_request_is_looked_at(ros, client):
+    goal_id, _ = client.send(3.0)
+    ros.step()
+    ros.command(x=1.0)
+    terminated = 3
+    assert client.cancel(goal_id).return_code == terminated
+    ros.until(lambda: client.status(goal_id) is GoalStatus.ABORTED)
