@@ -3,13 +3,16 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from llfsm.bridges.ros2.graph import Endpoint, Graph
 from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
 from llfsm.bridges.ros2.port import Notice, Port
 from llfsm.bridges.ros2.types import TypeLibrary
@@ -39,6 +42,8 @@ class World:
 
     tells_failure = True
     """Whether a caller learns at once that its request has failed."""
+    of_every_node: frozenset[str] | set[str] = frozenset()
+    """Names of endpoints that every node has."""
 
     def __init__(self, handles: ExitStack, opener: Callable[..., Port], domains: range) -> None:
         self._handles = handles
@@ -52,11 +57,15 @@ class World:
             self._opener(domain, notify=Seen() if notify is None else notify)
         )
 
+    def ends(self, graph: Graph) -> list[Endpoint]:
+        """Return the endpoints that somebody asked for."""
+        return [end for end in graph.endpoints if end.name not in self.of_every_node]
+
 
 _DOMAINS = itertools.count(1, 2)  # a pair for each test: what one leaves cannot reach another
 
 
-@pytest.fixture(params=["memory", "zenoh", "rclpy"])
+@pytest.fixture(params=["memory", "zenoh", "rclpy", "fake rclpy"])
 def world(request: pytest.FixtureRequest) -> Iterator[World]:
     number = next(_DOMAINS) % 100
     domains = range(number, number + 2)
@@ -70,13 +79,30 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             router = [request.getfixturevalue("router")]
             yield World(handles, lambda d, **kw: ZenohPort(d, router=router, **kw), domains)
         else:
-            if importlib.util.find_spec("rclpy") is None:
+            if request.param == "fake rclpy":
+                request.getfixturevalue("fake_rclpy")
+            elif importlib.util.find_spec("rclpy") is None:
                 pytest.skip("rclpy cannot be imported: no ROS 2 environment is sourced")
             from llfsm.bridges.ros2.rcl.port import RclpyPort
 
             rcl = World(handles, RclpyPort, domains)
             rcl.tells_failure = False
+            rcl.of_every_node = {"/parameter_events"}
             yield rcl
+
+
+@pytest.fixture
+def fake_rclpy(monkeypatch: pytest.MonkeyPatch, types: TypeLibrary) -> None:
+    """Have the stand-in of fake_rclpy.py imported instead of rclpy."""
+    spec = importlib.util.spec_from_file_location(
+        "fake_rclpy", Path(__file__).with_name("fake_rclpy.py")
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    fake = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(fake)
+    for name, module in fake.modules(types).items():
+        monkeypatch.setitem(sys.modules, name, module)
 
 
 @pytest.fixture

@@ -272,4 +272,4 @@ def test_a_bad_name_is_refused_and_leaves_nothing(world, number, seen):
     with pytest.raises(RosNameError, match="no-node"):
         port.node("no-node")
     assert port.wait_graph(lambda graph: graph.nodes == ("/me",), 20)
-    assert not port.graph().endpoints
+    assert not world.ends(port.graph())
