@@ -95,7 +95,7 @@ def test_the_log_is_on_rosout_for_who_comes_later(ros):
     assert killed.stamp.sec >= spawned.stamp.sec > 1_600_000_000
 
 
-def test_what_came_for_a_turtle_that_is_killed_first_has_failed_and_harms_nobody(ros, log):
+def test_what_came_for_a_turtle_that_is_killed_first_has_failed_and_harms_nobody(ros, log, caplog):
     call(ros, "/spawn", name="bob")
     ros.command(x=2.0)
     ros.turtlesim.backlog.work_off()
@@ -108,6 +108,7 @@ def test_what_came_for_a_turtle_that_is_killed_first_has_failed_and_harms_nobody
         late.result()
     assert fields(kill.result(20)) == {}
     assert not log
+    assert not caplog.records
     assert pose_of(ros, "turtle1")["linear_velocity"] == 2.0
 
 
