@@ -4,7 +4,7 @@ Read in this order: `state` and `table` (what a machine is), `machine` (what its
 `seat`, `binding` and `ringlet` (one turn of one machine), `roster` and `arrangement` (all).
 """
 
-from .arrangement import Arrangement, Reason
+from .arrangement import Arrangement
 from .clock import Clock, ManualClock, MonotonicClock
 from .errors import (
     ArrangementEndedError,
@@ -19,14 +19,18 @@ from .errors import (
     NotLoadedError,
     ObserverError,
     OptionError,
+    ScheduleError,
     UnknownMachineError,
     UnreachableStateWarning,
     VariableError,
 )
-from .events import Event, Observer, Request
-from .machine import Machine, Status, define
+from .events import Event, Observer, Reason, Request, Status
+from .machine import Machine, define
 from .ports import Actuator, Sensor
+from .schedule import Requirement, TimeSlot, Timetable
 from .state import State, Transition
+from .statistics import MachineStatistics, Spread
+from .submachine import Submachine
 from .table import REQUIRED, Table, Variable
 from .trace import Trace
 
@@ -46,6 +50,7 @@ __all__ = [
     "GuardResultError",
     "LoadError",
     "Machine",
+    "MachineStatistics",
     "ManualClock",
     "MonotonicClock",
     "NotLoadedError",
@@ -54,10 +59,16 @@ __all__ = [
     "OptionError",
     "Reason",
     "Request",
+    "Requirement",
+    "ScheduleError",
     "Sensor",
+    "Spread",
     "State",
     "Status",
+    "Submachine",
     "Table",
+    "TimeSlot",
+    "Timetable",
     "Trace",
     "Transition",
     "UnknownMachineError",

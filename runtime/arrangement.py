@@ -3,46 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from enum import StrEnum
 from typing import TYPE_CHECKING, Literal, Self
 
 from .clock import Clock, MonotonicClock
-from .errors import ArrangementEndedError, ExecutionError, OptionError
+from .errors import ArrangementEndedError, ExecutionError, LoadError, OptionError
 from .events import (
     Accepting,
     End,
     Failed,
-    IdleSleep,
     Observer,
+    Reason,
     Request,
     RoundBegin,
     RoundEnd,
     Turn,
 )
+from .execution import Execution
 from .failure import logger
+from .pacing import Pacer
 from .ringlet import ringlet
 from .roster import Library, Loadable, Roster
+from .schedule import Timetable
 from .seat import Seat
 from .signals import stop_on_signals
+from .statistics import MachineStatistics, Stopwatch
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
+
 __all__ = ["Arrangement", "Reason"]
-
-_NAP_NS = 20_000_000  # a sleep is cut into these, to notice a stop or the board's end
-_BUSY_ROUNDS = 64  # rounds without a sleep after which the board is looked at
-
-
-class Reason(StrEnum):
-    """Why an arrangement ended."""
-
-    ACCEPTING = "accepting"  # every machine accepts or is suspended
-    STOPPED = "stopped"  # asked to stop, and the grace period is over
-    MAX_ROUNDS = "max_rounds"
-    FAILED = "failed"  # code of a machine or an observer raised
-    INTERRUPTED = "interrupted"  # KeyboardInterrupt, SystemExit
-    CLOSED = "closed"  # `end` was called, or its `with` block was left
 
 
 class Arrangement(Roster):
@@ -54,7 +44,10 @@ class Arrangement(Roster):
         whiteboard: where sensors read and actuators post.
         clock: the only source of time (default: a `MonotonicClock`).
         idle_us: how long to sleep after a round in which nothing fired.
-        period_us: begin rounds at this fixed period instead; a late round delays the next ones.
+        period_us: begin rounds at this fixed period instead, the n-th of them n periods after the
+            first. Turns that end after the next round is due are counted as overruns.
+        timetable: give each machine its turns at its own times instead, a cycle a round.
+        timed: measure every turn for `statistics`, as with a period or a timetable anyway.
         unload_accepting: unload a machine that accepts (clfsm's -u is False).
         library: machines that code may load by name.
         on_error: when code of a machine raises, "stop" everything and raise the
@@ -75,6 +68,8 @@ class Arrangement(Roster):
         clock: Clock | None = None,
         idle_us: int = 10_000,
         period_us: int | None = None,
+        timetable: Timetable | None = None,
+        timed: bool = False,
         unload_accepting: bool = True,
         library: Library | None = None,
         on_error: Literal["stop", "suspend"] = "stop",
@@ -89,14 +84,24 @@ class Arrangement(Roster):
                 raise OptionError(f"{option} is {value}; it must be {least} or more")
         if on_error not in ("stop", "suspend"):
             raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
+        if period_us is not None and timetable is not None:
+            raise OptionError("give period_us or a timetable, not both")
         self.idle_us = idle_us
-        self.period_us = period_us
+        self.timetable = timetable
         self.unload_accepting = unload_accepting
         self.on_error = on_error
         self.reason: Reason | None = None
         self.stop_cause: str | None = None
-        self.after_rounds: list[Callable[[bool], None]] = []  # `run` tells them: has any fired?
-        self._turn = ringlet
+        self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
+        self._execution: Execution | None = None
+        cycle_us = period_us if timetable is None else timetable.cycle_us
+        self._pacer = None
+        if cycle_us is not None:
+            self._pacer = Pacer(cycle_us, self.clock, self._wait_for_turn)
+        self._stopwatch = None
+        if timed or self._pacer is not None:
+            self._stopwatch = Stopwatch(self.clock, self._pacer)
+        self._turn = self._choose_turn()
         for observer in observers:
             self.attach(observer)
         for machine in machines:
@@ -115,18 +120,28 @@ class Arrangement(Roster):
 
     @property
     def finished(self) -> bool:
-        """Whether the execution is over: every machine left accepts or is suspended."""
-        return all(seat is None or seat.settled for seat in self._seats)
+        """Whether the execution is over: every machine left accepts or is suspended.
+
+        One that was suspended from another process keeps it going until a stop is asked for.
+        """
+        return all(
+            seat is None or (seat.settled and (self.stopping or not seat.held))
+            for seat in self._seats
+        )
 
     def round(self) -> bool:
-        """Give every machine one turn, in order, and return whether a transition fired."""
-        if self.reason is not None:
-            raise ArrangementEndedError(f"this arrangement has ended: {self.reason}")
+        """Give every machine one turn, in order, and return whether a transition fired.
+
+        With a period or a timetable, wait until they are due.
+        """
+        self._check_not_ended()
+        if self._pacer is not None and not self._pacer.wait_for_round():
+            return False
         self.rounds += 1
         if self._observers:
             self.emit(RoundBegin(*self.stamp()))
         fired, leaving = False, self._leaving
-        for seat in self._seats:  # grows and gets holes on the way
+        for seat in self._turns():  # the list grows and gets holes on the way
             if seat is None:
                 continue
             turn = self._turn  # another one when an observer comes or goes
@@ -151,10 +166,12 @@ class Arrangement(Roster):
         states. A second signal acts as if there were no arrangement. `max_rounds` ends it
         after that round, counted from the first.
         """
+        self._check_not_ended()
         reason = Reason.INTERRUPTED
         try:
             with stop_on_signals(self.stop):
-                reason = self._run(grace_s, max_rounds)
+                self._execution = Execution(self, grace_s)
+                reason = self._execution.run(max_rounds)
         except Exception:
             reason = Reason.FAILED
             raise
@@ -168,6 +185,34 @@ class Arrangement(Roster):
             self.stop_cause = cause
             self.stopping = True
 
+    def stop_machine(self, name: str) -> None:
+        """Ask one machine to reach an accepting state; `run` unloads it after the grace period."""
+        seat = self._find(name)
+        if not seat.stopping:
+            seat.stopping = True
+            self._stopped.append((self.clock.now_ns(), seat))
+
+    def unload_stopped(self, grace_ns: int) -> None:
+        """Unload the machines that were asked to stop alone so long ago."""
+        while self._stopped and self.clock.now_ns() - self._stopped[0][0] >= grace_ns:
+            seat = self._stopped.pop(0)[1]
+            if seat.taken:
+                self._vacate(seat)
+
+    def statistics(self) -> tuple[MachineStatistics, ...]:
+        """Return what each machine did, also those that were unloaded, in order of first turns.
+
+        Raise `OptionError` if turns are not timed.
+        """
+        if self._stopwatch is None:
+            raise OptionError("turns are not timed: make the Arrangement with timed=True")
+        return self._stopwatch.read()
+
+    def progress(self, name: str) -> tuple[int, int]:
+        """Return the numbers of ringlets and of overruns of a loaded machine."""
+        seat = self._find(name)
+        return (seat.ringlets, 0) if self._stopwatch is None else self._stopwatch.progress(name)
+
     def end(self, reason: Reason = Reason.CLOSED) -> None:
         """Run no more rounds and post the `at_end` messages; nothing if it has ended before."""
         if self.reason is not None:
@@ -176,51 +221,43 @@ class Arrangement(Roster):
         for seat in self._seats:
             if seat is not None:
                 seat.finish()
+        if self._execution is not None:
+            self._execution.end()
+        if self._stopwatch is not None:
+            self._stopwatch.end()
         self.emit(End(*self.stamp(), reason))
 
-    def _run(self, grace_s: float, max_rounds: int | None) -> Reason:
-        now = self.clock.now_ns
-        period_ns = None if self.period_us is None else self.period_us * 1_000
-        begin_ns = now()
-        give_up_ns = None
-        while True:
-            fired = self.round()
-            for look in self.after_rounds:
-                look(fired)
-            if self.reason is not None:  # a machine or an observer has ended it
-                return self.reason
-            if max_rounds is not None and self.rounds >= max_rounds:
-                return Reason.MAX_ROUNDS
-            finished = self.finished
-            if self.stopping and not finished:
-                if give_up_ns is None:
-                    give_up_ns = now() + round(grace_s * 1e9)
-                if now() >= give_up_ns:
-                    return Reason.STOPPED
-            if period_ns is not None:
-                begin_ns = max(begin_ns + period_ns, now())
-                self._sleep_until(begin_ns)
-            elif not fired and self.idle_us:
-                self._sleep_until(now() + self.idle_us * 1_000)
-            elif self.rounds % _BUSY_ROUNDS == 0:
-                self._look_at_board()
-            if finished:
-                return Reason.ACCEPTING
+    @property
+    def paced(self) -> bool:
+        """Whether rounds have a time at which they begin."""
+        return self._pacer is not None
 
-    def _sleep_until(self, deadline_ns: int) -> None:
-        """Sleep; a stop that is asked for meanwhile cuts it short."""
-        now = self.clock.now_ns
-        if self._observers and now() < deadline_ns:
-            self.emit(IdleSleep(*self.stamp(), deadline_ns - now()))
-        stopping = self.stopping
-        self._look_at_board()
-        while now() < deadline_ns and self.stopping is stopping:
-            self.clock.sleep_until_ns(min(deadline_ns, now() + _NAP_NS))
-            self._look_at_board()
+    @property
+    def due_ns(self) -> int | None:
+        """When the next round begins; None if it begins when it is asked for."""
+        return None if self._pacer is None else self._pacer.next_ns
 
-    def _look_at_board(self) -> None:
-        if self.whiteboard is not None and not self.whiteboard.alive:
-            self.stop("the whiteboard was closed or removed")
+    def _check_not_ended(self) -> None:
+        if self.reason is not None:
+            raise ArrangementEndedError(f"this arrangement has ended: {self.reason}")
+
+    def _wait_for_turn(self, due_ns: int) -> bool:
+        if self._execution is not None:
+            return self._execution.sleep_to_turn(due_ns)
+        self.clock.sleep_until_ns(due_ns)
+        return self.reason is None
+
+    def _turns(self) -> Iterable[Seat | None]:
+        if self.timetable is None or self._pacer is None:
+            return self._seats
+        return self._pacer.turns(self.timetable.slots, self._named)
+
+    def _admit(self, name: str) -> None:
+        if self.timetable is not None and name not in self.timetable.machines:
+            raise LoadError(
+                f"{name} has no slot in the timetable; it has slots for: "
+                f"{', '.join(self.timetable.machines)}"
+            )
 
     def _accept(self, seat: Seat) -> None:
         """Unload a machine whose ringlet ended in an accepting state, unless it must stay."""
@@ -228,10 +265,12 @@ class Arrangement(Roster):
             action = "kept: suspended"
         elif not self.unload_accepting:
             action = "kept: -u"
+            seat.accepted = True
         elif seat.request in (Request.SUSPEND, Request.RESTART):
             action = f"kept: scheduled for {seat.request}"
         else:
             action = "unloaded"
+            seat.accepted = True
             self._vacate(seat)
         if self._observers:
             self.emit(Accepting(*self.stamp(), seat.index, seat.name, action))
@@ -243,6 +282,7 @@ class Arrangement(Roster):
             raise error
         logger().error("%s", error, exc_info=error)
         seat.request = None
+        seat.failed = True
         if seat.suspended:
             self._leaving.append(seat)
             self._let_go()
@@ -252,14 +292,24 @@ class Arrangement(Roster):
             self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
 
     def _nested_turn(self, seat: Seat) -> None:
+        turn = ringlet if self._stopwatch is None else self._stopwatch.around(ringlet)
         try:
-            ringlet(seat)
+            turn(seat)
         except ExecutionError as error:
             self._fail(seat, error)
 
     def _bind_all(self) -> None:
         super()._bind_all()
-        self._turn = self._observed_turn if self._observers else ringlet
+        self._turn = self._choose_turn()
+
+    def _choose_turn(self) -> Callable[[Seat], bool]:
+        turn = self._observed_turn if self._observers else ringlet
+        return turn if self._stopwatch is None else self._stopwatch.around(turn)
+
+    def _vacate(self, seat: Seat) -> None:
+        super()._vacate(seat)
+        if self._stopwatch is not None:
+            self._stopwatch.rest(seat.name)
 
     def _observed_turn(self, seat: Seat) -> bool:
         previous = None if seat.previous is None else seat.previous.name

@@ -17,6 +17,11 @@ __all__ = ["clfsm", "main"]
 _COMMANDS = {
     "new": ("llfsm.runtime.commands.new:new", "Make a machine to start from."),
     "run": ("llfsm.runtime.commands.run:run", "Run machines as one arrangement."),
+    "ps": ("llfsm.runtime.commands.control:ps", "List the machines that run."),
+    "suspend": ("llfsm.runtime.commands.control:suspend", "Suspend a machine that runs."),
+    "resume": ("llfsm.runtime.commands.control:resume", "Resume a suspended machine."),
+    "restart": ("llfsm.runtime.commands.control:restart", "Restart a machine that runs."),
+    "stop": ("llfsm.runtime.commands.control:stop", "Ask a machine to end."),
     "check": ("llfsm.runtime.commands.check:check", "Check machines without running them."),
     "draw": ("llfsm.runtime.commands.draw:draw", "Draw a machine."),
     "show": ("llfsm.runtime.commands.show:show", "Show what a machine consists of."),

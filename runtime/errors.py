@@ -3,8 +3,10 @@
 FsmError
 ├── DefinitionError          a machine class contradicts itself; raised when the class is made
 ├── BundleError              a bundle cannot be read, run or written: names file and line
+├── ConfigurationError       an arrangement file or another configuration: names file and line
 ├── LoadError                a machine cannot be loaded as asked
 │   └── VariableError        no such machine variable, no value, or a value of another type
+├── ScheduleError            a timetable contradicts itself
 ├── UnknownMachineError      no machine of that name (also a LookupError)
 ├── NotLoadedError           a machine that is in no arrangement was asked to act
 ├── ExecutionError           code of a machine failed: names machine, state, step and line
@@ -32,6 +34,7 @@ __all__ = [
     "ArrangementEndedError",
     "BundleError",
     "ClockError",
+    "ConfigurationError",
     "DefinitionError",
     "DrawingError",
     "ExecutionError",
@@ -43,6 +46,7 @@ __all__ = [
     "OptionError",
     "PackageError",
     "ProcessDiedError",
+    "ScheduleError",
     "UnknownMachineError",
     "UnreachableStateWarning",
     "VariableError",
@@ -67,6 +71,28 @@ class BundleError(FsmError):
         super().__init__(where + what)
 
 
+class ConfigurationError(FsmError):
+    """Say what is wrong in which file; `line` is None if it is all of the file.
+
+    `where` is the path of the wrong value, as ("machine", 1, "name"), while the line is unknown.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        where: tuple[str | int, ...] = (),
+        *,
+        file: Path | None = None,
+        line: int | None = None,
+    ):
+        self.what = what
+        self.where = where
+        self.file = file
+        self.line = line
+        place = "" if file is None else f"{file}: " if line is None else f"{file}:{line}: "
+        super().__init__(place + what)
+
+
 class LoadError(FsmError):
     """Say why a machine cannot be loaded."""
 
@@ -75,16 +101,29 @@ class VariableError(LoadError):
     """Say which machine variable is unknown, missing or of another type."""
 
 
+class ScheduleError(FsmError):
+    """Say why machines cannot have their turns as asked."""
+
+
 class UnknownMachineError(FsmError, LookupError):
     """Name a machine that does not exist, and those that do.
 
     clfsm returns -1 instead, and its `is_running` of an unknown machine is true.
     """
 
-    def __init__(self, name: str | int, known: Iterable[str], where: str = "loaded"):
+    def __init__(
+        self,
+        name: str | int,
+        known: Iterable[str],
+        where: str = "loaded",
+        elsewhere: Iterable[str] = (),
+    ):
         self.name = name
         self.known = tuple(known)
+        self.elsewhere = tuple(elsewhere)
         names = ", ".join(self.known) or "none"
+        if self.elsewhere:
+            names += f"; run by other processes: {', '.join(self.elsewhere)}"
         which = f"machine at index {name}" if isinstance(name, int) else f"machine {name!r}"
         super().__init__(f"no {which}; {where}: {names}")
 

@@ -8,7 +8,7 @@ An observer is any function of one event; with none attached no event is made. A
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import NamedTuple, TypeAlias
 
 __all__ = [
@@ -21,10 +21,12 @@ __all__ = [
     "IdleSleep",
     "MachineStatus",
     "Observer",
+    "Reason",
     "Request",
     "RoundBegin",
     "RoundEnd",
     "Section",
+    "Status",
     "Turn",
 ]
 
@@ -35,6 +37,25 @@ class Request(StrEnum):
     SUSPEND = "suspend"
     RESUME = "resume"
     RESTART = "restart"
+
+
+class Status(IntEnum):
+    """What a request returns, with clfsm's numbers: the status of the machine before it."""
+
+    ERROR = -1
+    RUNNING = 0
+    SUSPENDED = 1
+
+
+class Reason(StrEnum):
+    """Why an arrangement ended."""
+
+    ACCEPTING = "accepting"  # every machine accepts or is suspended
+    STOPPED = "stopped"  # asked to stop, and the grace period is over
+    MAX_ROUNDS = "max_rounds"
+    FAILED = "failed"  # code of a machine or an observer raised
+    INTERRUPTED = "interrupted"  # KeyboardInterrupt, SystemExit
+    CLOSED = "closed"  # `end` was called, or its `with` block was left
 
 
 class RoundBegin(NamedTuple):

@@ -6,8 +6,9 @@ lack states and transitions, and running a machine never reads it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 __all__ = ["Layout", "Point", "StateBox", "TransitionPath"]
 
@@ -16,13 +17,18 @@ Point: TypeAlias = tuple[float, float]
 
 @dataclass(frozen=True)
 class StateBox:
-    """The box of a state: its centre, its size, and whether its sections are shown."""
+    """The box of a state: its centre, its size, and whether its sections are shown.
+
+    `more` is what else an editor keeps of it, as colours and the heights of sections, by the names
+    in its property list: kept, and never looked at.
+    """
 
     x: float
     y: float
     w: float
     h: float
     expanded: bool = False
+    more: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from enum import IntEnum
 from types import new_class
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast, dataclass_transform
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, Unpack, cast, dataclass_transform
 
 from .errors import DefinitionError, NotLoadedError, VariableError
-from .events import Call
+from .events import Call, Status
 from .state import ClassBody, State
 from .table import REQUIRED, Table, make_table
 
 if TYPE_CHECKING:
-    from .roster import Loadable
+    from .roster import Loadable, LoadOptions
     from .seat import Seat
+    from .submachine import Submachine
 
-__all__ = ["Machine", "MachineType", "Status", "define"]
+__all__ = ["Machine", "MachineType", "define"]
 
 R = TypeVar("R")
-
-
-class Status(IntEnum):
-    """What a request returns, with clfsm's numbers: the status of the machine before it."""
-
-    ERROR = -1
-    RUNNING = 0
-    SUSPENDED = 1
+M = TypeVar("M", bound="Machine")
 
 
 @dataclass_transform(kw_only_default=True)
@@ -152,15 +145,16 @@ class Machine(metaclass=MachineType):
 
     @property
     def stopping(self) -> bool:
-        """Whether the arrangement was asked to stop: make for an accepting state."""
-        return self._seat.roster.stopping
+        """Whether it or all machines were asked to stop: make for an accepting state."""
+        return self._seat.stopping or self._seat.roster.stopping
 
     @property
     def number_of_machines(self) -> int:
         """The number of indices in use, holes included."""
         return self._called("number_of_machines", None, self._seat.roster.number_of_machines)
 
-    # Requests. All take effect at the machine's next turn and return its status before; a
+    # Requests. All take effect at the machine's next turn and return its status before. They
+    # and the questions below also reach machines that other processes run on the whiteboard; a
     # name that is no machine raises `UnknownMachineError`.
 
     def suspend(self, name: str) -> Status:
@@ -224,15 +218,26 @@ class Machine(metaclass=MachineType):
 
     # Loading
 
-    def load(self, machine: Loadable) -> int:
-        """Load a machine and return its index: its first turn is in this round if still ahead."""
-        return self._called("load", _called_by(machine), self._seat.roster.load(machine))
+    def load(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
+        """Load a machine and return its index: its first turn is in this round if still ahead.
 
-    def load_suspended(self, machine: Loadable) -> int:
+        `name`, `variables` and `slots` are as for `Arrangement.load`.
+        """
+        return self._called("load", _called_by(machine), self._seat.roster.load(machine, **how))
+
+    def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
         """Load a machine that begins in its suspend state, and return its index."""
-        return self._called(
-            "load_suspended", _called_by(machine), self._seat.roster.load_suspended(machine)
-        )
+        index = self._seat.roster.load_suspended(machine, **how)
+        return self._called("load_suspended", _called_by(machine), index)
+
+    def call_machine(self, machine: type[M] | M | str, **how: Unpack[LoadOptions]) -> Submachine[M]:
+        """Load a machine as a submachine, whose end can be waited for and its results read.
+
+        Keep what is returned in a variable, guard a transition with its `done`, and read the
+        variables of its `machine`.
+        """
+        called = self._seat.roster.call_machine(machine, **how)
+        return self._called("call_machine", _called_by(machine), called)
 
     def unload(self, name: str) -> bool:
         """Unload machine `name` and return True; this machine goes at the end of its ringlet."""

@@ -41,9 +41,9 @@ class Sensor(Generic[M, D]):
         """Return the default: once there is a snapshot, the machine's own attribute is found."""
         return self if machine is None else self.default
 
-    def bind(self, board: Board) -> Callable[[], M | D]:
-        """Return the function that reads the slot on `board`."""
-        get = board[self.slot].get
+    def bind(self, board: Board, slot: Slot[M]) -> Callable[[], M | D]:
+        """Return the function that reads `slot`, this port's or one that takes its place."""
+        get = board[slot].get
         default = self.default
         if default is None:
             return cast("Callable[[], M | D]", get)
@@ -80,6 +80,6 @@ class Actuator(Generic[M]):
             f"{owner.__qualname__} cannot post to {self.slot.name!r}: load it into an Arrangement"
         )
 
-    def bind(self, board: Board) -> Callable[[M], int]:
-        """Return the function that posts to the slot on `board`."""
-        return board[self.slot].add
+    def bind(self, board: Board, slot: Slot[M]) -> Callable[[M], int]:
+        """Return the function that posts to `slot`, this port's or one that takes its place."""
+        return board[slot].add

@@ -30,6 +30,8 @@ def ringlet(seat: Seat) -> bool:
         previous = seat.previous
         if state is not previous:
             seat.previous = state
+            if not seat.first_round:
+                seat.first_round = seat.roster.rounds
             if not seat.tells:  # 3
                 pass
             elif state is seat.suspension:

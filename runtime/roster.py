@@ -3,27 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar, Unpack
 
 from .binding import bind
 from .errors import LoadError, ObserverError, UnknownMachineError
-from .events import Event, MachineStatus, Observer, Request
-from .machine import Machine, Status
+from .events import Event, MachineStatus, Observer, Request, Status
+from .machine import Machine
 from .ringlet import ringlet
 from .seat import Seat
+from .submachine import Submachine
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
     from .clock import Clock
+    from .remote import Directory, RemoteMachine
 
-__all__ = ["Factory", "Library", "Loadable", "Roster"]
+__all__ = ["Factory", "Library", "LoadOptions", "Loadable", "Roster"]
 
 Factory: TypeAlias = Callable[[], Machine]
 """What makes a machine to load: a machine class is one."""
 Library: TypeAlias = Mapping[str, Factory] | Callable[[str], Factory | None]
 """Where machines are found by name: a mapping, or a function that returns None for no machine."""
 Loadable: TypeAlias = str | type[Machine] | Machine
+M = TypeVar("M", bound=Machine)
+
+
+class LoadOptions(TypedDict, total=False):
+    """How a machine is loaded.
+
+    It is called `name` (default: its class's name), or `name.0`, `name.1` … if that is taken.
+    `variables` replaces defaults; `slots` gives the machine's slots other names on the board, as
+    in `{"turtle1/pose": "bob/pose"}`. `path` tells which holes it may fill (default: its class's
+    module and name).
+    """
+
+    name: str | None
+    variables: Mapping[str, Any] | None
+    slots: Mapping[str, str] | None
+    path: str | None
 
 
 class Roster:
@@ -31,7 +49,8 @@ class Roster:
 
     Unloading leaves a hole, so that no index shifts; a hole is filled again only by a machine of
     the same path. Every call that takes a name raises `UnknownMachineError` if there is no such
-    machine. `caller` is the seat whose ringlet makes the call, None from outside.
+    machine; suspend, resume, restart and questions also reach machines that other processes run
+    on the whiteboard. `caller` is the seat whose ringlet makes the call, None from outside.
     """
 
     def __init__(self, whiteboard: Board | None, clock: Clock, library: Library | None):
@@ -47,6 +66,7 @@ class Roster:
         self._leaving: list[Seat] = []  # to go at the end of their ringlet
         self._outer: list[Seat] = []  # those inside whose ringlet another one is nested
         self._observers: list[Observer] = []
+        self._directory: Directory | None = None  # of machines that other processes run
 
     # Observers
 
@@ -77,35 +97,23 @@ class Roster:
 
     # Loading
 
-    def load(
-        self,
-        machine: Loadable,
-        *,
-        name: str | None = None,
-        path: str | None = None,
-        variables: Mapping[str, Any] | None = None,
-    ) -> int:
+    def load(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
         """Load a machine and return its index.
 
-        `machine` is a class, an instance, or the name of one in the library. It is called
-        `name` (default: its class's name), or `name.0`, `name.1` … if that is taken. `path`
-        tells which holes it may fill (default: its class's module and name). `variables`
-        replaces defaults. Raise `LoadError` if it cannot be loaded as asked.
+        `machine` is a class, an instance, or the name of one in the library; see `LoadOptions`
+        for the rest. Raise `LoadError` if it cannot be loaded as asked.
         """
-        return self._seat_at(self._make(machine, variables), name, path).index
+        return self._seat_at(machine, **how).index
 
-    def load_suspended(
-        self,
-        machine: Loadable,
-        *,
-        name: str | None = None,
-        path: str | None = None,
-        variables: Mapping[str, Any] | None = None,
-    ) -> int:
+    def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
         """Load a machine as `load` does, but in its suspend state, to be resumed."""
-        seat = self._seat_at(self._make(machine, variables), name, path)
+        seat = self._seat_at(machine, **how)
         seat.suspend()
         return seat.index
+
+    def call_machine(self, machine: type[M] | M | str, **how: Unpack[LoadOptions]) -> Submachine[M]:
+        """Load a machine as `load` does, to wait for its end and read its results."""
+        return Submachine(self._seat_at(machine, **how))
 
     def unload(self, name: str, caller: Seat | None = None) -> bool:
         """Unload a machine and return True: at once, or at the end of its ringlet if in one."""
@@ -120,15 +128,21 @@ class Roster:
 
     def suspend(self, name: str) -> Status:
         """Have a machine suspended; return its status before."""
-        return self._request(self._find(name), Request.SUSPEND)
+        return self._ask(name, Request.SUSPEND)
+
+    def hold(self, name: str) -> None:
+        """Have a machine suspended from outside: until it is resumed the execution goes on."""
+        seat = self._find(name)
+        seat.held = True
+        self._request(seat, Request.SUSPEND)
 
     def resume(self, name: str) -> Status:
         """Have a machine resumed; return its status before, or ERROR if a restart is pending."""
-        return self._request(self._find(name), Request.RESUME)
+        return self._ask(name, Request.RESUME)
 
     def restart(self, name: str) -> Status:
         """Have a machine restarted; return its status before."""
-        return self._request(self._find(name), Request.RESTART)
+        return self._ask(name, Request.RESTART)
 
     def suspend_all(self, caller: Seat | None = None) -> None:
         """Have every machine suspended but the caller."""
@@ -139,16 +153,21 @@ class Roster:
     def abandon(self, name: str, caller: Seat | None = None) -> bool:
         """Suspend a machine now, run its suspended ringlet inside this call and return True."""
         seat = self._find(name)
+        first_round = seat.first_round
         if caller is not None:
             self._outer.append(caller)
         # A ringlet sees one snapshot from begin to end, also if another one of the same
         # machine is nested in it.
         snapshot = [(sensor, getattr(seat.machine, sensor)) for sensor, _ in seat.sensors]
         seat.request = None
+        seat.nested += 1
         seat.suspend()
         try:
             self._nested_turn(seat)
         finally:
+            if not first_round:  # those that rounds give it are still to come
+                past = caller is None or caller.index > seat.index
+                seat.first_round = self.rounds + past
             if seat in self._outer:
                 for sensor, value in snapshot:
                     setattr(seat.machine, sensor, value)
@@ -161,15 +180,16 @@ class Roster:
 
     def status(self, name: str) -> Status:
         """Tell whether a machine runs or is suspended."""
-        return Status.SUSPENDED if self._find(name).suspended else Status.RUNNING
+        return Status.SUSPENDED if self.is_suspended(name) else Status.RUNNING
 
     def is_suspended(self, name: str) -> bool:
         """Tell whether a machine is in its suspend state."""
-        return self._find(name).suspended
+        seat = self._named.get(name)
+        return self._elsewhere(name).suspended if seat is None else seat.suspended
 
     def is_running(self, name: str) -> bool:
         """Tell whether a machine is not suspended."""
-        return not self._find(name).suspended
+        return not self.is_suspended(name)
 
     def index_of(self, name: str) -> int:
         """Return the place of a machine in the order, from 0."""
@@ -184,7 +204,8 @@ class Roster:
 
     def state_name_of(self, name: str) -> str:
         """Return the name of a machine's current state."""
-        return self._find(name).current.name
+        seat = self._named.get(name)
+        return self._elsewhere(name).state if seat is None else seat.current.name
 
     def standings(self) -> tuple[MachineStatus | None, ...]:
         """Return where each machine stands, in order of index, with None for each hole."""
@@ -215,6 +236,22 @@ class Roster:
             return self._named[name]
         except KeyError:
             raise UnknownMachineError(name, self._named) from None
+
+    def _elsewhere(self, name: str) -> RemoteMachine:
+        """Return the machine of that name that another process runs on this whiteboard."""
+        if self.whiteboard is None:
+            raise UnknownMachineError(name, self._named)
+        if self._directory is None:
+            from .remote import Directory  # here, because few ask
+
+            self._directory = Directory(self.whiteboard)
+        return self._directory.find(name, self._named)
+
+    def _ask(self, name: str, request: Request) -> Status:
+        seat = self._named.get(name)
+        if seat is None:
+            return self._elsewhere(name).request(request.value)
+        return self._request(seat, request)
 
     def _request(self, seat: Seat, request: Request) -> Status:
         if request is Request.RESUME and seat.request is Request.RESTART:
@@ -248,12 +285,23 @@ class Roster:
             raise UnknownMachineError(name, sorted(known | set(self._classes)), "loadable")
         return factory
 
-    def _seat_at(self, machine: Machine, name: str | None, path: str | None) -> Seat:
+    def _seat_at(
+        self,
+        loadable: Loadable,
+        *,
+        name: str | None = None,
+        variables: Mapping[str, Any] | None = None,
+        slots: Mapping[str, str] | None = None,
+        path: str | None = None,
+    ) -> Seat:
+        machine = self._make(loadable, variables)
         cls = type(machine)
         path = path or cls.table.path
         holes = (index for index, left in sorted(self._holes.items()) if left == path)
         index = next(holes, len(self._seats))
-        seat = Seat(machine, self, index, self._free_name(name or cls.__name__), path)
+        name = self._free_name(name or cls.__name__)
+        self._admit(name)
+        seat = Seat(machine, self, index, name, path, slots or {})
         seat.connect(self.whiteboard)
         bind(seat, observed=bool(self._observers))
         machine._seat = seat
@@ -264,6 +312,9 @@ class Roster:
         else:
             self._seats[index] = seat
         return seat
+
+    def _admit(self, name: str) -> None:
+        """Raise `LoadError` if there is no room for a machine of that name."""
 
     def _free_name(self, name: str) -> str:
         if name not in self._named:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .binding import BoundState
 from .errors import LoadError
 from .events import MachineStatus, Request
 from .failure import logger
-from .ports import Actuator
+from .ports import Actuator, Sensor
 from .state import State
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board
+    from llfsm.whiteboard import Board, Slot
 
     from .machine import Machine
     from .roster import Roster
@@ -33,33 +33,49 @@ class Seat:
     """
 
     __slots__ = (
+        "accepted",
         "current",
         "doing",
         "entered_ns",
+        "failed",
+        "first_round",
+        "held",
         "index",
         "initial",
         "machine",
         "name",
+        "nested",
         "now",
         "path",
         "previous",
         "remembered",
+        "renamed",
         "request",
         "roster",
         "sensors",
         "states",
+        "stopping",
         "suspension",
         "taken",
         "tells",
     )
 
-    def __init__(self, machine: Machine, roster: Roster, index: int, name: str, path: str):
+    def __init__(
+        self,
+        machine: Machine,
+        roster: Roster,
+        index: int,
+        name: str,
+        path: str,
+        renamed: Mapping[str, str],
+    ):
         table = type(machine).table
         self.machine = machine
         self.roster = roster
         self.index = index
         self.name = name
         self.path = path
+        self.renamed = renamed  # slots: name in the machine -> name on the board
         self.now = roster.clock.now_ns
         self.states = {state.name: BoundState(state.name) for state in table.states}
         self.initial = self.states[table.initial.name]
@@ -70,9 +86,15 @@ class Seat:
         self.previous: BoundState | None = None
         self.request: Request | None = None
         self.entered_ns = NEVER  # when the state clock started
+        self.first_round = 0  # in which it had its first turn, counted from 1
+        self.nested = 0  # turns inside another machine's, besides those of rounds
         self.doing: str | None = None  # the state whose section runs, while observed
         self.sensors: tuple[tuple[str, Read], ...] = ()
         self.taken = True
+        self.accepted = False  # whether it has ended a ringlet in an accepting state
+        self.failed = False  # whether its code has raised
+        self.held = False  # whether whoever had it suspended from outside may resume it
+        self.stopping = False  # whether this machine alone was asked to stop
         self.tells = False  # whether any state has code for being suspended or resumed
 
     @property
@@ -92,6 +114,16 @@ class Seat:
             return not waking and self.entered_ns != NEVER
         return self.current is self.previous and not self.current.transitions
 
+    @property
+    def ringlets(self) -> int:
+        """The number of turns that the machine has had, if each round gives it one.
+
+        It is made of the rounds, so that counting takes no time in a turn.
+        """
+        if self.first_round == 0:
+            return self.nested
+        return self.roster.rounds - self.first_round + 1 + self.nested
+
     def suspend(self) -> None:
         """Go to the suspend state and remember the current one; nothing if suspended."""
         if self.current is not self.suspension:
@@ -101,10 +133,12 @@ class Seat:
     def perform_request(self) -> None:
         """Apply and clear the request."""
         request, self.request = self.request, None
+        self.held = self.held and request is Request.SUSPEND
         if request is Request.SUSPEND:
             self.suspend()
         elif request is Request.RESTART:
             self.current, self.previous = self.initial, None
+            self.accepted = self.failed = False
         elif self.suspended and self.remembered is not self.suspension:
             self.current, self.previous = self.remembered, self.suspension
 
@@ -122,17 +156,28 @@ class Seat:
     def connect(self, board: Board | None) -> None:
         """Bind the machine's sensors and actuators to the slots of `board`."""
         table = type(self.machine).table
+        used = table.slots
+        for slot in self.renamed:
+            if slot not in used:
+                names = ", ".join(used) or "none"
+                raise LoadError(f"{self.name} uses no slot {slot!r}; it uses: {names}")
         if board is None:
-            slots = [port.slot for port in table.sensors.values()]
-            slots += [port.slot for port in table.actuators.values()]
-            if slots:
+            if used:
                 raise LoadError(
-                    f"{self.name} uses slot {slots[0].name!r}: give the Arrangement a whiteboard"
+                    f"{self.name} uses slot {used[0]!r}: give the Arrangement a whiteboard"
                 )
             return
-        self.sensors = tuple((name, port.bind(board)) for name, port in table.sensors.items())
+        self.sensors = tuple(
+            (name, port.bind(board, self._slot(port))) for name, port in table.sensors.items()
+        )
         for name, port in table.actuators.items():
-            setattr(self.machine, name, port.bind(board))
+            setattr(self.machine, name, port.bind(board, self._slot(port)))
+
+    def _slot(self, port: Sensor[Any, Any] | Actuator[Any]) -> Slot[Any]:
+        """Return the slot that the port is connected to."""
+        slot = port.slot
+        name = self.renamed.get(slot.name)
+        return slot if name is None else type(slot)(name, slot.type, slot.capacity)
 
     def finish(self) -> None:
         """Leave the seat and post what is to be posted at the end: once, whatever comes after."""

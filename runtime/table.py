@@ -87,6 +87,13 @@ class Table:
         self.actuators = actuators
         self.layout: Layout | None = None
 
+    @property
+    def slots(self) -> list[str]:
+        """The names of the slots that the machine uses, each once."""
+        names = [port.slot.name for port in self.sensors.values()]
+        names += [port.slot.name for port in self.actuators.values()]
+        return list(dict.fromkeys(names))
+
 
 def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], root: type) -> Table:
     """Check the states and names of `cls`, a subclass of `root`, and put them in order.

@@ -14,6 +14,7 @@ from ..layout import Layout, Point, StateBox, TransitionPath
 __all__ = ["layout_to_plist", "read_layout"]
 
 _SIZE = (90.0, 50.0)  # of a state whose size is not given
+_KNOWN = ("x", "y", "w", "h", "expanded", "Transitions")
 _POINTS = ("srcPoint", "dstPoint", "controlPoint1", "controlPoint2")
 
 
@@ -38,7 +39,8 @@ def read_layout(file: Path) -> Layout:
         x, y, w, h = (_number(state, key) for key in "xywh")
         if x is not None and y is not None:
             w, h = _SIZE[0] if w is None else w, _SIZE[1] if h is None else h
-            boxes[name] = StateBox(x, y, w, h, bool(state.get("expanded", False)))
+            more = {key: value for key, value in state.items() if key not in _KNOWN}
+            boxes[name] = StateBox(x, y, w, h, bool(state.get("expanded", False)), more)
         drawn = state.get("Transitions")
         if path := _paths(drawn if isinstance(drawn, list) else []):
             paths[name] = path
@@ -53,7 +55,7 @@ def layout_to_plist(layout: Layout) -> bytes:
             "Transitions": [_described(path) for path in layout.transitions.get(name, ())]
         }
         if box := layout.states.get(name):
-            states[name] |= {
+            states[name] |= dict(box.more) | {
                 "x": box.x, "y": box.y, "w": box.w, "h": box.h, "expanded": box.expanded
             }  # fmt: skip
     return plistlib.dumps({"States": states, "Version": "1.3"}, sort_keys=False)

@@ -11,8 +11,8 @@ from .uses import uses_of
 __all__ = ["findings_of"]
 
 _REQUESTS = frozenset({
-    "abandon", "load", "load_suspended", "restart", "restart_self", "resume", "resume_self",
-    "suspend", "suspend_all", "suspend_self", "unload",
+    "abandon", "call_machine", "load", "load_suspended", "restart", "restart_self", "resume",
+    "resume_self", "suspend", "suspend_all", "suspend_self", "unload",
 })  # fmt: skip
 _UNUSED = {"variable": "used", "sensor": "read", "actuator": "called"}
 

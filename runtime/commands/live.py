@@ -30,7 +30,7 @@ class Machine(NamedTuple):
     name: str
     status: MachineStatus
     since_s: float
-    """Seconds since that changed."""
+    """Seconds since it has entered its state."""
 
 
 class Watcher:
@@ -50,7 +50,8 @@ class Watcher:
         for name, slot in self._slots.items():
             sample: Sample[MachineStatus] | None = slot.sample()
             if name.startswith(MACHINES) and sample is not None:
-                since_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
+                age_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
+                since_s = sample.message.in_state_s + age_s
                 found.append(Machine(name.removeprefix(MACHINES), sample.message, since_s))
         return found
 

@@ -5,22 +5,21 @@ from __future__ import annotations
 import importlib.metadata
 import logging
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
 import click
+from msgspec.structs import replace
 
 from llfsm.whiteboard import Whiteboard
 
-from ..arrangement import Arrangement
-from ..bundles import SUFFIX
-from ..machine import Machine
-from ..status import StatusPoster
+from ..plan import Plan, assemble
 from .board import board_option
-from .machines import find_machine, parse_assignments
+from .nonstop import run_nonstop
+from .planned import plan_of
 from .report import StateReport, SuspensionReport
 from .supervised import end_with_input, supervised_options
+from .timing import timing_table
 
 __all__ = ["run"]
 
@@ -31,12 +30,28 @@ __all__ = ["run"]
     "-S", "suspended", metavar="MACHINE", multiple=True, help="Load MACHINE, too, suspended."
 )
 @click.option(
+    "-P",
+    "preloaded",
+    metavar="MACHINE",
+    multiple=True,
+    help="Make MACHINE ready to be loaded by the others.",
+)
+@click.option(
+    "-T",
+    "table",
+    metavar="TABLE",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Run the machines of a dispatch table, each at its times.",
+)
+@click.option(
     "-v",
     "verbose",
     count=True,
     help="Tell each state change: machine number, state number, machine, state; -vv: its path too.",
 )
 @click.option("-s", "report", is_flag=True, help="Tell of suspends, resumes and restarts.")
+@click.option("-t", "timed", is_flag=True, help="Time the ringlets; tell at the end.")
+@click.option("-n", "nonstop", is_flag=True, help="Start again after a crash.")
 @click.option("-q", "quiet", is_flag=True, help="Leave out the header.")
 @click.option("-u", "keep", is_flag=True, help="Do not unload accepting machines.")
 @click.option(
@@ -44,98 +59,115 @@ __all__ = ["run"]
     "idle_us",
     metavar="US",
     type=click.IntRange(0),
-    default=10_000,
-    show_default=True,
-    help="Sleep so many microseconds after a round in which no transition fired.",
+    help="Sleep so many microseconds (10000) after a round in which no transition fired.",
+)
+@click.option(
+    "--period",
+    "period_us",
+    metavar="US",
+    type=click.IntRange(1),
+    help="Begin a round every so many microseconds instead.",
 )
 @click.option(
     "--on-error",
     type=click.Choice(["stop", "suspend"]),
-    default="stop",
-    show_default=True,
-    help="When a machine's code raises: stop all, or suspend that machine.",
+    help="When a machine's code raises: stop all (as by default), or suspend that machine.",
 )
 @board_option
 @supervised_options
 def run(
     machines: tuple[str, ...],
     suspended: tuple[str, ...],
+    preloaded: tuple[str, ...],
+    table: Path | None,
     verbose: int,
     report: bool,
+    timed: bool,
+    nonstop: bool,
     quiet: bool,
     keep: bool,
-    idle_us: int,
-    on_error: Literal["stop", "suspend"],
+    idle_us: int | None,
+    period_us: int | None,
+    on_error: Literal["stop", "suspend"] | None,
     board: str,
     until_eof: bool,
     remove_board: bool,
 ) -> None:
     """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
 
-    A machine is one that ships, package.module:Class, or the folder of a bundle;
-    name:variable=value sets a variable.
+    A machine is one that ships, package.module:Class, or the folder of a bundle; name=machine
+    gives it a name, name:variable=value sets a variable, name:slot:=other exchanges a slot.
+    Instead of machines, name an arrangement file (.toml).
 
     \b
     llfsm run RosPingPong -v
     llfsm run path/to/Patrol.machine
     llfsm run RosBlindTurttleBot TurtleSuspendResume -s
-    llfsm run my_robot.patrol:Patrol Patrol:rounds=3
+    llfsm run a=my_robot.patrol:Patrol a:rounds=3 a:turtle1/pose:=bob/pose
+    llfsm run robot.toml -t
     """
-    chosen = [find_machine(text) for text in machines if "=" not in text]
-    waiting = [find_machine(text) for text in suspended]
-    if not chosen and not waiting:
-        raise click.UsageError("name a machine to run; `llfsm run --help` shows examples")
-    named: dict[str, type[Machine]] = {}
-    for cls in (*chosen, *waiting):
-        named[_free_name(cls.__name__, named)] = cls
-    variables = parse_assignments([text for text in machines if "=" in text], named)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    with Whiteboard(board) as wb:
+    planned = plan_of(machines, table, suspended, preloaded)
+    plan = _with_options(planned.plan, keep, idle_us, period_us, on_error)
+    _log()
+    with Whiteboard(_board(plan, board)) as wb:
         try:
-            arrangement = Arrangement(
-                whiteboard=wb,
-                idle_us=idle_us,
-                unload_accepting=not keep,
-                library=_Library(named.values()),
-                on_error=on_error,
-            )
-            for number, (name, cls) in enumerate(named.items()):
-                load = arrangement.load if number < len(chosen) else arrangement.load_suspended
-                load(cls, variables=variables[name])
-            arrangement.after_rounds.append(poster := StatusPoster(arrangement, wb))
+            arrangement = assemble(plan, planned.classes, wb, library=planned.library, timed=timed)
             if verbose:
                 arrangement.attach(StateReport(arrangement, with_path=verbose > 1))
             if report:
                 arrangement.attach(SuspensionReport(arrangement))
             if not quiet:
                 version = importlib.metadata.version("llfsm")
-                click.echo(f"llfsm {version}: {', '.join(named)} on whiteboard {wb.name}", err=True)
+                names = ", ".join(planned.classes)
+                click.echo(f"llfsm {version}: {names} on whiteboard {wb.name}", err=True)
             if until_eof:
                 end_with_input()
-            try:
-                arrangement.run()
-            finally:
-                poster.end()
+
+            def execute() -> None:
+                try:
+                    arrangement.run()
+                finally:
+                    if timed:
+                        click.echo(timing_table(arrangement.statistics()), err=True)
+
+            if nonstop:
+                run_nonstop(execute, arrangement.stop)
+            else:
+                execute()
         finally:
             if remove_board:
                 wb.remove()
 
 
-def _free_name(name: str, taken: dict[str, type[Machine]]) -> str:
-    """Return the name that the arrangement will give the next machine of this name."""
-    names = [name, *(f"{name}.{number}" for number in range(len(taken)))]
-    return next(free for free in names if free not in taken)
+def _with_options(
+    plan: Plan,
+    keep: bool,
+    idle_us: int | None,
+    period_us: int | None,
+    on_error: Literal["stop", "suspend"] | None,
+) -> Plan:
+    """Return the plan with what the command line says differently."""
+    if period_us is not None and any(machine.period_us for machine in plan.machines):
+        raise click.UsageError("--period: the machines have their own times already")
+    return replace(
+        plan,
+        unload_accepting=plan.unload_accepting and not keep,
+        idle_us=plan.idle_us if idle_us is None else idle_us,
+        period_us=period_us or plan.period_us,
+        on_error=on_error or plan.on_error,
+    )
 
 
-class _Library:
-    """Find machines that code loads by name: also bundles beside those that it was started with."""
+def _log() -> None:
+    """Have what machines say on standard output, and what went wrong on standard error."""
+    said, wrong = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
+    said.addFilter(lambda record: record.levelno < logging.WARNING)
+    wrong.setLevel(logging.WARNING)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[said, wrong])
 
-    def __init__(self, machines: Iterable[type[Machine]]):
-        paths = [Path(cls.table.path) for cls in machines]
-        self._folders = list(dict.fromkeys(path.parent for path in paths if path.suffix == SUFFIX))
 
-    def __call__(self, name: str) -> type[Machine] | None:
-        try:
-            return find_machine(name, self._folders)
-        except click.UsageError:
-            return None  # the arrangement's own error names those that can be loaded
+def _board(plan: Plan, board: str) -> str:
+    """Return the whiteboard's name: the command line's, if it gives one, else the file's."""
+    source = click.get_current_context().get_parameter_source("board")
+    given = source is click.core.ParameterSource.COMMANDLINE
+    return board if given or plan.board is None else plan.board

@@ -40,27 +40,26 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
     what = condition if isinstance(condition, str) else name_of(condition, "the condition")
     machines = list(arrangement.machines)
     begin_ns, begin_round = clock.now_ns(), arrangement.rounds
+    end_ns = begin_ns + round(within_ms * 1e6)
     while True:
         round_ns = clock.now_ns()
-        fired = arrangement.round()
+        fired = (arrangement.due_ns or 0) <= end_ns and arrangement.round()
         machines += [machine for machine in arrangement.machines if machine not in machines]
         if holds(arrangement):
             return (clock.now_ns() - begin_ns) / 1e6
         over = arrangement.reason is not None or arrangement.finished
         passed_ns = clock.now_ns() - begin_ns
-        if over or passed_ns >= within_ms * 1e6:
+        if over or begin_ns + passed_ns >= end_ns:
             why = f"over after {passed_ns / 1e6:g} ms" if over else f"not in {within_ms:g} ms"
             rounds = arrangement.rounds - begin_round
             raise NotReachedError(
                 f"waited for {what}: {why}, {rounds} rounds{standing(arrangement, machines)}"
             )
-        next_ns = round_ns + _pause_ns(arrangement, fired)
-        clock.sleep_until_ns(min(next_ns, begin_ns + round(within_ms * 1e6)))
+        next_ns = arrangement.due_ns or round_ns + _pause_ns(arrangement, fired)
+        clock.sleep_until_ns(min(next_ns, end_ns))
 
 
 def _pause_ns(arrangement: Arrangement, fired: bool) -> int:
-    if arrangement.period_us is not None:
-        return arrangement.period_us * 1_000
     return _ROUND_NS if fired else max(arrangement.idle_us * 1_000, _ROUND_NS)
 
 

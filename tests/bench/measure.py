@@ -27,6 +27,7 @@ class Pace(NamedTuple):
     samples: int  # of a statement
     sample_s: float
     processes: int  # samples of a whole process
+    schedule_s: float  # of keeping to a timetable
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from measure import Subject
 
 from llfsm.runtime import Arrangement, Machine, State
+from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
@@ -59,6 +60,34 @@ class Staying(Machine):
         """Cost what any method call costs on this machine."""
 
 
+class Counting(Machine):
+    """Count turns; the bundle below says the same."""
+
+    count: int = 0
+
+    here = State()
+    there = State()
+
+    @here.internal
+    def _(self) -> None:
+        self.count += 1
+
+    @here.to(there)
+    def full(self) -> bool:
+        return self.count < 0
+
+
+_FULL = BundleTransition("there", Fragment("count < 0\n"))
+COUNTING = Bundle(
+    "CountingBundle",
+    (
+        BundleState("here", {"Internal": Fragment("count += 1\n")}, (_FULL,)),
+        BundleState("there"),
+    ),
+    variables=Fragment("count: int = 0\n"),
+)
+
+
 @contextmanager
 def subjects() -> Iterator[dict[str, Subject]]:
     """Make a board and machines to time, by a name for each."""
@@ -100,9 +129,19 @@ def _on_board(board: Whiteboard, elsewhere: Whiteboard) -> dict[str, Subject]:
 
 def _machines() -> dict[str, Subject]:
     many = [Staying() for _ in range(MANY)]
+    bundle = compile_bundle(COUNTING)
+    classes, watched, others = ([Counting() for _ in range(MANY)] for _ in range(3))
+    bundles = [bundle() for _ in range(MANY)]
+    observed = Arrangement(watched, observers=[lambda event: None])
     return {
         "firing": Subject("arrangement.round()", {"arrangement": Arrangement([Firing])}),
         "guarded": Subject("arrangement.round()", {"arrangement": Arrangement([Guarded])}),
+        "class": Subject("arrangement.round()", {"arrangement": Arrangement(classes)}, MANY),
+        "bundle": Subject("arrangement.round()", {"arrangement": Arrangement(bundles)}, MANY),
+        "observed": Subject("arrangement.round()", {"arrangement": observed}, MANY),
+        "timed": Subject(
+            "arrangement.round()", {"arrangement": Arrangement(others, timed=True)}, MANY
+        ),
         "many": Subject("arrangement.round()", {"arrangement": Arrangement(many)}, MANY),
         "empty method": Subject("machine.empty()", {"machine": Staying()}),
     }

@@ -18,12 +18,22 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import ours
-from measure import Meter, Pace, in_turns, process, statement
+from measure import Meter, Pace, Side, in_turns, process, statement
 from peers import PEERS, open_peer, version_of
-from table import ADDED_MS, ALONE_MIB, ALONE_MS, FASTER, HEAD, SLOWER, Row
+from table import (
+    ADDED_MS,
+    ALONE_MIB,
+    ALONE_MS,
+    FASTER,
+    HEAD,
+    PERCENT,
+    PERIODS,
+    SLOWER,
+    Row,
+)
 
-FULL = Pace(samples=1000, sample_s=0.0003, processes=31)
-QUICK = Pace(samples=3, sample_s=0.0001, processes=2)
+FULL = Pace(samples=1000, sample_s=0.0003, processes=31, schedule_s=60)
+QUICK = Pace(samples=3, sample_s=0.0001, processes=2, schedule_s=0.2)
 
 # what, of ours, the peer, of the peer's, how many times faster ours is promised to be
 COMPARED: list[tuple[str, str, str, str, float | None]] = [
@@ -46,6 +56,7 @@ def rows(pace: Pace) -> Iterator[Row]:
     """Measure all there is to measure, row by row."""
     yield from _calls(pace)
     yield from _processes(pace)
+    yield from _schedule(pace)
 
 
 def _calls(pace: Pace) -> Iterator[Row]:
@@ -58,6 +69,12 @@ def _calls(pace: Pace) -> Iterator[Row]:
         ]
         what = f"a ringlet that stays, of {ours.MANY}"
         pairs.append((what, mine["many"], "an empty method", mine["empty method"], SLOWER, 7.5))
+        plain = mine["class"]
+        pairs.append(
+            ("a ringlet of a bundle", mine["bundle"], "the same class", plain, SLOWER, 1.5)
+        )
+        pairs.append(("a ringlet, observed", mine["observed"], "unobserved", plain, SLOWER, None))
+        pairs.append(("a ringlet, timed", mine["timed"], "untimed", plain, SLOWER, None))
         for what, subject, who, other, score, promised in pairs:
             meters = [
                 statement("llfsm", subject, pace.sample_s),
@@ -77,6 +94,33 @@ def _processes(pace: Pace) -> Iterator[Row]:
     yield Row("llfsm --help", in_turns(meters, times), ALONE_MS, 150)
     meters = [Meter("llfsm", "footprint.py", _footprint)]
     yield Row("memory: 100 slots, 4 machines", in_turns(meters, 3), ALONE_MIB, 40)
+
+
+def _schedule(pace: Pace) -> Iterator[Row]:
+    """Let ten machines keep to a timetable at 1 kHz, and a bare loop beside them."""
+    call = "schedule.py"
+    ours = _times_kept("machines", pace.schedule_s)
+    loop = _times_kept("loop", pace.schedule_s / 4)
+    for part in ("p50", "p99"):
+        sides = [Side("llfsm", call, [ours[part]]), Side("sleeping loop", call, [loop[part]])]
+        yield Row(f"jitter of 10 machines, {part}", sides, SLOWER, None)
+    late = 100 * ours["late"] / ours["turns"]
+    yield Row("  turns that were late", [Side("llfsm", call, [late])], PERCENT, None)
+    yield Row(
+        f"  drift after {pace.schedule_s:g} s", [Side("llfsm", call, [ours["drift"]])], PERIODS, 1
+    )
+
+
+def _times_kept(what: str, seconds: float) -> dict[str, float]:
+    script = str(Path(__file__).with_name("schedule.py"))
+    board = f"bench-{os.getpid()}-schedule"
+    command = [sys.executable, script, what, str(seconds), board]
+    figures: dict[str, float] = json.loads(
+        subprocess.run(
+            command, check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ).stdout
+    )
+    return figures
 
 
 def _footprint() -> float:

@@ -9,7 +9,18 @@ from typing import Any, NamedTuple
 
 from measure import Side
 
-__all__ = ["ADDED_MS", "ALONE_MIB", "ALONE_MS", "FASTER", "HEAD", "SLOWER", "Row", "Score"]
+__all__ = [
+    "ADDED_MS",
+    "ALONE_MIB",
+    "ALONE_MS",
+    "FASTER",
+    "HEAD",
+    "PERCENT",
+    "PERIODS",
+    "SLOWER",
+    "Row",
+    "Score",
+]
 
 
 class Score(NamedTuple):
@@ -29,6 +40,8 @@ SLOWER = Score(lambda ours, its: median(map(truediv, ours, its)), "x")
 ADDED_MS = Score(lambda ours, its: (min(ours) - min(its)) / 1e6, " ms", shown=min)
 ALONE_MS = Score(lambda ours: min(ours) / 1e6, " ms", shown=min)
 ALONE_MIB = Score(lambda ours: median(ours) / 2**20, " MiB", sampled="bytes")
+PERCENT = Score(max, " %", sampled="%")
+PERIODS = Score(max, " periods", sampled="periods")
 
 _LINE = "{:<33}{:>9} {:>9}  {:<20}{:>9}  {:<10} {}"
 HEAD = _LINE.format("", "ours", "theirs", "of", "ratio", "promised", "met")
@@ -98,6 +111,8 @@ def _readable(side: Side, score: Score) -> str:
     value = score.shown(side.samples)
     if score.sampled == "bytes":
         return f"{value / 2**20:.1f} MiB"
+    if score.sampled in ("%", "periods"):
+        return f"{value:.3g} {score.sampled}"
     if value >= 1e6:
         return f"{value / 1e6:.1f} ms"
     return f"{value:.1f} ns" if value < 100 else f"{value:.0f} ns"

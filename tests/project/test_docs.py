@@ -35,7 +35,7 @@ def blocks(document: Path) -> list[Block]:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_every_block_is_of_a_kind_that_is_executed(document: Path) -> None:
-    known = {"python", "console", "text", "c"}
+    known = {"python", "console", "text", "c", "toml"}
     assert {block.language for block in blocks(document)} <= known
 
 
@@ -52,8 +52,9 @@ def board() -> Iterator[str]:
 def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> None:
     """Run a document's blocks in order, in one folder.
 
-    ``python FILE`` blocks are files, kept for the blocks after them; ``console`` blocks are
-    commands after ``$`` with the output that they must give, in which ``...`` stands for anything.
+    ``python FILE`` and ``toml FILE`` blocks are files, kept for the blocks after them; ``console``
+    blocks are commands after ``$`` with the output that they must give, in which ``...`` stands
+    for anything.
     """
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
@@ -65,6 +66,8 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
             path = tmp_path / (block.file or f"block{number}.py")
             path.write_text(block.text)
             run([sys.executable, str(path)], tmp_path, environment)
+        elif block.language == "toml":
+            (tmp_path / block.file).write_text(block.text)
         elif block.language == "console":
             for command, output in commands(block.text):
                 if command.startswith("make "):

@@ -10,6 +10,7 @@ import pytest
 
 from llfsm.runtime import BundleError
 from llfsm.runtime.bundles import Bundle, read_bundle
+from llfsm.runtime.bundles.plist import layout_to_plist, read_layout
 from llfsm.runtime.layout import StateBox, TransitionPath
 
 
@@ -75,6 +76,22 @@ def test_a_layout_may_lack_anything(lamp: Path) -> None:
     assert layout is not None
     assert layout.states == {"On": StateBox(1.0, 2.0, 90.0, 50.0)}
     assert layout.transitions == {}
+
+
+def test_what_else_an_editor_keeps_of_a_state_is_kept(lamp: Path, tmp_path: Path) -> None:
+    (lamp / "Layout.plist").write_text(
+        plist(
+            "<key>On</key><dict><key>x</key><real>1</real><key>y</key><integer>2</integer>"
+            "<key>onEntryHeight</key><real>31</real><key>bgColour</key>"
+            "<dict><key>red</key><real>0.5</real></dict></dict>"
+        )
+    )
+    layout = read_bundle(lamp).layout
+    assert layout is not None
+    assert layout.states["On"].more == {"onEntryHeight": 31.0, "bgColour": {"red": 0.5}}
+    copy = tmp_path / "copy.plist"
+    copy.write_bytes(layout_to_plist(layout))
+    assert read_layout(copy) == layout
 
 
 @pytest.mark.parametrize("content", [b"", b"no plist", b"<plist><dict><key>", b"bplist00\xff"])

@@ -1,0 +1,65 @@
+"""Keep turns on a grid of time that nothing moves.
+
+The n-th round is due at the first one's begin plus n cycles, whatever happened before: lateness
+never adds up. A turn that is late begins at once, and the following ones too until they are on
+time again, so that none is left out. Only if that would take more than a second's worth of
+rounds, as after a process was stopped, are whole rounds skipped, and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from .failure import logger
+
+if TYPE_CHECKING:
+    from .clock import Clock
+    from .schedule import TimeSlot
+    from .seat import Seat
+
+__all__ = ["Pacer"]
+
+_CATCH_UP_NS = 1_000_000_000
+
+
+class Pacer:
+    """Tell when turns are due, waiting for it.
+
+    `next_ns` is when the next round is due, None before the first; `due_ns` and `deadline_ns` are
+    those of the turn handed out last; `skipped` counts the rounds that were left out.
+    `sleep_until` tells whether turns are still wanted when it returns.
+    """
+
+    def __init__(self, cycle_us: int, clock: Clock, sleep_until: Callable[[int], bool]):
+        self.due_ns = 0
+        self.deadline_ns = 0
+        self.skipped = 0
+        self._cycle_ns = cycle_us * 1_000
+        self._clock = clock
+        self._sleep_until = sleep_until
+        self.next_ns: int | None = None
+
+    def wait_for_round(self) -> bool:
+        """Sleep until the next round is due; return False if it is not wanted any more."""
+        now_ns = self._clock.now_ns()
+        begin_ns = now_ns if self.next_ns is None else self.next_ns
+        behind_ns = now_ns - begin_ns
+        if behind_ns > max(_CATCH_UP_NS, self._cycle_ns):
+            lost = behind_ns // self._cycle_ns
+            begin_ns += lost * self._cycle_ns
+            self.skipped += lost
+            logger().warning("%.3g s behind: %d rounds are left out", behind_ns / 1e9, lost)
+        self.due_ns = begin_ns
+        self.deadline_ns = self.next_ns = begin_ns + self._cycle_ns
+        return self._sleep_until(begin_ns)
+
+    def turns(self, slots: Iterable[TimeSlot], seats: Mapping[str, Seat]) -> Iterator[Seat | None]:
+        """Yield who has each slot of the round, at the time for it; None if that one is gone."""
+        begin_ns = self.due_ns
+        for machine, start_us, deadline_us in slots:
+            self.due_ns = begin_ns + start_us * 1_000
+            self.deadline_ns = self.due_ns + deadline_us * 1_000
+            if not self._sleep_until(self.due_ns):
+                return
+            yield seats.get(machine)

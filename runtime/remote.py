@@ -1,0 +1,163 @@
+"""Machines that other processes run on a whiteboard: how they are, and requests to them."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections.abc import Iterable
+from functools import cache
+from typing import TYPE_CHECKING
+
+from llfsm.whiteboard.messages.llfsm import (
+    BELL,
+    MACHINES,
+    Action,
+    Bell,
+    MachineRequest,
+    MachineStatus,
+    request_slot,
+    status_slot,
+)
+
+from .errors import UnknownMachineError
+from .events import Status
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Board, BoundSlot, Sample
+
+__all__ = ["SILENT_S", "Directory", "RemoteMachine", "born", "host_name", "is_live"]
+
+SILENT_S = 1.0
+"""A process that has posted nothing for so long is gone, or stands still."""
+
+
+class RemoteMachine:
+    """A machine that another process runs, as of its latest status: up to a quarter second old."""
+
+    def __init__(self, board: Board, name: str, sample: Sample[MachineStatus]):
+        self.name = name
+        self._board = board
+        self._sample = sample
+
+    @property
+    def told(self) -> MachineStatus:
+        """What its process has told of it."""
+        return self._sample.message
+
+    @property
+    def state(self) -> str:
+        """The name of its state."""
+        return self.told.state
+
+    @property
+    def suspended(self) -> bool:
+        """Whether it is in its suspend state."""
+        return self.told.suspended
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since its process has told of it."""
+        return (time.monotonic_ns() - self._sample.stamp_ns) / 1e9
+
+    @property
+    def in_state_s(self) -> float:
+        """Seconds since it has entered its state."""
+        return self.told.in_state_s + self.silent_s
+
+    def request(self, action: Action) -> Status:
+        """Ask it for something at its next turn; return its status before.
+
+        As in one arrangement, a resume after a restart that is pending is refused.
+        """
+        slot = self._board[request_slot(self.name)]
+        latest = slot.sample()
+        pending = self.told.pending
+        if latest is not None and latest.count > self.told.obeyed:
+            pending = latest.message.action
+        if action == "resume" and pending == "restart":
+            return Status.ERROR
+        slot.add(MachineRequest(action))
+        self._board.add_message(BELL, Bell(self.name))
+        return Status.SUSPENDED if self.suspended else Status.RUNNING
+
+
+class Directory:
+    """The machines that run on a board, of all processes. Looking for one leaves no slot there."""
+
+    def __init__(self, board: Board):
+        self._board = board
+        self._slots: dict[str, BoundSlot[MachineStatus]] = {}  # by name of the slot
+
+    def find(self, name: str, known: Iterable[str] | None = None) -> RemoteMachine:
+        """Return the machine of that name, or raise `UnknownMachineError` naming those there are.
+
+        `known` are the machines of the asking arrangement, if one asks; they are others.
+        """
+        slot = status_slot(name).name
+        if slot not in self._slots:
+            self._look()
+        sample = self._slots[slot].sample() if slot in self._slots else None
+        if sample is None or not is_live(sample):
+            others = {machine.name for machine in self.machines()} - {*(known or ())}
+            if known is None:
+                raise UnknownMachineError(name, sorted(others), f"on {self._board.name}")
+            raise UnknownMachineError(name, known, elsewhere=sorted(others))
+        return RemoteMachine(self._board, name, sample)
+
+    def machines(self) -> list[RemoteMachine]:
+        """Return all of them."""
+        self._look()
+        samples = [(slot, bound.sample()) for slot, bound in self._slots.items()]
+        return [
+            RemoteMachine(self._board, slot.removeprefix(MACHINES), sample)
+            for slot, sample in samples
+            if sample is not None and is_live(sample)
+        ]
+
+    def _look(self) -> None:
+        for slot in self._board.slots():
+            if slot.name.startswith(MACHINES) and slot.name not in self._slots:
+                machine = slot.name.removeprefix(MACHINES)
+                self._slots[slot.name] = self._board[status_slot(machine)]
+
+
+def is_live(sample: Sample[MachineStatus]) -> bool:
+    """Tell whether a machine is loaded by a process that has not died.
+
+    On this host the process is asked for; of another one no more is known than that it tells.
+    """
+    status = sample.message
+    if not status.loaded:
+        return False
+    recent = time.monotonic_ns() - sample.stamp_ns < SILENT_S * 1e9
+    if status.host != host_name():
+        return recent
+    try:
+        os.kill(status.pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return recent or born(status.pid) == status.born
+
+
+@cache
+def host_name() -> str:
+    """Return the name of this host."""
+    return socket.gethostname()
+
+
+def born(pid: int) -> int:
+    """Return when a process started, in clock ticks; 0 if it is dead.
+
+    A process number is used again one day: together the two tell a process from all others.
+    """
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as file:
+            # The name, in parentheses, may contain anything: what comes after it begins with
+            # the third field, the state, and the start is the twenty-second.
+            state, *fields = file.read().rpartition(b")")[2].split()
+    except OSError:
+        return 0
+    return 0 if state == b"Z" else int(fields[18])
