@@ -71,14 +71,14 @@ class Bridge:
             node.close()
         self._later.close()
 
-    def linger(self, cut_short: Callable[[], bool] = lambda: False) -> None:
+    def linger(self) -> None:
         """Stay until those who command robots through it have had time to command their stop.
 
         That is while a process lives that has added to a slot which goes to ROS, and at most 1.5
         seconds: machines that are told to stop have one.
         """
         until = time.monotonic() + _LINGER_S
-        while time.monotonic() < until and self._commanded() and not cut_short():
+        while time.monotonic() < until and self._commanded():
             time.sleep(_LOOK_S)
 
     def _commanded(self) -> bool:

@@ -11,7 +11,7 @@ import click
 from llfsm.runtime.commands.board import board_option
 from llfsm.runtime.commands.supervised import supervised_options
 
-from ..opening import WAYS, load, open_port
+from ..opening import WAYS, explained, open_port
 from ..port import Notice, Port
 
 __all__ = ["Ways", "bridge_options"]
@@ -34,9 +34,9 @@ class Ways(NamedTuple):
             return open_port(self.port, self.domain, notify=notify)
         if self.port == "rclpy":
             raise click.UsageError("--router is for --port zenoh: rclpy has its own configuration")
-        wire = load("llfsm.bridges.ros2.wire.port")
-        port: Port = wire.ZenohPort(self.domain, router=self.router, notify=notify)
-        return port
+        with explained():
+            from ..wire.port import ZenohPort
+        return ZenohPort(self.domain, router=self.router, notify=notify)
 
 
 def bridge_options(command: Callable[..., Any]) -> Callable[..., Any]:
