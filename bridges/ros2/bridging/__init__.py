@@ -13,3 +13,7 @@ planning  a configuration made into slots, topics and types, or what is wrong in
 presets   configurations that ship
 bridge    all of it, running
 """
+
+from .numbered import ServiceSlots, service_slots
+
+__all__ = ["ServiceSlots", "service_slots"]
