@@ -4,6 +4,7 @@ import itertools
 import json
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -38,12 +39,6 @@ class Peer:
             events.append(event)
         return events
 
-    def event(self, kind: str) -> Any:
-        """Return the arguments of the next event, which must be of this kind."""
-        found, *arguments = self._event()
-        assert found == kind
-        return arguments
-
     def _event(self) -> Any:
         assert self.process.stdout is not None
         return json.loads(self.process.stdout.readline())
@@ -76,6 +71,9 @@ def start_peer(router: str, domain: int) -> Iterator[Callable[[], Peer]]:
                 )
             )
             processes.callback(process.kill)
+            deadline = threading.Timer(60, process.kill)  # else a test that fails would wait on
+            deadline.start()
+            processes.callback(deadline.cancel)
             return Peer(process)
 
         yield start

@@ -55,9 +55,13 @@ def test_the_peer_hears_us_and_reads_our_tokens(port, start_peer, twist):
     peer = start_peer()
     peer.do("subscriber", "/to_peer", None)
     assert port.wait_graph(lambda graph: len(graph.ends("/to_peer", Role.SUBSCRIPTION)) == 2, 20)
-    publisher.publish(make(twist, 2.0, 1.5))
-    assert peer.event("message") == [2.0, 1.5]
-    ((_, ends),) = peer.do("topic", "/to_peer", 3)
+    events = []
+    for _ in range(20):  # its token may be here before its subscription
+        if ["message", 2.0, 1.5] not in events:
+            publisher.publish(make(twist, 2.0, 1.5))
+            events += peer.do("topic", "/to_peer", 3)
+    assert ["message", 2.0, 1.5] in events
+    ends = next(event[1] for event in events if event[0] == "info")
     assert ends["publishers"] == [["/ns", "we", twist.type_hash, "2::,3:,:,:,,"]]
     assert ["/ns", "we", twist.type_hash, "::,10:,:,:,,"] in ends["subscribers"]
 
@@ -127,5 +131,5 @@ def test_a_call_of_a_peer_that_is_killed_meanwhile_ends(port, start_peer, spawn)
     peer.process.send_signal(signal.SIGSTOP)  # it will not answer
     call = client.call(spawn.request.message(), timeout=20)
     peer.process.kill()
-    with pytest.raises((CallFailedError, NoServerError), match="/spawn"):
+    with pytest.raises(CallFailedError, match="/spawn"):
         call.result(20)
