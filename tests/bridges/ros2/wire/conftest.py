@@ -35,11 +35,12 @@ class Peer:
     def events_until(self, kind: str) -> list[Any]:
         """Return events up to the first of a kind, itself left out."""
         events = []
-        while (event := self._event())[0] != kind:
+        while (event := self.event())[0] != kind:
             events.append(event)
         return events
 
-    def _event(self) -> Any:
+    def event(self) -> Any:
+        """Return the next event."""
         assert self.process.stdout is not None
         return json.loads(self.process.stdout.readline())
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -55,13 +57,19 @@ def test_the_peer_hears_us_and_reads_our_tokens(port, start_peer, twist):
     peer = start_peer()
     peer.do("subscriber", "/to_peer", None)
     assert port.wait_graph(lambda graph: len(graph.ends("/to_peer", Role.SUBSCRIPTION)) == 2, 20)
-    events = []
-    for _ in range(20):  # its token may be here before its subscription
-        if ["message", 2.0, 1.5] not in events:
+    heard = threading.Event()
+
+    def publish():
+        while not heard.wait(0.05):  # its token may be here before its subscription
             publisher.publish(make(twist, 2.0, 1.5))
-            events += peer.do("topic", "/to_peer", 3)
-    assert ["message", 2.0, 1.5] in events
-    ends = next(event[1] for event in events if event[0] == "info")
+
+    with ThreadPoolExecutor() as pool:
+        pool.submit(publish)
+        try:
+            assert peer.event() == ["message", 2.0, 1.5]
+        finally:
+            heard.set()
+    (ends,) = (event[1] for event in peer.do("topic", "/to_peer", 3) if event[0] == "info")
     assert ends["publishers"] == [["/ns", "we", twist.type_hash, "2::,3:,:,:,,"]]
     assert ["/ns", "we", twist.type_hash, "::,10:,:,:,,"] in ends["subscribers"]
 
