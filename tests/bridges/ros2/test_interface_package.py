@@ -16,7 +16,9 @@ def test_it_defines_what_the_bridge_serves():
     name = "turtle_sensor_poster/srv/TurtlePosition"
     built = TypeLibrary(share=[PACKAGE]).service(name)
     assert built.type_hash == TypeLibrary().service(name).type_hash
-    shipped = ROOT / "bridges" / "ros2" / "definitions" / PACKAGE.name / "srv" / "TurtlePosition.srv"
+    shipped = (
+        ROOT / "bridges" / "ros2" / "definitions" / PACKAGE.name / "srv" / "TurtlePosition.srv"
+    )
     assert (PACKAGE / "srv" / "TurtlePosition.srv").read_bytes() == shipped.read_bytes()
 
 

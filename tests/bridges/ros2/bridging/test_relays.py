@@ -86,23 +86,41 @@ def test_each_change_of_a_slot_is_published(board, start, heard):
 
 def test_an_old_command_is_not_sent(board, start, heard):
     board.add_message(N, Int64(1))
-    start(relay=[{"slot": "n", "type": TYPE, "direction": "to_ros"}])
+    relay = {"slot": "n", "type": TYPE, "direction": "to_ros"}
+    bridge = start(relay=[relay])
+    bridge.close()  # when all is sent that is to be sent
+    assert bridge.links[0].passed == 0
+    start(relay=[relay])
     board.add_message(N, Int64(2))
     heard.wait(len)
     assert heard == [2]
 
 
-def test_what_a_latched_slot_has_is_sent_to_who_comes_later(board, start, peer, number, seen):
+def test_what_a_latched_slot_has_is_sent_to_who_comes_later(
+    board, start, peer, number, seen, eventually
+):
     board.add_message(N, Int64(1))
     bridge = start(
         relay=[{"slot": "n", "type": TYPE, "direction": "to_ros", "durability": "transient_local"}]
     )
     got = seen()
-    while not bridge.links[0].passed:
-        time.sleep(0.001)
+    eventually(lambda: bridge.links[0].passed)
     peer.node("late").subscription("n", number, lambda a: got(a.decode().data), LATCHED)
     got.wait(len)
     assert got == [1]
+
+
+def test_in_both_directions_ros_says_what_is_true_at_the_beginning(
+    board, start, peer, number, eventually
+):
+    """Else each side might end with what the other had."""
+    peer.node("talker").publisher("n", number, LATCHED).publish(Int64(2))
+    board.add_message(N, Int64(1))
+    relay = {"slot": "n", "type": TYPE, "direction": "both", "durability": "transient_local"}
+    bridge = start(relay=[relay])
+    eventually(lambda: board.get_message(N) == Int64(2))
+    bridge.close()
+    assert [(link.arrow, link.passed) for link in bridge.links] == [("<-", 1), ("->", 0)]
 
 
 def test_the_newest_is_published_first_and_nothing_queues_up(board, blocked, ending):

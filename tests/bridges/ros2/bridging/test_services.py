@@ -172,6 +172,8 @@ def test_calls_come_one_by_one_and_answers_to_others_are_not_theirs(board, start
     first, second = call("first"), call("second")
     request = next_request(board, slots, 0)
     board.add_message(slots.answer, slots.answer.type(request.number + 5, "not to us"))
+    with pytest.raises(TimeoutError):
+        first.result(0.1)
     board.add_message(slots.answer, slots.answer.type(request.number, "one"))
     assert first.result(20).name == "one"
     request = next_request(board, slots, 1)
