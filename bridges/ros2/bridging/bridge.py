@@ -116,8 +116,6 @@ class Bridge:
             node.subscription(plan.topic, plan.of, relay.arrived, plan.from_ros)
         if publisher is not None and plan.to_ros is not None:
             link = self._link(plan.slot.name, "->", plan.topic, plan.of.name)
-            # A relay of both directions leaves it to ROS what is true at the beginning.
-            latched = echo is None and plan.to_ros.durability is Durability.TRANSIENT_LOCAL
             to_ros = ToRos(
                 slot,
                 publisher,
@@ -125,7 +123,7 @@ class Bridge:
                 self._faults,
                 self._over,
                 period=plan.period,
-                latched=latched,
+                latched=plan.to_ros.durability is Durability.TRANSIENT_LOCAL,
                 echo=echo,
             )
             self._to_ros.append(to_ros)

@@ -41,10 +41,12 @@ class Follower(Generic[M]):
         over: threading.Event,
         after: int,
         period: float = 0.0,
+        delay: float = 0.0,
     ) -> None:
         """Begin with the first message newer than number ``after``, end when ``over`` is set.
 
-        ``period`` is the least time between two calls, in seconds. What ``handle`` raises goes to
+        ``period`` is the least time between two calls, ``delay`` that before the first, in seconds.
+        What ``handle`` raises goes to
         ``failed``, and so does an error about a message that cannot be read.
         """
         self._slot = slot
@@ -52,6 +54,7 @@ class Follower(Generic[M]):
         self._failed = failed
         self._seen = after
         self._period = period
+        self._delay = delay
         self._over = over
         self._thread = threading.Thread(target=self._run, name=f"slot {name}", daemon=True)
         self._thread.start()
@@ -62,6 +65,8 @@ class Follower(Generic[M]):
 
     def _run(self) -> None:
         try:
+            if self._delay:
+                self._over.wait(self._delay)
             while not self._over.is_set():
                 begun = self._look(LOOK_S)
                 if begun is not None and self._period:

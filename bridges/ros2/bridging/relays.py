@@ -20,12 +20,15 @@ from .tally import Link
 
 __all__ = ["FromRos", "ToRos"]
 
+_HISTORY_S = 1.0
+
 
 class ToRos(Generic[M]):
     """Publishes each change that it sees of a slot.
 
     What is on the slot already is not news, unless ``latched``: a command from yesterday must not
-    move a robot.
+    move a robot. In both directions ROS is given a second to say what it has kept itself; else each
+    side might end with what the other one had.
     """
 
     def __init__(
@@ -45,9 +48,15 @@ class ToRos(Generic[M]):
         self._link = link
         self._faults = faults
         self._echo = echo
-        after = 0 if latched else slot.count
         self._follower = Follower(
-            slot, link.slot, self._relay, self._failed, over=over, after=after, period=period
+            slot,
+            link.slot,
+            self._relay,
+            self._failed,
+            over=over,
+            after=0 if latched else slot.count,
+            period=period,
+            delay=_HISTORY_S if latched and echo else 0.0,
         )
 
     def close(self) -> None:
