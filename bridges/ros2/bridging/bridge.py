@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
 
+from ..errors import PortUnavailableError
 from ..later import Later
 from ..port import Node, Notice, Port
 from ..qos import Durability
@@ -154,7 +155,10 @@ class Bridge:
             self._board, plan.pose, plan.of, in_ros, in_slots, self._faults, self._over
         )
         self._workers.append(position)
-        node.server(SERVICE, plan.of, position.asked)
+        try:
+            node.server(SERVICE, plan.of, position.asked)
+        except PortUnavailableError as error:  # rclpy, where nobody has built the type's package
+            self._faults.say(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
 
 
 def _lives(process: int) -> bool:

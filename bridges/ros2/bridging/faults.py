@@ -29,12 +29,12 @@ class Faults:
         if not isinstance(error, Ros2Error | WhiteboardError):
             self._teller.callback_failed(link.name, error)
             return
-        text = str(error)
+        text = f"{error}; more of this is only counted"
         if isinstance(error, MessageTooLargeError):
-            text += "; `capacity` of the relay makes a new slot larger"
+            text = f"{error} (`capacity` makes a new slot larger); more of this is only counted"
         self.say(link, text, type(error).__name__)
 
     def say(self, link: Link, text: str, kind: str) -> None:
         """Tell something of a link, the first time for this kind."""
-        text = f"slot {link.slot}: {text}; more of this is only counted"
+        text = f"slot {link.slot}: {text}"
         self._teller.once(NoticeKind.BAD_MESSAGE, link.name, text, about=f"{link} {kind}")

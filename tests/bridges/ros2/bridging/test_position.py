@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from llfsm.bridges.ros2.bridging import presets
-from llfsm.bridges.ros2.errors import CallFailedError
+from llfsm.bridges.ros2.errors import CallFailedError, PortUnavailableError
+from llfsm.bridges.ros2.memory import port as memory_port
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.whiteboard import Slot
@@ -97,6 +98,22 @@ def test_who_asked_before_the_bridge_was_there_is_answered(board, preset):
     board.add_message(REQUEST, TurtlePositionRequest(1))
     preset()
     assert answer(board, 1).failure  # and so knows to ask again
+
+
+def test_without_its_type_in_ros_the_slots_are_answered_still(
+    board, preset, post_pose, told, monkeypatch
+):
+    """As with rclpy, where nobody has built the package of the type."""
+
+    def unavailable(*_):
+        raise PortUnavailableError("no turtle_sensor_poster")
+
+    monkeypatch.setattr(memory_port._MemoryNode, "server", unavailable)
+    preset()
+    assert ["no turtle_sensor_poster" in notice.text for notice in told] == [True]
+    post_pose(HERE)
+    board.add_message(REQUEST, TurtlePositionRequest(1))
+    assert not answer(board, 1).failure
 
 
 def test_the_first_turtle_is_the_one_that_is_told_of(board, preset, ask, eventually):

@@ -219,11 +219,12 @@ def test_a_request_that_is_too_large_for_its_slot_fails(board, start, spawn, cal
     assert len(told) == 1
 
 
-def test_a_bridge_that_ends_fails_open_calls(start, call):
+def test_a_bridge_that_ends_fails_open_calls(board, start, slots, call):
     bridge = server_of(start)
     future = call()
+    next_request(board, slots, 0)
     bridge.close()
-    with pytest.raises(CallFailedError):
+    with pytest.raises(CallFailedError, match="ended"):
         future.result(20)
 
 
