@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from llfsm.whiteboard import Board
+from llfsm.whiteboard import Board, WhiteboardError
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
 
 from ..errors import PortUnavailableError
@@ -85,8 +85,7 @@ class Bridge:
     def _commanded(self) -> bool:
         if not self._board.alive:
             return False
-        samples = [relay.slot.sample() for relay in self._to_ros]
-        return any(sample is not None and _lives(sample.writer) for sample in samples)
+        return any(map(_is_commanded, self._to_ros))
 
     def _connect(self, plan: Plan, port: Port) -> None:
         node = port.node(plan.node.node, plan.node.namespace)
@@ -159,6 +158,14 @@ class Bridge:
             node.server(SERVICE, plan.of, position.asked)
         except PortUnavailableError as error:  # rclpy, where nobody has built the type's package
             self._faults.say(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
+
+
+def _is_commanded(relay: ToRos[Any]) -> bool:
+    try:
+        sample = relay.slot.sample()
+    except WhiteboardError:  # nonsense, or the board is gone
+        return False
+    return sample is not None and _lives(sample.writer)
 
 
 def _lives(process: int) -> bool:

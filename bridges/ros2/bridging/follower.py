@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Generic
 
 from llfsm.whiteboard import BoundSlot, Sample
-from llfsm.whiteboard.errors import BoardClosedError, MessageUnreadableError
+from llfsm.whiteboard.errors import BoardClosedError, MessageUnreadableError, WhiteboardError
 from llfsm.whiteboard.message import M
 
 __all__ = ["LOOK_S", "Follower"]
@@ -74,6 +74,8 @@ class Follower(Generic[M]):
             self._look(0.0)  # what was added last is not left behind
         except BoardClosedError:
             pass
+        except WhiteboardError as error:  # the board is damaged: it is told, and this is the end
+            self._failed(error)
 
     def _look(self, timeout: float) -> float | None:
         """Wait for a newer message and handle it; return when that began."""

@@ -41,7 +41,8 @@ def run_bridge(configured: Configured, ways: Ways) -> None:
 
 
 def _run(configured: Configured, ways: Ways) -> None:
-    with ExitStack() as stack:
+    told = threading.Event()
+    with suppress(KeyboardInterrupt), stop_on_signals(lambda _: told.set()), ExitStack() as stack:
         plan = configured.plan(slots_on(ways.board))
         port = stack.enter_context(ways.open_port(log_notice))
         board = stack.enter_context(Whiteboard(ways.board))
@@ -51,12 +52,10 @@ def _run(configured: Configured, ways: Ways) -> None:
         stack.callback(bridge.close)
         if ways.until_eof:
             end_with_input()
-        told = threading.Event()
-        with suppress(KeyboardInterrupt), stop_on_signals(lambda _: told.set()):
-            node, where = plan.node.full_node, f"ROS domain {port.domain}"
-            click.echo(f"bridge: {node} in {where}, whiteboard {board.name}", err=True)
-            _stay(bridge, board, told, ways.quiet)
-            bridge.linger()
+        where = f"ROS domain {port.domain}, whiteboard {board.name}"
+        click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)
+        _stay(bridge, board, told, ways.quiet)
+        bridge.linger()
 
 
 def _stay(bridge: Bridge, board: Whiteboard, told: threading.Event, quiet: bool) -> None:
