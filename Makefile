@@ -1,7 +1,7 @@
 # Every target sets up what it needs, in .venv and nowhere else.
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := pyproject.toml setup.py $(wildcard whiteboard/*.c whiteboard/*.h whiteboard/include/*.h)
+SOURCES := pyproject.toml setup.py setup.cfg $(wildcard whiteboard/*.c whiteboard/*.h whiteboard/include/*.h)
 SANITIZED := $(abspath $(VENV))/sanitized
 SANITIZE_SECONDS ?= 20
 ADDRESS := -fsanitize=address,undefined -fno-sanitize-recover=all
@@ -10,6 +10,17 @@ UNDER_ASAN = ASAN_OPTIONS=detect_leaks=0 PYTHONMALLOC=malloc LLFSM_STRESS=0.1 \
 STRESS_FLAGS := -std=c11 -O1 -g -Wall -Wextra -Werror -I whiteboard/include -pthread
 THREAD := -fsanitize=thread -Wno-tsan # which does not know fences; the header argues them
 
+# Where a ROS 2 environment is sourced, PYTHONPATH leads to its packages, but not to what they need of
+# the system's. So the venv sees that, too, and is of the same Python.
+ifneq ($(AMENT_PREFIX_PATH),)
+PYTHON ?= /usr/bin/python3
+export PYTHON
+VENV_MADE := $(VENV)/.sees-system
+else
+VENV_MADE := $(VENV)/pyvenv.cfg
+endif
+
+.DELETE_ON_ERROR:
 .PHONY: help setup demo test check bench sanitize clean
 
 help:
@@ -27,8 +38,9 @@ setup: $(VENV)/.ready
 demo: $(VENV)/.ready
 	@$(BIN)/llfsm demo wall --seconds 20 --picture out/wall
 
+# Without other plugins: a sourced ROS 2 environment brings some of its own.
 test: $(VENV)/.ready-test
-	$(BIN)/python -m pytest
+	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin
 
 check: $(VENV)/.ready-test
 	$(BIN)/ruff check .
@@ -57,17 +69,23 @@ bench: $(VENV)/.ready-bench
 	$(BIN)/python tests/bench/run.py --json out/bench.json
 
 # One stamp a set of extras; each is made again when what it depends on changes.
-$(VENV)/.ready: EXTRAS = draw
-$(VENV)/.ready-test: EXTRAS = test
-$(VENV)/.ready-bench: EXTRAS = bench,draw
+$(VENV)/.ready: EXTRAS = draw,ros
+$(VENV)/.ready-test: EXTRAS = test,draw,ros
+$(VENV)/.ready-bench: EXTRAS = bench,draw,ros
 
-$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-bench: $(SOURCES)
-	@python=$$(sh .ci/prerequisites) && \
-	    { test -x $(BIN)/python || $$python -m venv $(VENV); }
+$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-bench: $(SOURCES) $(VENV_MADE)
+	@sh .ci/prerequisites >/dev/null
 	@echo "installing llfsm[$(EXTRAS)] into $(VENV) ..."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
 	@$(BIN)/python -c 'import llfsm.whiteboard._shm' || \
 	    { echo "the shared-memory extension was not built; see: $(BIN)/pip install -v -e ." >&2; exit 1; }
+	@touch $@
+
+$(VENV)/pyvenv.cfg:
+	@python=$$(sh .ci/prerequisites) && $$python -m venv $(VENV)
+
+$(VENV)/.sees-system:
+	@python=$$(sh .ci/prerequisites) && $$python -m venv --clear --system-site-packages $(VENV)
 	@touch $@
 
 clean:

@@ -34,6 +34,8 @@ _COMMANDS = {
         "Write the ROS 2 package that starts a machine.",
     ),
     "turtlesim": ("llfsm.bridges.turtlesim.command:turtlesim", "Simulate turtles, without ROS."),
+    "bridge": ("llfsm.bridges.ros2.commands.group:bridge", "Connect a whiteboard with ROS 2."),
+    "router": ("llfsm.bridges.ros2.router:router", "Let ROS 2 nodes over Zenoh find each other."),
     "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),
     "demo": ("llfsm.runtime.commands.demo:demo", "Watch machines and turtles work together."),
 }

@@ -1,4 +1,4 @@
-"""The turtle simulator: turtlesim 1.8.2 without ROS and without a window.
+"""The turtle simulator: turtlesim 1.8.2 without a window, and without ROS if wanted.
 
 The core is deterministic and does no input or output; each module imports only those above it:
 
@@ -19,8 +19,11 @@ Pictures of the field, drawn from a finished or a running simulator:
     png          shapes as PNG (needs Pillow: the extra llfsm[draw])
     field        the field with its trails and turtles as shapes, and as a file
 
-Connected to a whiteboard:
+Connected to others; one simulator to one of them:
 
-    node         commands in, poses and colours out
+    pace         62.5 steps a second
+    node         on a whiteboard: commands in, poses and colours out
+    ros_turtle   a turtle on a ROS graph: its topics, services and action
+    ros          turtlesim's whole graph, on any port of llfsm.bridges.ros2
     command      llfsm turtlesim
 """

@@ -1,4 +1,4 @@
-"""``llfsm turtlesim``: the simulator as a process on a whiteboard."""
+"""``llfsm turtlesim``: the simulator as a process, on a whiteboard or as a ROS 2 node."""
 
 from __future__ import annotations
 
@@ -6,21 +6,29 @@ import importlib.util
 import logging
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
 import click
+from click.core import ParameterSource
 
+from llfsm.bridges.ros2.errors import Ros2Error
+from llfsm.bridges.ros2.opening import WAYS, explained, open_port
+from llfsm.bridges.ros2.port import Port
 from llfsm.runtime.commands.board import board_option
 from llfsm.runtime.commands.supervised import end_with_input, supervised_options
 from llfsm.whiteboard import Whiteboard
 
 from .errors import TurtlesimError
 from .field import draw
-from .node import TurtlesimNode, run
+from .node import TurtlesimNode
+from .pace import run
 from .simulator import Simulator
 
 __all__ = ["turtlesim"]
+
+_LOG = logging.getLogger("turtlesim").log
 
 
 def _parse_turtle(_: click.Context, __: click.Parameter, texts: tuple[str, ...]) -> list[_Spawn]:
@@ -52,11 +60,40 @@ _Spawn = tuple[str, float, float, float]
     type=click.Path(path_type=Path),
     help="Draw the field at the end: FILE.svg, FILE.png, or both if FILE has no ending.",
 )
+@click.option(
+    "--ros",
+    is_flag=True,
+    help="Be the ROS 2 node turtlesim, and touch no whiteboard: to join the two is a bridge's job.",
+)
+@click.option(
+    "--port",
+    "way",
+    type=click.Choice(WAYS),
+    help="With --ros: the way into ROS.  [default: auto, which is rclpy if it is there]",
+)
+@click.option(
+    "--domain",
+    metavar="ID",
+    type=click.IntRange(0, 232),
+    help="With --ros: the ROS domain.  [default: $ROS_DOMAIN_ID, else 0]",
+)
+@click.option(
+    "--router",
+    metavar="ENDPOINT",
+    multiple=True,
+    help="With --ros: where a Zenoh router is, as tcp/192.168.1.5:7447.  [default: this host]",
+)
 @board_option
 @supervised_options
+@click.pass_context
 def turtlesim(
+    context: click.Context,
     turtles: list[_Spawn],
     picture: Path | None,
+    ros: bool,
+    way: str | None,
+    domain: int | None,
+    router: tuple[str, ...],
     board: str,
     until_eof: bool,
     remove_board: bool,
@@ -64,12 +101,15 @@ def turtlesim(
     """Simulate turtles that obey a whiteboard, until Ctrl-C or the whiteboard is removed.
 
     For each turtle it pulls <turtle>/cmd_vel, posts <turtle>/pose and <turtle>/color_sensor
-    62.5 times a second, and answers requests on turtle_position/request.
+    62.5 times a second, and answers requests on turtle_position/request. With --ros it is the
+    node turtlesim instead, with all its topics, services, parameters and its action.
 
     \b
     llfsm turtlesim --turtle bob,2,2,0
     llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 2}}'
+    llfsm turtlesim --ros --port zenoh
     """
+    _check_options(context, "ros" if ros else "board")
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     over = False
 
@@ -79,23 +119,61 @@ def turtlesim(
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
+    if until_eof:
+        end_with_input()
     try:
-        simulator = Simulator(log=logging.getLogger("turtlesim").log)
-        for name, x, y, theta in turtles:
-            if not simulator.spawn(x, y, theta, name):
-                raise click.UsageError(f"--turtle {name}: see the line above")
-        with Whiteboard(board) as wb:
-            if until_eof:
-                end_with_input()
-            try:
-                run(TurtlesimNode(simulator, wb), lambda: over or not wb.alive)
-            finally:
-                if remove_board:
-                    wb.remove()
+        if ros:
+            with _open_port(way or "auto", domain, router) as port:
+                simulator = _run_on_ros(port, turtles, lambda: over)
+        else:
+            simulator = Simulator(log=_LOG)
+            _spawn(turtles, simulator.spawn)
+            with Whiteboard(board) as wb:
+                try:
+                    run(TurtlesimNode(simulator, wb).step, lambda: over or not wb.alive)
+                finally:
+                    if remove_board:
+                        wb.remove()
         if picture is not None:
             if not picture.suffix and importlib.util.find_spec("PIL") is None:
                 picture = picture.with_suffix(".svg")  # what this installation can draw
             for path in draw(simulator, picture):
                 click.echo(f"drawn: {path}", err=True)
-    except TurtlesimError as error:
+    except (TurtlesimError, Ros2Error) as error:
         raise click.ClickException(str(error)) from error
+
+
+def _check_options(context: click.Context, world: str) -> None:
+    """Refuse the options of the world that the turtles are not in."""
+    other = {"ros": ("board", "remove_board"), "board": ("way", "domain", "router")}[world]
+    flags = {param.name: param.opts[-1] for param in context.command.params}
+    for name in other:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            hint = "touches no whiteboard: leave out" if world == "ros" else "is needed for"
+            raise click.UsageError(f"--ros {hint} {flags[name]}")
+
+
+def _open_port(way: str, domain: int | None, router: tuple[str, ...]) -> Port:
+    if not router:
+        return open_port(way, domain)
+    if way == "rclpy":
+        raise click.UsageError("--router is for --port zenoh: rclpy has its own configuration")
+    with explained():
+        from llfsm.bridges.ros2.wire.port import ZenohPort
+
+        return ZenohPort(domain, router=router)
+
+
+def _run_on_ros(port: Port, turtles: list[_Spawn], is_over: Callable[[], bool]) -> Simulator:
+    from .ros import RosTurtlesim
+
+    node = RosTurtlesim(port, log=_LOG)
+    _spawn(turtles, node.spawn)
+    run(node.step, lambda: is_over() or port.closed)
+    return node.simulator
+
+
+def _spawn(turtles: list[_Spawn], spawn: Callable[[float, float, float, str], str]) -> None:
+    for name, x, y, theta in turtles:
+        if not spawn(x, y, theta, name):
+            raise click.UsageError(f"--turtle {name}: see the line above")

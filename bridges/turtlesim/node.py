@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from typing import NamedTuple
 
 from llfsm.whiteboard import Board, BoundSlot, Slot
@@ -17,9 +15,8 @@ from llfsm.whiteboard.messages.turtlesim import Color, Pose
 
 from .simulator import Simulator
 
-__all__ = ["STEP_NS", "TurtlesimNode", "run"]
+__all__ = ["TurtlesimNode"]
 
-STEP_NS = 16_000_000
 _ASKED = "turtle1"  # whose position the service tells, as in the system it comes from
 
 
@@ -89,12 +86,3 @@ class TurtlesimNode:
             x, y, theta, *_ = turtle.pose
             answer = TurtlePositionAnswer(request.number, x, y, theta)
         self._answers.add(answer)
-
-
-def run(node: TurtlesimNode, is_over: Callable[[], bool]) -> None:
-    """Step every 16 ms until `is_over`. A step that is late is not made up for, as in turtlesim."""
-    due = time.monotonic_ns()
-    while not is_over():
-        node.step()
-        due = max(due + STEP_NS, time.monotonic_ns())
-        time.sleep(max(0, due - time.monotonic_ns()) / 1e9)

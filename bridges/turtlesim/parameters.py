@@ -1,49 +1,47 @@
-"""The node's parameters and the reasons for which rclcpp refuses a value."""
+"""The node's parameters."""
 
-from typing import Final
+from __future__ import annotations
+
+from llfsm.bridges.ros2 import parameters
+from llfsm.bridges.ros2.parameters import Parameter, Value
 
 from .errors import ParameterError
 from .pen import Color
 
 __all__ = ["Parameters"]
 
-_TYPES: Final = {bool: "bool", int: "integer", float: "double", str: "string"}
+_BYTE = (0, 255)
 
 
-class Parameters:
+class Parameters(parameters.Parameters):
     """Hold `background_r`, `background_g`, `background_b` (0 to 255) and `holonomic`."""
 
+    background: Color
+    holonomic: bool
+
     def __init__(self) -> None:
-        self._values: dict[str, int | bool] = {
-            "background_r": 69,
-            "background_g": 86,
-            "background_b": 255,
-            "holonomic": False,
-        }
+        super().__init__(
+            {
+                "background_r": Parameter(69, "How red the background is", _BYTE),
+                "background_g": Parameter(86, "How green the background is", _BYTE),
+                "background_b": Parameter(255, "How blue the background is", _BYTE),
+                "holonomic": Parameter(False, "Whether turtles can move sideways"),
+            }
+        )
+        self._derive()
+
+    def set(self, name: str, value: Value) -> None:
+        """Set a parameter, or raise ParameterError with the reason in rclcpp's words."""
+        if reason := self.refusal(name, value):
+            raise ParameterError(reason)
+        self.assign(name, value)
+
+    def assign(self, name: str, value: Value) -> None:
+        """Give a parameter a value that it does not refuse."""
+        super().assign(name, value)
         self._derive()
 
     def _derive(self) -> None:
-        values = self._values
-        self.background = Color(
-            values["background_r"], values["background_g"], values["background_b"]
-        )
-        self.holonomic = bool(values["holonomic"])
-
-    def values(self) -> dict[str, int | bool]:
-        """Return a copy of all parameters by name."""
-        return dict(self._values)
-
-    def set(self, name: str, value: object) -> None:
-        """Set a parameter, or raise ParameterError with the reason in rclcpp's words."""
-        if name not in self._values:
-            raise ParameterError(f"parameter '{name}' cannot be set because it was not declared")
-        wanted, given = type(self._values[name]), type(value)
-        if not isinstance(value, int) or given is not wanted:
-            raise ParameterError(
-                f"Wrong parameter type, parameter {{{name}}} is of type {{{_TYPES[wanted]}}}, "
-                f"setting it to {{{_TYPES.get(given, given.__name__)}}} is not allowed."
-            )
-        if not 0 <= value <= 255:
-            raise ParameterError(f"Parameter {{{name}}} doesn't comply with integer range.")
-        self._values[name] = value
-        self._derive()
+        r, g, b, holonomic = self.values().values()
+        self.background = Color(r, g, b)
+        self.holonomic = holonomic

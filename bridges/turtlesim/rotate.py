@@ -1,23 +1,13 @@
 """A goal of the action rotate_absolute: turn on the spot to a heading."""
 
-from enum import IntEnum
+from llfsm.bridges.ros2.goals import GoalStatus
 
 from .arithmetic import float32, normalize
 
-__all__ = ["GoalStatus", "RotateGoal"]
+__all__ = ["RotateGoal"]
 
 SPEED = 1.0  # rad/s
 NEAR = 0.02  # rad; closer than this the goal is reached
-
-
-class GoalStatus(IntEnum):
-    """The states of an accepted goal, numbered as in action_msgs/msg/GoalStatus."""
-
-    EXECUTING = 2
-    CANCELING = 3
-    SUCCEEDED = 4
-    CANCELED = 5
-    ABORTED = 6
 
 
 class RotateGoal:
@@ -42,7 +32,7 @@ class RotateGoal:
     @property
     def active(self) -> bool:
         """Tell whether the goal has not ended."""
-        return self.status in (GoalStatus.EXECUTING, GoalStatus.CANCELING)
+        return self.status.active
 
     def cancel(self) -> bool:
         """Ask for the goal's end at the next step; return False if it has ended already."""

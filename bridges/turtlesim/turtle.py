@@ -13,11 +13,13 @@ from functools import partial
 from math import cos, sin, sqrt
 from typing import NamedTuple
 
+from llfsm.bridges.ros2.goals import GoalStatus
+
 from .arithmetic import DT, FIELD, METER, float32, normalize
 from .canvas import Canvas
 from .parameters import Parameters
 from .pen import Color, Pen
-from .rotate import GoalStatus, RotateGoal
+from .rotate import RotateGoal
 
 __all__ = ["COMMAND_STEPS", "Level", "Log", "Pose", "Turtle"]
 

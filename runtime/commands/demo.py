@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,16 +12,15 @@ from typing import NamedTuple
 
 import click
 
-from llfsm.whiteboard import BoardError, BoardNotFoundError, Whiteboard
-from llfsm.whiteboard.messages.llfsm import MachineStatus
+from llfsm.whiteboard import BoardError, BoardNotFoundError
 from llfsm.whiteboard.shared import boards, remove_board
 
-from .live import Watcher, picture
+from .live import LiveBoard, show
 from .processes import Processes
+from .ros_demo import RosGraph, ros_options
 
 __all__ = ["demo"]
 
-_FRAME_S = 0.1
 _PATIENCE_S = 5.0  # for the processes of a killed demo to go
 
 
@@ -59,7 +57,10 @@ class _EndError(Exception):
 @click.option(
     "-b", "--board", metavar="NAME", default="demo", show_default=True, help="The whiteboard."
 )
-def demo(name: str, seconds: float | None, target: Path | None, board: str) -> None:
+@ros_options
+def demo(
+    name: str, seconds: float | None, target: Path | None, board: str, graph: RosGraph | None
+) -> None:
     """Watch machines and a turtle simulator, each in a process, meet on a whiteboard.
 
     \b
@@ -67,54 +68,63 @@ def demo(name: str, seconds: float | None, target: Path | None, board: str) -> N
     blind     a turtle that drives triangles
     suspend   one machine suspends and resumes another
     pingpong  a machine that posts a text
+
+    With --ros they meet on a ROS 2 graph instead: a router if the nodes need one, the simulator,
+    the bridge and the machines. Whichever is killed is started again, and the turtle goes on.
+
+    \b
+    llfsm demo wall --ros
+    llfsm demo wall --ros --no-simulator    # with: ros2 run turtlesim turtlesim_node
     """
     chosen = _DEMOS[name]
+    draws = chosen.with_turtle and (graph is None or graph.simulator)
+    if target is not None and not draws:
+        raise click.UsageError("--picture: the path is drawn by a simulator, and there is none")
     target = target or Path(f"demo-{name}")
+    where = f"whiteboard {board!r}" if graph is None else f"whiteboard {board!r}, {graph}"
+    title = f"llfsm demo {name}: {chosen.text} ({where})"
     _clear(board)
-    with _ending_on_signals(), Whiteboard(board) as wb:
+    with _ending_on_signals(), LiveBoard(board) as live:
         try:
-            with Processes() as processes:
-                on_board = ("--board", board)
-                if chosen.with_turtle:
-                    processes.start(
-                        "simulator", "turtlesim", *on_board, "--picture", str(target),
-                        "--remove-board",
-                    )  # fmt: skip
-                owner = () if chosen.with_turtle else ("--remove-board",)
-                processes.start("machine", "run", *chosen.machines, "-q", *on_board, *owner)
-                title = f"llfsm demo {name}: {chosen.text} (whiteboard {board!r})"
-                _show(processes, Watcher(wb), title, seconds)
+            with _processes(graph) as processes:
+                if graph is None:
+                    _start(processes, chosen, board, target)
+                else:
+                    _start_on_ros(processes, chosen, board, target, graph)
+                show(live, processes, title, seconds)
         except _EndError:
             pass
-        finally:
-            wb.remove()
-    if chosen.with_turtle:
-        for path in sorted(target.parent.glob(f"{target.name}.*")):
+    if draws:
+        endings = [""] if target.suffix else [".png", ".svg"]
+        for path in filter(Path.exists, (Path(f"{target}{ending}") for ending in endings)):
             click.echo(f"the turtle's path: {path}")
 
 
-def _show(processes: Processes, watcher: Watcher, title: str, seconds: float | None) -> None:
-    until = float("inf") if seconds is None else time.monotonic() + seconds
-    if sys.stdout.isatty():
-        from rich.live import Live
+def _processes(graph: RosGraph | None) -> Processes:
+    if graph is None:
+        return Processes()
+    return Processes(restart=True, environment=graph.environment())
 
-        with Live(auto_refresh=False) as live:
-            while time.monotonic() < until:
-                live.update(picture(watcher, title), refresh=True)
-                processes.wait(_FRAME_S)
-        return
-    click.echo(title)
-    started = time.monotonic()
-    shown: dict[str, MachineStatus] = {}
-    while time.monotonic() < until:
-        pose = watcher.pose()
-        where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
-        for machine in watcher.machines():
-            if shown.get(machine.name) != machine.status:
-                shown[machine.name] = machine.status
-                passed = time.monotonic() - started
-                click.echo(f"{passed:6.1f} s  {machine.name}: {machine.status.state}{where}")
-        processes.wait(_FRAME_S / 2)
+
+def _start(processes: Processes, chosen: _Demo, board: str, target: Path) -> None:
+    """Start what meets on a whiteboard; one removes it if this process is killed."""
+    on_board = ("--board", board)
+    if chosen.with_turtle:
+        processes.start(
+            "simulator", "turtlesim", *on_board, "--picture", str(target), "--remove-board"
+        )
+    owner = () if chosen.with_turtle else ("--remove-board",)
+    processes.start("machine", "run", *chosen.machines, "-q", *on_board, *owner)
+
+
+def _start_on_ros(
+    processes: Processes, chosen: _Demo, board: str, target: Path, graph: RosGraph
+) -> None:
+    graph.start_router(processes)
+    if chosen.with_turtle:
+        graph.start_simulator(processes, target)
+    graph.start_bridge(processes, board)
+    processes.start("machine", "run", *chosen.machines, "-q", "--board", board)
 
 
 def _clear(board: str) -> None:

@@ -4,33 +4,34 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Self
+
+import click
 
 from llfsm.whiteboard import BoundSlot, Message, Sample, Whiteboard
-from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import MACHINES, status_slot
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.slots import Slot
 
+from ..remote import Directory, RemoteMachine
+from .processes import Processes, Standing
+
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["Watcher", "picture"]
+__all__ = ["LiveBoard", "Watcher", "show"]
 
 _FIELD = 11.09  # metres
 _COLUMNS, _ROWS = 44, 18
 _ARROWS = "→↗↑↖←↙↓↘"
 _RATE_S = 1.0  # over which changes are counted
-
-
-class Machine(NamedTuple):
-    """Where a machine stands."""
-
-    name: str
-    status: MachineStatus
-    since_s: float
-    """Seconds since it has entered its state."""
+_FRAME_S = 0.1
+_NEWS = 5  # lines of it on the terminal
 
 
 class Watcher:
@@ -38,22 +39,15 @@ class Watcher:
 
     def __init__(self, board: Whiteboard) -> None:
         self._board = board
+        self._directory = Directory(board)
         self._slots: dict[str, BoundSlot[Any]] = {}
         self._counted: dict[str, tuple[float, int]] = {}
         self._rates: dict[str, float] = {}
         self.trail: dict[tuple[int, int], None] = {}
 
-    def machines(self) -> list[Machine]:
-        """Return the machines that are told of on the board."""
-        self._find_slots()
-        found = []
-        for name, slot in self._slots.items():
-            sample: Sample[MachineStatus] | None = slot.sample()
-            if name.startswith(MACHINES) and sample is not None:
-                age_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
-                since_s = sample.message.in_state_s + age_s
-                found.append(Machine(name.removeprefix(MACHINES), sample.message, since_s))
-        return found
+    def machines(self) -> list[RemoteMachine]:
+        """Return the machines that run on the board."""
+        return self._directory.machines()
 
     def pose(self) -> Pose | None:
         """Return where turtle1 is, and remember that it was there."""
@@ -89,8 +83,79 @@ class Watcher:
                 self._slots[info.name] = self._board[slot]
 
 
-def picture(watcher: Watcher, title: str) -> RenderableType:
-    """Return all that `watcher` sees, to be shown on a terminal."""
+class LiveBoard:
+    """The whiteboard of a demo, removed at the end.
+
+    A process that somebody else ends removes it, too: then it is made again.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._open()
+
+    def _open(self) -> None:
+        self._board = Whiteboard(self._name)
+        self._watcher = Watcher(self._board)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._board.remove()
+        self._board.close()
+
+    def watcher(self) -> Watcher:
+        """Return what sees the whiteboard that is there now."""
+        if not self._board.alive:
+            self._board.close()
+            self._open()
+        return self._watcher
+
+
+def show(board: LiveBoard, processes: Processes, title: str, seconds: float | None) -> None:
+    """Show a demo for so long: as a picture on a terminal, else a line for each change."""
+    until = float("inf") if seconds is None else time.monotonic() + seconds
+    if sys.stdout.isatty():
+        from rich.live import Live
+
+        news: deque[str] = deque(maxlen=_NEWS)
+        with Live(auto_refresh=False) as live:
+            while time.monotonic() < until:
+                news.extend(_reports(processes))
+                shown = _picture(board.watcher(), title, processes.standings(), news)
+                live.update(shown, refresh=True)
+                processes.wait(_FRAME_S)
+        return
+    click.echo(title)
+    started = time.monotonic()
+    told: dict[str, str] = {}
+
+    def tell(line: str) -> None:
+        click.echo(f"{time.monotonic() - started:6.1f} s  {line}")
+
+    while time.monotonic() < until:
+        for report in _reports(processes):
+            tell(report)
+        watcher = board.watcher()
+        pose = watcher.pose()
+        where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
+        states = {machine.name: machine.state for machine in watcher.machines()}
+        for machine, state in states.items():
+            if told.get(machine) != state:
+                tell(f"{machine}: {state}{where}")
+        told = states
+        processes.wait(_FRAME_S / 2)
+
+
+def _reports(processes: Processes) -> Iterator[str]:
+    while processes.reports:
+        yield processes.reports.popleft()
+
+
+def _picture(
+    watcher: Watcher, title: str, processes: Sequence[Standing], news: Sequence[str]
+) -> RenderableType:
+    """Return all that `watcher` sees, to be shown on a terminal, with what became of processes."""
     from rich.columns import Columns
     from rich.console import Group
     from rich.panel import Panel
@@ -99,10 +164,12 @@ def picture(watcher: Watcher, title: str) -> RenderableType:
 
     machines = Table.grid(padding=(0, 2))
     for machine in watcher.machines():
-        style = "yellow" if machine.status.suspended else "bold green"
-        machines.add_row(
-            machine.name, Text(machine.status.state, style), f"{machine.since_s:5.1f} s"
-        )
+        style = "yellow" if machine.suspended else "bold green"
+        machines.add_row(machine.name, Text(machine.state, style), f"{machine.in_state_s:5.1f} s")
+    running = Table.grid(padding=(0, 2))
+    for name, pid, since_s, said in processes:
+        state = Text("starts again", "bold red") if pid is None else Text(f"process {pid}", "green")
+        running.add_row(name, state, f"{since_s:5.0f} s", Text(said, "dim", no_wrap=True))
     pose = watcher.pose()
     board = Table.grid(padding=(0, 2))
     for name, sample, rate in watcher.slots():
@@ -113,7 +180,11 @@ def picture(watcher: Watcher, title: str) -> RenderableType:
         where = f"turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
         top.append(Panel(_field(watcher, pose), title=where, title_align="left"))
     return Group(
-        Text(title, "bold"), Columns(top), Panel(board, title="whiteboard", title_align="left")
+        Text(title, "bold"),
+        Columns(top),
+        Panel(running, title="processes", title_align="left"),
+        Panel(board, title="whiteboard", title_align="left"),
+        *(Text(line, "red") for line in news),
     )
 
 

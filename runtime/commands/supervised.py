@@ -10,17 +10,21 @@ from typing import Any
 
 import click
 
-__all__ = ["end_with_input", "supervised_options"]
+__all__ = ["end_with_input", "supervised_options", "until_eof_option"]
+
+
+def until_eof_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option of a command that another program may start and watch."""
+    return click.option(
+        "--until-eof", is_flag=True, help="End when standard input is closed, as by a supervisor."
+    )(command)
 
 
 def supervised_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a command that another program may start and watch."""
-    command = click.option(
-        "--until-eof", is_flag=True, help="End when standard input is closed, as by a supervisor."
-    )(command)
+    """Add the options of such a command that has a whiteboard."""
     return click.option(
         "--remove-board", is_flag=True, help="Remove the whiteboard at the end, however it comes."
-    )(command)
+    )(until_eof_option(command))
 
 
 def end_with_input() -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from catkin_pkg.package import parse_package
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -103,6 +104,9 @@ def test_the_manifest_has_what_format_3_asks_for_in_its_order(tmp_path: Path) ->
     assert "A<&>B" in (manifest.findtext("description") or "")
     assert "@" in manifest[3].attrib["email"]
     assert manifest.findtext("export/build_type") == "ament_python"
+    warnings: list[str] = []
+    assert parse_package(str(package), warnings=warnings).get_build_type() == "ament_python"
+    assert warnings == []
 
 
 def test_the_launch_file_starts_the_executable(

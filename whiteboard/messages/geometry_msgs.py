@@ -1,8 +1,37 @@
 """Motion and place, as ROS's package ``geometry_msgs`` has them. Metres, radians, seconds."""
 
-from ..message import Message
+from typing import Annotated
 
-__all__ = ["Point", "Pose", "Quaternion", "Twist", "Vector3"]
+from msgspec import Meta
+
+from ..message import Message
+from .std_msgs import Header
+
+__all__ = [
+    "Accel",
+    "Point",
+    "Point32",
+    "PointStamped",
+    "Polygon",
+    "PolygonStamped",
+    "Pose",
+    "PoseArray",
+    "PoseStamped",
+    "PoseWithCovariance",
+    "PoseWithCovarianceStamped",
+    "Quaternion",
+    "Transform",
+    "TransformStamped",
+    "Twist",
+    "TwistStamped",
+    "TwistWithCovariance",
+    "TwistWithCovarianceStamped",
+    "Vector3",
+    "Vector3Stamped",
+    "Wrench",
+]
+
+Covariance = Annotated[tuple[float, ...], Meta(min_length=36, max_length=36)]
 
 
 class Vector3(Message, type_name="geometry_msgs/msg/Vector3"):
@@ -42,3 +71,116 @@ class Twist(Message, type_name="geometry_msgs/msg/Twist"):
 
     linear: Vector3 = Vector3()
     angular: Vector3 = Vector3()
+
+
+class Vector3Stamped(Message, type_name="geometry_msgs/msg/Vector3Stamped"):
+    """A vector, when and in which frame."""
+
+    header: Header = Header()
+    vector: Vector3 = Vector3()
+
+
+class Point32(Message, type_name="geometry_msgs/msg/Point32"):
+    """A position in space, which ROS rounds to single precision."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+class PointStamped(Message, type_name="geometry_msgs/msg/PointStamped"):
+    """A position, when and in which frame."""
+
+    header: Header = Header()
+    point: Point = Point()
+
+
+class Polygon(Message, type_name="geometry_msgs/msg/Polygon"):
+    """An area, by its corners; the last is joined to the first."""
+
+    points: tuple[Point32, ...] = ()
+
+
+class PolygonStamped(Message, type_name="geometry_msgs/msg/PolygonStamped"):
+    """An area, when and in which frame."""
+
+    header: Header = Header()
+    polygon: Polygon = Polygon()
+
+
+class PoseStamped(Message, type_name="geometry_msgs/msg/PoseStamped"):
+    """A position and an orientation, when and in which frame."""
+
+    header: Header = Header()
+    pose: Pose = Pose()
+
+
+class PoseArray(Message, type_name="geometry_msgs/msg/PoseArray"):
+    """Poses, when and in which frame."""
+
+    header: Header = Header()
+    poses: tuple[Pose, ...] = ()
+
+
+class PoseWithCovariance(Message, type_name="geometry_msgs/msg/PoseWithCovariance"):
+    """A pose and how sure it is: 6 rows of 6, of x, y, z and the rotations about them."""
+
+    pose: Pose = Pose()
+    covariance: Covariance = (0.0,) * 36
+
+
+class PoseWithCovarianceStamped(Message, type_name="geometry_msgs/msg/PoseWithCovarianceStamped"):
+    """A pose and how sure it is, when and in which frame."""
+
+    header: Header = Header()
+    pose: PoseWithCovariance = PoseWithCovariance()
+
+
+class TwistStamped(Message, type_name="geometry_msgs/msg/TwistStamped"):
+    """Velocity, when and in which frame."""
+
+    header: Header = Header()
+    twist: Twist = Twist()
+
+
+class TwistWithCovariance(Message, type_name="geometry_msgs/msg/TwistWithCovariance"):
+    """Velocity and how sure it is: 6 rows of 6, of x, y, z and the rotations about them."""
+
+    twist: Twist = Twist()
+    covariance: Covariance = (0.0,) * 36
+
+
+class TwistWithCovarianceStamped(Message, type_name="geometry_msgs/msg/TwistWithCovarianceStamped"):
+    """Velocity and how sure it is, when and in which frame."""
+
+    header: Header = Header()
+    twist: TwistWithCovariance = TwistWithCovariance()
+
+
+class Accel(Message, type_name="geometry_msgs/msg/Accel"):
+    """Acceleration, linear in m/s² and angular in rad/s²."""
+
+    linear: Vector3 = Vector3()
+    angular: Vector3 = Vector3()
+
+
+class Wrench(Message, type_name="geometry_msgs/msg/Wrench"):
+    """Force in N and torque in Nm."""
+
+    force: Vector3 = Vector3()
+    torque: Vector3 = Vector3()
+
+
+class Transform(Message, type_name="geometry_msgs/msg/Transform"):
+    """From one frame of coordinates to another."""
+
+    translation: Vector3 = Vector3()
+    rotation: Quaternion = Quaternion()
+
+
+class TransformStamped(Message, type_name="geometry_msgs/msg/TransformStamped"):
+    """From the header's frame of coordinates to that of the child, and when."""
+
+    header: Header = Header()
+    child_frame_id: str = ""
+    transform: Transform = Transform()

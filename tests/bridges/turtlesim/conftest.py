@@ -1,19 +1,33 @@
+from __future__ import annotations
+
 import json
-from collections.abc import Callable
+import socket
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
 
+from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.bridges.ros2.port import Arrival, Client, Node, Notice, Port, Publisher
+from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.bridges.turtlesim.ros import RosTurtlesim
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import Level
+from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
 # How long an example takes says how busy the machine is, and nothing of the code.
 settings.register_profile("turtlesim", deadline=None)
 settings.load_profile("turtlesim")
 
 DATA = Path(__file__).parents[2] / "data" / "turtlesim"
+PATIENCE = 20.0  # seconds; never waited for in a test that passes
+_ALL = Qos(depth=10_000)
 
 
 @pytest.fixture
@@ -33,3 +47,125 @@ def simulator(log: list[tuple[Level, str]]) -> Simulator:
     simulator = Simulator(log=lambda level, text: log.append((level, text)))
     log.clear()
     return simulator
+
+
+class Ros:
+    """Our node on a graph, and another that talks to it from a port of its own.
+
+    Time passes only by `step`. What waits here works off our backlog meanwhile.
+    """
+
+    def __init__(
+        self, ours: Port, theirs: Port, log: list[tuple[Level, str]], told: list[Notice]
+    ) -> None:
+        self.turtlesim = RosTurtlesim(ours, lambda level, text: log.append((level, text)))
+        log.clear()
+        self.told = told
+        self.types = TypeLibrary()
+        self.port = theirs
+        self.node: Node = theirs.node("other")
+        self._ours = ours
+        self._clients: dict[str, Client[Any, Any]] = {}
+        self._publishers: dict[str, Publisher[Any]] = {}
+
+    def step(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.turtlesim.step()
+
+    def until(self, ready: Callable[[], object]) -> None:
+        end = time.monotonic() + PATIENCE
+        while not ready():
+            assert time.monotonic() < end
+            self.turtlesim.backlog.work_off()
+            time.sleep(0.0005)
+
+    def hear(self, topic: str, type_name: str, qos: Qos = _ALL) -> list[Any]:
+        """Return a list of the messages of a topic from now on; it grows as they come."""
+        got: list[Any] = []
+
+        def receive(arrival: Arrival[Any]) -> None:
+            got.append(arrival.decode())
+
+        subscription = self.node.subscription(topic, self.types.message(type_name), receive, qos)
+        for port in (self.port, self._ours):
+            assert port.wait_graph(
+                lambda graph: (
+                    any(end.node == "/turtlesim" for end in graph.ends(topic, Role.PUBLISHER))
+                    and any(end.node == "/other" for end in graph.ends(topic, Role.SUBSCRIPTION))
+                ),
+                PATIENCE,
+            )
+        assert subscription.name == topic
+        return got
+
+    def ask(self, service: str, type_name: str, **fields: Any) -> Future[Any]:
+        """Call a service, and wait until that is in our backlog."""
+        of = self.types.service(type_name)
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self.node.client(service, of)
+        assert self.port.wait_graph(lambda _: client.ready, PATIENCE)
+        before = len(self.turtlesim.backlog)
+        future = client.call(of.request.message(**fields), timeout=PATIENCE)
+        self.arrives(before)
+        return future
+
+    def call(self, service: str, type_name: str, **fields: Any) -> Any:
+        """Call a service and return the answer."""
+        future = self.ask(service, type_name, **fields)
+        self.until(future.done)
+        return future.result()
+
+    def command(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
+        """Command turtle1, and wait until that is in our backlog."""
+        topic = "/turtle1/cmd_vel"
+        if topic not in self._publishers:
+            twist = self.types.message("geometry_msgs/msg/Twist")
+            self._publishers[topic] = self.node.publisher(topic, twist)
+            assert self.port.wait_graph(
+                lambda graph: bool(graph.ends(topic, Role.SUBSCRIPTION)), PATIENCE
+            )
+        before = len(self.turtlesim.backlog)
+        self._publishers[topic].publish(Twist(Vector3(x=x, y=y), Vector3(z=z)))
+        self.arrives(before)
+
+    def arrives(self, before: int) -> None:
+        """Wait until our backlog has one thing more than before."""
+        end = time.monotonic() + PATIENCE
+        while len(self.turtlesim.backlog) == before:
+            assert time.monotonic() < end
+            time.sleep(0.0005)
+
+
+@pytest.fixture
+def ros(request: pytest.FixtureRequest, log: list[tuple[Level, str]]) -> Iterator[Ros]:
+    """Our node and another, in memory; with the parameter "zenoh" over a router of their own."""
+    told: list[Notice] = []
+    if getattr(request, "param", "memory") == "memory":
+        world = MemoryWorld()
+
+        def open_port() -> Port:
+            return MemoryPort(world, notify=told.append)
+    else:
+        from llfsm.bridges.ros2.wire.port import ZenohPort
+
+        at = request.getfixturevalue("router")
+
+        def open_port() -> Port:
+            return ZenohPort(91, router=[at], notify=told.append)
+
+    with open_port() as ours, open_port() as theirs:
+        yield Ros(ours, theirs, log, told)
+
+
+@pytest.fixture
+def router() -> Iterator[str]:
+    """Run a router in this process; return its endpoint."""
+    from llfsm.bridges.ros2.router import open_router
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    session = open_router([endpoint])
+    yield endpoint
+    session.close()

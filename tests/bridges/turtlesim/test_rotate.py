@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.turtlesim.rotate import GoalStatus
+from llfsm.bridges.ros2.goals import GoalStatus
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import Level
 

@@ -104,7 +104,14 @@ def test_the_terminal_shows_machine_position_and_board(llfsm: Llfsm, board: str)
         command = [*llfsm._command(("demo", "wall", "-b", board, "--seconds", "30"))]
         os.execv(command[0], command)
     shown = ""
-    wanted = ("RosWallTurttleBot", "STRAIGHT", "turtle1 at", "turtle1/cmd_vel", "linear")
+    wanted = (
+        "RosWallTurttleBot",
+        "STRAIGHT",
+        "turtle1 at",
+        "turtle1/cmd_vel",
+        "linear",
+        "simulator",
+    )
     try:
         while not all(text in shown for text in wanted):
             stream.feed(os.read(terminal, 65536))

@@ -1,0 +1,218 @@
+"""An action's server on a port: goals, feedback, cancelling, results.
+
+An action is three services and two topics under ``<name>/_action/``. What is answered and
+published, and when, is what rclcpp_action does:
+
+* ``send_goal``: a goal is executed at once or refused. An id that is known already is refused.
+* ``cancel_goal``: by id; by time, all goals accepted until then; both, either; neither, all.
+* ``get_result``: answered when the goal has ended; a result is kept for 10 s.
+* ``status``: all goals that are known, at each change, and kept for who comes later.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
+
+from llfsm.runtime.clock import Clock, MonotonicClock
+from llfsm.whiteboard import Message
+
+from .backlog import Put, through
+from .errors import AlreadyAnsweredError
+from .goals import GoalStatus
+from .port import Node, Request
+from .qos import Durability, Qos
+from .stamps import from_ns, to_ns
+from .types import RosAction, TypeLibrary
+
+__all__ = ["ActionServer", "ServerGoal"]
+
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
+_KEPT_NS = 10_000_000_000  # rcl_action's default
+_STATUS_QOS = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
+
+
+class ServerGoal:
+    """A goal that was accepted, for who follows it.
+
+    message: what was asked for.
+    status: EXECUTING, CANCELING once somebody has successfully asked for that, or how it ended.
+    """
+
+    def __init__(self, server: ActionServer, info: Any, message: Any) -> None:
+        self.info = info
+        self.message = message
+        self.status = GoalStatus.EXECUTING
+        self.ended_ns = 0
+        self.response: Message | None = None
+        self.waiting: list[Request[Any, Any]] = []
+        self._server = server
+
+    def tell(self, feedback: Message) -> None:
+        """Publish feedback."""
+        self._server.tell(self, feedback)
+
+    def end(self, status: GoalStatus, result: Message) -> None:
+        """End as SUCCEEDED, CANCELED or ABORTED, and answer those who wait for the result.
+
+        Raise :class:`.AlreadyAnsweredError` the second time.
+        """
+        if not self.status.active:
+            raise AlreadyAnsweredError(f"this goal has ended: {self.status.name}")
+        self._server.end(self, status, result)
+
+
+class ActionServer:
+    """Serves one action of a node until it is closed.
+
+    ``begin`` gets each new goal and returns whether it is accepted, ``cancel`` one that somebody
+    wants cancelled and returns whether it agrees; both may end goals, but `cancel` not that one.
+    They are called through ``put``, on the thread to which all of this belongs: no method may be
+    called on another.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        of: RosAction,
+        types: TypeLibrary,
+        *,
+        begin: Callable[[ServerGoal], bool],
+        cancel: Callable[[ServerGoal], bool],
+        put: Put,
+        clock: Clock | None = None,
+    ) -> None:
+        self._name = name
+        self._begin = begin
+        self._agree_to_cancel = cancel
+        self._clock = clock or MonotonicClock()
+        self._goals: dict[bytes, ServerGoal] = {}
+
+        statuses = types.message("action_msgs/msg/GoalStatusArray")
+        cancel_goal = types.service("action_msgs/srv/CancelGoal")
+        self._info = types.message("action_msgs/msg/GoalInfo").message
+        self._status = types.message("action_msgs/msg/GoalStatus").message
+        self._statuses = statuses.message
+        self._feedback = of.feedback_message.message
+        self._accepted = of.send_goal.response.message
+        self._cancelled: Any = cancel_goal.response.message
+        self._result = of.get_result.response.message
+
+        self._ends = ExitStack()
+        opened = self._ends.enter_context
+        self._tell_feedback = opened(
+            node.publisher(f"{name}/_action/feedback", of.feedback_message)
+        ).publish
+        self._tell_statuses = opened(
+            node.publisher(f"{name}/_action/status", statuses, _STATUS_QOS)
+        ).publish
+        for service, of_service, take in (
+            ("send_goal", of.send_goal, self._take_goal),
+            ("cancel_goal", cancel_goal, self._take_cancel),
+            ("get_result", of.get_result, self._take_result),
+        ):
+            opened(node.server(f"{name}/_action/{service}", of_service, through(put, take)))
+
+    def close(self) -> None:
+        """Take it off the graph; who waits for a result then gets none."""
+        self._ends.close()
+
+    def tell(self, goal: ServerGoal, feedback: Message) -> None:
+        """Publish a goal's feedback."""
+        self._tell_feedback(self._feedback(goal_id=goal.info.goal_id, feedback=feedback))
+
+    def end(self, goal: ServerGoal, status: GoalStatus, result: Message) -> None:
+        """Let a goal have ended."""
+        goal.status = status
+        goal.ended_ns = self._clock.now_ns()
+        goal.response = self._result(status=int(status), result=result)
+        self._tell_status()
+        for request in goal.waiting:
+            request.answer(goal.response)
+        goal.waiting.clear()
+
+    def _take_goal(self, request: Request[Any, Any]) -> None:
+        self._forget()
+        message = request.message
+        key = message.goal_id.uuid
+        info = self._info(goal_id=message.goal_id, stamp=from_ns(time.time_ns()))
+        if key in self._goals:
+            _LOG.warning("%s: refused a goal whose id is known: %s", self._name, key.hex())
+            accepted = False
+        else:
+            accepted = self._accept(key, ServerGoal(self, info, message.goal))
+        request.answer(self._accepted(accepted=accepted, stamp=info.stamp))
+        if accepted:
+            self._tell_status()
+
+    def _accept(self, key: bytes, goal: ServerGoal) -> bool:
+        accepted = False
+        self._goals[key] = goal
+        try:
+            accepted = self._begin(goal)
+        finally:
+            if not accepted:
+                del self._goals[key]
+        return accepted
+
+    def _take_cancel(self, request: Request[Any, Any]) -> None:
+        self._forget()
+        wanted = request.message.goal_info
+        code, meant = self._meant(wanted.goal_id.uuid, to_ns(wanted.stamp))
+        agreed = [goal for goal in meant if self._agree_to_cancel(goal)]
+        for goal in agreed:
+            goal.status = GoalStatus.CANCELING
+        if meant and not agreed:
+            code = self._cancelled.ERROR_REJECTED
+        infos = tuple(goal.info for goal in agreed)
+        request.answer(self._cancelled(return_code=code, goals_canceling=infos))
+        if agreed:
+            self._tell_status()
+
+    def _meant(self, key: bytes, until_ns: int) -> tuple[int, list[ServerGoal]]:
+        """Return which goals a request to cancel is about, and the answer's code."""
+        if any(key) and not until_ns:
+            goal = self._goals.get(key)
+            if goal is None:
+                return self._cancelled.ERROR_UNKNOWN_GOAL_ID, []
+            if goal.status is not GoalStatus.EXECUTING:
+                return self._cancelled.ERROR_GOAL_TERMINATED, []
+            return self._cancelled.ERROR_NONE, [goal]
+        everything = not until_ns
+        return self._cancelled.ERROR_NONE, [
+            goal
+            for other, goal in self._goals.items()
+            if goal.status is GoalStatus.EXECUTING
+            and (everything or other == key or to_ns(goal.info.stamp) <= until_ns)
+        ]
+
+    def _take_result(self, request: Request[Any, Any]) -> None:
+        self._forget()
+        goal = self._goals.get(request.message.goal_id.uuid)
+        if goal is None:
+            request.answer(self._result(status=int(GoalStatus.UNKNOWN)))
+        elif goal.response is None:
+            goal.waiting.append(request)
+        else:
+            request.answer(goal.response)
+
+    def _forget(self) -> None:
+        """Drop the results that have been kept for long enough."""
+        then = self._clock.now_ns() - _KEPT_NS
+        self._goals = {
+            key: goal
+            for key, goal in self._goals.items()
+            if goal.status.active or goal.ended_ns >= then
+        }
+
+    def _tell_status(self) -> None:
+        statuses = (
+            self._status(goal_info=goal.info, status=int(goal.status))
+            for goal in self._goals.values()
+        )
+        self._tell_statuses(self._statuses(status_list=tuple(statuses)))

@@ -1,0 +1,109 @@
+"""Requests of a ROS service go to a slot; whoever answers there answers ROS."""
+
+from __future__ import annotations
+
+import threading
+import time
+from queue import SimpleQueue
+from typing import Any, NamedTuple
+
+from llfsm.whiteboard import Board, BoundSlot
+from llfsm.whiteboard.errors import MessageUnreadableError, WhiteboardError
+
+from ..errors import CdrError
+from ..port import Request
+from .faults import Faults
+from .follower import LOOK_S
+from .numbered import ServiceSlots
+from .tally import Link
+
+__all__ = ["SlotAnswerer"]
+
+_MOST = 10  # requests that may wait, the depth of ROS 2's profile for services
+
+
+class _Waiting(NamedTuple):
+    request: Request[Any, Any]
+    until: float
+
+
+class SlotAnswerer:
+    """Posts requests one after the other, each when the one before it has its answer or none.
+
+    :meth:`asked` is a server's handler. Who answers adds to the answer slot with the request's
+    number; with a ``failure`` the caller is told that there is no response.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        slots: ServiceSlots,
+        timeout: float,
+        link: Link,
+        faults: Faults,
+        over: threading.Event,
+    ) -> None:
+        """``timeout`` is how many seconds from its arrival a request may wait for its answer."""
+        self._slots = slots
+        self._timeout = timeout
+        self._link = link
+        self._faults = faults
+        self._over = over
+        self._requests: BoundSlot[Any] = board[slots.request]
+        self._answers: BoundSlot[Any] = board[slots.answer]
+        before = (self._requests.get(), self._answers.get())
+        self._number: int = max((message.number for message in before if message), default=0)
+        self._waiting: SimpleQueue[_Waiting | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name=f"slot {link.slot}", daemon=True)
+        self._thread.start()
+
+    def asked(self, request: Request[Any, Any]) -> None:
+        """Take a request in."""
+        if self._waiting.qsize() < _MOST:
+            self._waiting.put(_Waiting(request, time.monotonic() + self._timeout))
+        else:
+            self._fail(request, f"{_MOST} requests are waiting already")
+
+    def close(self) -> None:
+        """Wait for the end, which the event has asked for; requests that are open have failed."""
+        self._waiting.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (waiting := self._waiting.get()) is not None:
+            request, until = waiting
+            try:
+                answer = self._ask(request, until)
+                if isinstance(answer, str):
+                    self._fail(request, answer)
+                else:
+                    request.answer(self._slots.ros_response(answer))
+                    self._link.count()
+            except (CdrError, WhiteboardError) as error:
+                self._faults.tell(self._link, error)
+                request.fail(str(error))
+
+    def _ask(self, request: Request[Any, Any], until: float) -> Any:
+        """Post a request; return the answer, or a text that says why there is none."""
+        seen = self._answers.count
+        self._number += 1
+        if time.monotonic() < until:
+            self._requests.add(self._slots.asked(self._number, request.message))
+        while (left := until - time.monotonic()) > 0:
+            if self._over.is_set():
+                return "the bridge has ended"
+            try:
+                sample = self._answers.wait(after=seen, timeout=min(left, LOOK_S))
+            except MessageUnreadableError as error:
+                seen = self._answers.count
+                self._faults.tell(self._link, error)
+                continue
+            if sample is not None:
+                seen = sample.count
+                if sample.message.number == self._number:
+                    return sample.message.failure or sample.message
+        return f"no answer in slot {self._slots.answer.name} within {self._timeout:g} s"
+
+    def _fail(self, request: Request[Any, Any], why: str) -> None:
+        self._link.failed += 1
+        request.fail(why)

@@ -1,0 +1,180 @@
+"""A bridge that runs: the links of a plan between a board and a port."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from llfsm.whiteboard import Board, WhiteboardError
+from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
+
+from ..errors import PortUnavailableError
+from ..later import Later
+from ..port import Node, Notice, Port
+from ..qos import Durability
+from ..telling import log_notice
+from .answering import SlotAnswerer
+from .calling import SlotCaller
+from .echo import Echo
+from .faults import Faults
+from .planning import Plan, PositionPlan, RelayPlan, ServicePlan
+from .position import NODE, SERVICE, PositionServer
+from .relays import FromRos, ToRos
+from .tally import Link
+
+__all__ = ["Bridge"]
+
+_LINGER_S = 1.5  # longer than the grace of machines that are told to stop
+_LOOK_S = 0.05
+
+
+class _Worker(Protocol):
+    def close(self) -> None: ...
+
+
+class Bridge:
+    """Connects a board with a ROS graph until it is closed. The board and the port stay open."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        board: Board,
+        port: Port,
+        notify: Callable[[Notice], None] = log_notice,
+    ) -> None:
+        """Begin. ``notify`` gets what goes wrong in a link, once for each kind.
+
+        Raise :class:`.SlotTypeError` if a slot was made with another type since the plan was made.
+        """
+        self.links: list[Link] = []
+        self._board = board
+        self._faults = Faults(notify)
+        self._over = threading.Event()
+        self._later = Later("bridge rates")
+        self._workers: list[_Worker] = []
+        self._to_ros: list[ToRos[Any]] = []
+        self._nodes: list[Node] = []
+        try:
+            self._connect(plan, port)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End all links; what is on the slots by now is published before."""
+        self._over.set()
+        for worker in self._workers:
+            worker.close()
+        for node in self._nodes:
+            node.close()
+        self._later.close()
+
+    def linger(self) -> None:
+        """Stay until those who command robots through it have had time to command their stop.
+
+        That is while a process lives that has added to a slot which goes to ROS, and at most 1.5
+        seconds: machines that are told to stop have one.
+        """
+        until = time.monotonic() + _LINGER_S
+        while time.monotonic() < until and self._commanded():
+            time.sleep(_LOOK_S)
+
+    def _commanded(self) -> bool:
+        if not self._board.alive:
+            return False
+        return any(map(_is_commanded, self._to_ros))
+
+    def _connect(self, plan: Plan, port: Port) -> None:
+        node = port.node(plan.node.node, plan.node.namespace)
+        self._nodes.append(node)
+        for relay in plan.relays:
+            self._relay(node, relay)
+        for client in plan.clients:
+            self._client(node, client)
+        for server in plan.servers:
+            self._server(node, server)
+        if plan.position:
+            self._position(port, plan.position)
+
+    def _link(self, slot: str, arrow: str, name: str, type_name: str) -> Link:
+        link = Link(slot, arrow, name, type_name)
+        self.links.append(link)
+        return link
+
+    def _relay(self, node: Node, plan: RelayPlan) -> None:
+        slot, echo, publisher = self._board[plan.slot], None, None
+        if plan.to_ros:
+            publisher = node.publisher(plan.topic, plan.of, plan.to_ros)
+            if plan.from_ros:
+                echo = Echo(publisher, plan.of)
+        if plan.from_ros:
+            link = self._link(plan.slot.name, "<-", plan.topic, plan.of.name)
+            relay = FromRos(slot, link, self._faults, self._later, period=plan.period, echo=echo)
+            node.subscription(plan.topic, plan.of, relay.arrived, plan.from_ros)
+        if publisher is not None and plan.to_ros is not None:
+            link = self._link(plan.slot.name, "->", plan.topic, plan.of.name)
+            to_ros = ToRos(
+                slot,
+                publisher,
+                link,
+                self._faults,
+                self._over,
+                period=plan.period,
+                latched=plan.to_ros.durability is Durability.TRANSIENT_LOCAL,
+                echo=echo,
+            )
+            self._to_ros.append(to_ros)
+            self._workers.append(to_ros)
+
+    def _client(self, node: Node, plan: ServicePlan) -> None:
+        slots = plan.slots
+        link = self._link(slots.request.name, "->", plan.service, slots.of.name)
+        client = node.client(plan.service, slots.of)
+        caller = SlotCaller(
+            self._board, slots, client, plan.timeout, link, self._faults, self._over
+        )
+        self._workers.append(caller)
+
+    def _server(self, node: Node, plan: ServicePlan) -> None:
+        slots = plan.slots
+        link = self._link(slots.request.name, "<-", plan.service, slots.of.name)
+        answerer = SlotAnswerer(self._board, slots, plan.timeout, link, self._faults, self._over)
+        self._workers.append(answerer)
+        node.server(plan.service, slots.of, answerer.asked)
+
+    def _position(self, port: Port, plan: PositionPlan) -> None:
+        node = port.node(NODE)
+        self._nodes.append(node)
+        in_ros = self._link(plan.pose.name, "->", f"/{SERVICE}", plan.of.name)
+        in_slots = self._link(plan.pose.name, "->", ANSWER.name, plan.of.name)
+        position = PositionServer(
+            self._board, plan.pose, plan.of, in_ros, in_slots, self._faults, self._over
+        )
+        self._workers.append(position)
+        try:
+            node.server(SERVICE, plan.of, position.asked)
+        except PortUnavailableError as error:  # rclpy, where nobody has built the type's package
+            self._faults.say(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
+
+
+def _is_commanded(relay: ToRos[Any]) -> bool:
+    try:
+        sample = relay.slot.sample()
+    except WhiteboardError:  # nonsense, or the board is gone
+        return False
+    return sample is not None and _lives(sample.writer)
+
+
+def _lives(process: int) -> bool:
+    if process == os.getpid():
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass  # somebody else's, and alive
+    return True

@@ -1,0 +1,87 @@
+"""Requests in a slot become calls of a ROS service; what comes of each goes to the answer slot."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from llfsm.whiteboard import Board, BoundSlot, Sample
+from llfsm.whiteboard.errors import WhiteboardError
+
+from ..errors import Ros2Error
+from ..port import Client
+from .faults import Faults
+from .follower import Follower
+from .numbered import ServiceSlots
+from .tally import Link
+
+__all__ = ["SlotCaller", "unanswered"]
+
+
+class SlotCaller:
+    """Calls a service for whoever posts requests, one call at a time.
+
+    A request from before the bridge has not been carried out for all that is known, and perhaps
+    it was: it is answered with a failure, so that nothing is done twice.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        slots: ServiceSlots,
+        client: Client[Any, Any],
+        timeout: float,
+        link: Link,
+        faults: Faults,
+        over: threading.Event,
+    ) -> None:
+        self._slots = slots
+        self._client = client
+        self._timeout = timeout
+        self._link = link
+        self._faults = faults
+        requests: BoundSlot[Any] = board[slots.request]
+        self._answers: BoundSlot[Any] = board[slots.answer]
+        self._seen = requests.count
+        old = unanswered(requests, self._answers)
+        if old is not None:
+            self._fail(old, "it was asked before the bridge was there")
+        self._follower = Follower(
+            requests, link.slot, self._call, self._failed, over=over, after=self._seen
+        )
+
+    def close(self) -> None:
+        """Wait for the end, which the event has asked for; an open call ends with its client."""
+        self._client.close()
+        self._follower.close()
+
+    def _call(self, sample: Sample[Any]) -> None:
+        lost, self._seen = sample.count - self._seen - 1, sample.count
+        if lost:
+            text = f"{lost} of the requests were replaced by newer ones before they were sent"
+            self._faults.say(self._link, text, "lost")
+        number = sample.message.number
+        try:
+            request = self._slots.ros_request(sample.message)
+            call = self._client.call(request, timeout=self._timeout)
+            self._answers.add(self._slots.answered(number, call.result()))
+        except (Ros2Error, WhiteboardError) as error:
+            self._fail(number, str(error))
+        else:
+            self._link.count()
+
+    def _fail(self, number: int, why: str) -> None:
+        self._link.failed += 1
+        self._answers.add(self._slots.failed(number, why))
+
+    def _failed(self, error: Exception) -> None:
+        self._faults.tell(self._link, error)
+
+
+def unanswered(requests: BoundSlot[Any], answers: BoundSlot[Any]) -> int | None:
+    """Return the number of the request that waits for an answer, if any."""
+    request, answer = requests.get(), answers.get()
+    if request is None or (answer is not None and answer.number >= request.number):
+        return None
+    number: int = request.number
+    return number

@@ -1,0 +1,74 @@
+"""What a bridge's configuration may say, in a TOML file or as flags."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+__all__ = [
+    "BridgeConfig",
+    "Direction",
+    "PositionConfig",
+    "RelayConfig",
+    "ServiceConfig",
+]
+
+Direction = Literal["to_ros", "from_ros", "both"]
+_Depth = Annotated[int, Meta(ge=1, le=2**31 - 1)]
+_Capacity = Annotated[int, Meta(ge=1, le=2**30)]
+_Positive = Annotated[float, Meta(gt=0)]
+
+
+class RelayConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A slot and a topic."""
+
+    slot: str
+    type: str
+    """Its ROS name, as ``geometry_msgs/msg/Twist``."""
+    direction: Direction
+    topic: str | None = None
+    """None: called like the slot."""
+    reliability: Literal["reliable", "best_effort"] = "reliable"
+    durability: Literal["volatile", "transient_local"] = "volatile"
+    depth: _Depth | None = None
+    """Messages that wait for a slow reader; None: 10 to ROS, as is usual there, 1 to a slot."""
+    rate: _Positive | None = None
+    """At most so many messages a second, in each direction."""
+    capacity: _Capacity | None = None
+    """Bytes of the longest message in a slot that is made; None: what the type needs."""
+
+
+class ServiceConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A ROS service that is called, or answered, in slots."""
+
+    service: str
+    type: str
+    """Its ROS name, as ``turtlesim/srv/Spawn``."""
+    slots: str | None = None
+    """The slots are ``SLOTS/request`` and ``SLOTS/answer``; None: called like the service."""
+    timeout: _Positive = 5.0
+    """Seconds that an answer may take."""
+    capacity: _Capacity | None = None
+
+
+class PositionConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """The service ``turtle_position``."""
+
+    pose: str
+    """The slot with the turtle's pose."""
+
+
+class BridgeConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """All of it."""
+
+    node: str = "llfsm_bridge"
+    """The bridge's name on the ROS graph; a full one has a namespace."""
+    types: tuple[str, ...] = ()
+    """Where to look for definitions first: packages, folders of packages, or files."""
+    relay: tuple[RelayConfig, ...] = ()
+    client: tuple[ServiceConfig, ...] = ()
+    """Called by requests in a slot."""
+    server: tuple[ServiceConfig, ...] = ()
+    """Answered from a slot."""
+    turtle_position: PositionConfig | None = None

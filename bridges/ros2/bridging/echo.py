@@ -1,0 +1,71 @@
+"""Which messages a relay of both directions has sent itself, so that they do not come back."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from typing import Generic
+
+from llfsm.whiteboard import BoundSlot, Sample
+from llfsm.whiteboard.message import M
+
+from ..port import Arrival, Publisher
+from ..types import RosMessage
+
+__all__ = ["Echo"]
+
+_RETURN_S = 1.0  # in which a message that was published comes back, if it does
+_MOST = 1000
+
+
+class Echo(Generic[M]):
+    """Remembers what one relay did on either side.
+
+    On the board a message is known by its number in the slot, in ROS by its publisher: an equal
+    message of somebody else is a new one. A port that does not tell publishers has the messages
+    themselves compared; each one that was published takes away one that arrives within a second.
+    """
+
+    def __init__(self, publisher: Publisher[M], of: RosMessage[M]) -> None:
+        self._gid = publisher.gid
+        self._encode = of.encode
+        self._lock = threading.Lock()
+        self._added = 0
+        self._published: deque[tuple[float, bytes]] = deque(maxlen=_MOST)
+
+    def add(self, slot: BoundSlot[M], message: M) -> None:
+        """Add what came from ROS to the slot."""
+        with self._lock:  # or it is seen on the board before its number is known
+            self._added = slot.add(message)
+
+    def is_news(self, sample: Sample[M]) -> bool:
+        """Tell whether ROS does not know of this message, nor of a newer one."""
+        with self._lock:
+            return sample.count > self._added
+
+    def publishing(self, message: M) -> None:
+        """Remember a message that is about to be published."""
+        if not self._gid:
+            with self._lock:
+                self._published.append((time.monotonic(), self._encode(message)))
+
+    def is_ours(self, arrival: Arrival[M]) -> bool:
+        """Tell whether what arrives is what was published here.
+
+        Raise :class:`.CdrError` if that cannot be told as it is no message.
+        """
+        if self._gid:
+            return arrival.info.gid == self._gid
+        if not self._published:
+            return False
+        data = self._encode(arrival.decode())  # not what arrived: encoders pad differently
+        oldest = time.monotonic() - _RETURN_S
+        with self._lock:
+            while self._published and self._published[0][0] < oldest:
+                self._published.popleft()
+            for entry in self._published:
+                if entry[1] == data:
+                    self._published.remove(entry)
+                    return True
+        return False

@@ -1,0 +1,89 @@
+"""A service's messages as slots have them: with a number, answers also with a failure.
+
+Who asks posts a request with a number above all before it, and pulls until there is an answer with
+that number. A slot holds one message, so whoever asks on their own has slots of their own.
+"""
+
+from __future__ import annotations
+
+from types import new_class
+from typing import Any
+
+from msgspec.structs import astuple, fields
+
+from llfsm.whiteboard import Message, Slot
+
+from ..types import RosMessage, RosService
+from .capacity import capacity_for
+
+__all__ = ["ServiceSlots", "service_slots"]
+
+_OURS = ("number", "failure")
+
+
+class ServiceSlots:
+    """The two slots of a service, and its messages from ROS to them and back.
+
+    Attributes:
+        request: its messages have ``number`` and the fields of the service's request.
+        answer: its messages have ``number``, the fields of the response, and ``failure``, which
+            says why there is no response, or is empty.
+
+    """
+
+    def __init__(self, request: Slot[Any], answer: Slot[Any], of: RosService) -> None:
+        self.request = request
+        self.answer = answer
+        self.of = of
+
+    def asked(self, number: int, request: Message) -> Message:
+        """Return a request of ROS for the slot."""
+        return self.request.type(number, *astuple(request))  # type: ignore[no-any-return]
+
+    def answered(self, number: int, response: Message) -> Message:
+        """Return a response of ROS for the slot."""
+        return self.answer.type(number, *astuple(response))  # type: ignore[no-any-return]
+
+    def failed(self, number: int, why: str) -> Message:
+        """Return the answer that there is none."""
+        return self.answer.type(number=number, failure=why)  # type: ignore[no-any-return]
+
+    def ros_request(self, asked: Message) -> Message:
+        """Return a request on the slot as ROS has it."""
+        return self.of.request.message(*astuple(asked)[1:])  # type: ignore[no-any-return]
+
+    def ros_response(self, answered: Message) -> Message:
+        """Return an answer on the slot as ROS has it."""
+        return self.of.response.message(*astuple(answered)[1:-1])  # type: ignore[no-any-return]
+
+
+def service_slots(name: str, of: RosService, capacity: int | None = None) -> ServiceSlots:
+    """Return the slots ``name/request`` and ``name/answer`` of a service type.
+
+    A field of the service that is called like one of ours has an underscore behind it. Raise
+    :class:`.SlotNameError`.
+    """
+    asked, answered = _numbered(of.request), _numbered(of.response, failure="")
+    return ServiceSlots(
+        Slot(f"{name}/request", asked, capacity or capacity_for(asked)),
+        Slot(f"{name}/answer", answered, capacity or capacity_for(answered)),
+        of,
+    )
+
+
+def _numbered(of: RosMessage[Any], **last: str) -> type[Message]:
+    annotations: dict[str, Any] = {"number": int}
+    values: dict[str, Any] = {"number": 0}
+    for field in fields(of.message):
+        name = f"{field.name}_" if field.name in _OURS else field.name
+        annotations[name] = field.type
+        values[name] = field.default
+    namespace = {
+        "__module__": __name__,
+        "__doc__": f"{of.name} in a slot.",
+        "__annotations__": annotations | dict.fromkeys(last, str),
+        **values,
+        **last,
+    }
+    name = of.name.rpartition("/")[2]
+    return new_class(name, (Message,), {"type_name": of.name}, lambda n: n.update(namespace))

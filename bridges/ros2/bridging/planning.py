@@ -1,0 +1,268 @@
+"""A configuration made into slots, topics and types; or what is wrong in it, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from llfsm.runtime.errors import ConfigurationError
+from llfsm.whiteboard import Slot, SlotTypeError, WhiteboardError
+from llfsm.whiteboard.board import SlotInfo
+from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST
+from llfsm.whiteboard.messages.turtlesim import Pose
+from llfsm.whiteboard.schema import fingerprint
+
+from ..errors import RosNameError, RosTypeError
+from ..names import Names
+from ..qos import Durability, Qos, Reliability
+from ..types import RosMessage, RosService, TypeLibrary
+from .capacity import capacity_for
+from .config import BridgeConfig, RelayConfig, ServiceConfig
+from .loops import Edge, find_loop
+from .numbered import ServiceSlots, service_slots
+from .position import NODE, SERVICE, TYPE
+
+__all__ = ["Plan", "PositionPlan", "RelayPlan", "ServicePlan", "make_plan"]
+
+_Where = tuple[str | int, ...]
+C = TypeVar("C")
+P = TypeVar("P")
+
+
+class RelayPlan(NamedTuple):
+    """A relay, ready to be made."""
+
+    slot: Slot[Any]
+    topic: str
+    """Full."""
+    of: RosMessage[Any]
+    to_ros: Qos | None
+    """None: not in that direction."""
+    from_ros: Qos | None
+    period: float
+    """Seconds; 0: no limit."""
+
+
+class ServicePlan(NamedTuple):
+    """A service through slots, ready to be made."""
+
+    slots: ServiceSlots
+    service: str
+    """Full."""
+    timeout: float
+
+
+class PositionPlan(NamedTuple):
+    """The service turtle_position, ready to be made."""
+
+    pose: Slot[Pose]
+    of: RosService
+
+
+class Plan(NamedTuple):
+    """All that a bridge does."""
+
+    node: Names
+    relays: list[RelayPlan]
+    clients: list[ServicePlan]
+    servers: list[ServicePlan]
+    position: PositionPlan | None
+
+
+def make_plan(
+    config: BridgeConfig, folder: Path, slots: list[SlotInfo]
+) -> tuple[Plan, list[ConfigurationError]]:
+    """Return what to do, and all that is wrong with it; without a fault nothing is left out.
+
+    ``folder`` is where ``types`` are looked for, ``slots`` what is on the board. The errors have a
+    ``where`` in the configuration.
+    """
+    planner = _Planner(config, folder, {info.name: info for info in slots})
+    return planner.plan(), planner.faults
+
+
+class _Planner:
+    def __init__(
+        self, config: BridgeConfig, folder: Path, on_board: Mapping[str, SlotInfo]
+    ) -> None:
+        self.faults: list[ConfigurationError] = []
+        self._config = config
+        self._on_board = on_board
+        self._slots: dict[str, Slot[Any]] = {}
+        self._topic_types: dict[str, str] = {}
+        self._library = TypeLibrary()
+        self._node = Names("llfsm_bridge")
+        with self._at("types"):
+            self._library = TypeLibrary(share=[folder / text for text in config.types])
+        with self._at("node"):
+            namespace, _, name = config.node.rpartition("/")
+            self._node = Names(name, namespace or "/")
+
+    def plan(self) -> Plan:
+        config = self._config
+        relays = self._each("relay", config.relay, self._relay)
+        clients = self._each("client", config.client, self._service)
+        servers = self._each("server", config.server, self._service)
+        position = self._position()
+        self._check_pairs(relays)
+        self._check_loops(relays)
+        self._check_services(clients, servers, position)
+        return Plan(
+            self._node,
+            list(relays.values()),
+            list(clients.values()),
+            list(servers.values()),
+            position,
+        )
+
+    @contextmanager
+    def _at(self, *where: str | int) -> Iterator[None]:
+        """Note what is wrong with the value at `where`, and go on behind the block."""
+        try:
+            yield
+        except (RosNameError, RosTypeError, WhiteboardError) as error:
+            self._fault(str(error), *where)
+
+    def _fault(self, what: str, *where: str | int) -> None:
+        self.faults.append(ConfigurationError(what, where))
+
+    def _each(
+        self, kind: str, configs: Sequence[C], make: Callable[[C, _Where], P | None]
+    ) -> dict[int, P]:
+        made = {i: make(config, (kind, i)) for i, config in enumerate(configs)}
+        return {i: plan for i, plan in made.items() if plan is not None}
+
+    def _relay(self, config: RelayConfig, where: _Where) -> RelayPlan | None:
+        topic = of = slot = None
+        with self._at(*where, "topic" if config.topic else "slot"):
+            topic = self._node.full(config.topic or config.slot)
+        with self._at(*where, "type"):
+            of = self._library.message(config.type)
+        if of is not None:
+            with self._at(*where, "slot"):
+                capacity = config.capacity or capacity_for(of.message)
+                slot = self._claim(Slot(config.slot, of.message, capacity))
+        if topic is None or of is None or slot is None:
+            return None
+        other = self._topic_types.setdefault(topic, of.name)
+        if other != of.name:
+            self._fault(f"the topic {topic} has type {other} in another relay", *where, "type")
+        self._check_capacity(slot, config.capacity, where)
+        return RelayPlan(
+            slot,
+            topic,
+            of,
+            None if config.direction == "from_ros" else _qos(config, 10),
+            None if config.direction == "to_ros" else _qos(config, 1),
+            1 / config.rate if config.rate else 0.0,
+        )
+
+    def _service(self, config: ServiceConfig, where: _Where) -> ServicePlan | None:
+        service = of = slots = None
+        with self._at(*where, "service"):
+            service = self._node.full(config.service)
+        with self._at(*where, "type"):
+            of = self._library.service(config.type)
+        if of is not None:
+            with self._at(*where, "slots" if config.slots else "service"):
+                name = config.slots or config.service.lstrip("/")
+                slots = service_slots(name, of, config.capacity)
+                for slot in (slots.request, slots.answer):
+                    self._claim(slot)
+                    self._check_capacity(slot, config.capacity, where)
+        if service is None or slots is None:
+            return None
+        return ServicePlan(slots, service, config.timeout)
+
+    def _position(self) -> PositionPlan | None:
+        config = self._config.turtle_position
+        if config is None:
+            return None
+        where = "turtle_position", "pose"
+        with self._at(*where):
+            pose = self._claim(Slot(config.pose, Pose))
+            for slot in (REQUEST, ANSWER):
+                self._claim(slot)
+            return PositionPlan(pose, self._library.service(TYPE))
+        return None
+
+    def _claim(self, slot: Slot[Any]) -> Slot[Any]:
+        """Return the slot as all use it; raise if the board or another use has another type."""
+        info = self._on_board.get(slot.name)
+        if info is not None and fingerprint(info.schema) != slot.fingerprint:
+            raise slot.clash(info.schema)
+        used = self._slots.setdefault(slot.name, slot)
+        if used.fingerprint != slot.fingerprint:
+            raise SlotTypeError(f"slot {slot.name!r} is used with {used.type_name} elsewhere here")
+        return used
+
+    def _check_capacity(self, slot: Slot[Any], wanted: int | None, where: _Where) -> None:
+        info = self._on_board.get(slot.name)
+        if wanted and info is not None and info.capacity < wanted:
+            self._fault(
+                f"slot {slot.name!r} is on the board with a capacity of {info.capacity}",
+                *where,
+                "capacity",
+            )
+
+    def _check_pairs(self, relays: Mapping[int, RelayPlan]) -> None:
+        """Find relays that do what others do already, or undo it."""
+        done: dict[tuple[str, str], set[bool]] = {}
+        for i, relay in relays.items():
+            way = {to for to, qos in ((True, relay.to_ros), (False, relay.from_ros)) if qos}
+            before = done.setdefault((relay.slot.name, relay.topic), set())
+            pair = f"slot {relay.slot.name!r} and topic {relay.topic}"
+            if before & way:
+                self._fault(f"{pair} are relayed twice in this direction", "relay", i)
+            elif before:
+                self._fault(
+                    f'{pair} are relayed both ways: make it one relay with direction = "both", '
+                    "so that messages do not come back",
+                    "relay",
+                    i,
+                )
+            before |= way
+
+    def _check_loops(self, relays: Mapping[int, RelayPlan]) -> None:
+        if self.faults:
+            return  # of pairs, which are the smallest loops, or what makes others guesswork
+        edges = []
+        for i, relay in relays.items():
+            slot, topic = f"slot {relay.slot.name}", f"topic {relay.topic}"
+            if relay.to_ros:
+                edges.append(Edge(i, slot, topic))
+            if relay.from_ros:
+                edges.append(Edge(i, topic, slot))
+        loop = find_loop(edges)
+        if loop:
+            self._fault(f"messages go round and round: {' -> '.join(loop[1])}", "relay", loop[0])
+
+    def _check_services(
+        self,
+        clients: Mapping[int, ServicePlan],
+        servers: Mapping[int, ServicePlan],
+        position: PositionPlan | None,
+    ) -> None:
+        """Find slots that two services use, and services that are served twice."""
+        pairs = {REQUEST.name} if position else set()
+        served = {Names(NODE).full(SERVICE)} if position else set()
+        for kind, plans in (("client", clients), ("server", servers)):
+            for i, plan in plans.items():
+                request = plan.slots.request.name
+                if request in pairs:
+                    self._fault(f"the slot {request!r} has a service already", kind, i)
+                pairs.add(request)
+                if kind == "server":
+                    if plan.service in served:
+                        self._fault(f"{plan.service} is served already", kind, i, "service")
+                    served.add(plan.service)
+
+
+def _qos(config: RelayConfig, usual_depth: int) -> Qos:
+    return Qos(
+        Reliability[config.reliability.upper()],
+        Durability[config.durability.upper()],
+        depth=config.depth or usual_depth,
+    )

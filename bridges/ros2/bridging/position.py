@@ -1,0 +1,99 @@
+"""Where a turtle is, told to those who ask: the service ``turtle_position``, in ROS and in slots.
+
+turtlesim has no such service. A caller in ROS that asks before the first pose gets no response, one
+that asks on the board gets the reason.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot
+from llfsm.whiteboard.messages.turtle_sensor_poster import (
+    ANSWER,
+    REQUEST,
+    TurtlePositionAnswer,
+    TurtlePositionRequest,
+)
+from llfsm.whiteboard.messages.turtlesim import Pose
+
+from ..port import Request
+from ..types import RosService
+from .calling import unanswered
+from .faults import Faults
+from .follower import Follower
+from .tally import Link
+
+__all__ = ["NODE", "SERVICE", "TYPE", "PositionServer"]
+
+NODE = "turtle_sensor_poster"
+SERVICE = "turtle_position"
+TYPE = "turtle_sensor_poster/srv/TurtlePosition"
+
+
+class PositionServer:
+    """Answers from the latest pose in a slot; :meth:`asked` is the handler of the ROS service.
+
+    A pose from before counts for nothing: whoever posted it may be gone long since.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        pose: Slot[Pose],
+        of: RosService,
+        in_ros: Link,
+        in_slots: Link,
+        faults: Faults,
+        over: threading.Event,
+    ) -> None:
+        self._pose = board[pose]
+        self._pose_slot = pose.name
+        self._before = self._pose.count
+        self._response = of.response.message
+        self._in_ros = in_ros
+        self._in_slots = in_slots
+        self._faults = faults
+        self._answers: BoundSlot[TurtlePositionAnswer] = board[ANSWER]
+        requests: BoundSlot[TurtlePositionRequest] = board[REQUEST]
+        after = requests.count
+        if unanswered(requests, self._answers) is not None:
+            after -= 1  # asked before the bridge was there, and to be answered now
+        self._follower = Follower(
+            requests, REQUEST.name, self._asked_in_slot, self._failed, over=over, after=after
+        )
+
+    def asked(self, request: Request[Any, Any]) -> None:
+        """Answer a request of ROS, or fail it."""
+        pose = self._latest()
+        if isinstance(pose, str):
+            self._in_ros.failed += 1
+            request.fail(pose)
+        else:
+            response: Message = self._response(pose.x, pose.y, pose.theta)
+            request.answer(response)
+            self._in_ros.count()
+
+    def close(self) -> None:
+        """Wait for the end, which the event has asked for."""
+        self._follower.close()
+
+    def _latest(self) -> Pose | str:
+        sample = self._pose.sample()
+        if sample is None or sample.count <= self._before:
+            return f"no pose in slot {self._pose_slot} since the bridge is there"
+        return sample.message
+
+    def _asked_in_slot(self, sample: Sample[TurtlePositionRequest]) -> None:
+        number = sample.message.number
+        pose = self._latest()
+        if isinstance(pose, str):
+            self._in_slots.failed += 1
+            self._answers.add(TurtlePositionAnswer(number, failure=pose))
+        else:
+            self._answers.add(TurtlePositionAnswer(number, pose.x, pose.y, pose.theta))
+            self._in_slots.count()
+
+    def _failed(self, error: Exception) -> None:
+        self._faults.tell(self._in_slots, error)

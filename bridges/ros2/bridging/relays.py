@@ -1,0 +1,143 @@
+"""Slot to topic, and topic to slot: the newest message wins."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Generic
+
+from llfsm.whiteboard import BoundSlot, Sample
+from llfsm.whiteboard.errors import BoardClosedError
+from llfsm.whiteboard.message import M
+
+from ..errors import PortClosedError
+from ..later import Later
+from ..port import Arrival, Publisher
+from .echo import Echo
+from .faults import Faults
+from .follower import Follower
+from .tally import Link
+
+__all__ = ["FromRos", "ToRos"]
+
+_HISTORY_S = 1.0
+
+
+class ToRos(Generic[M]):
+    """Publishes each change that it sees of a slot.
+
+    What is on the slot already is not news, unless ``latched``: a command from yesterday must not
+    move a robot. In both directions ROS is given a second to say what it has kept itself; else each
+    side might end with what the other one had.
+    """
+
+    def __init__(
+        self,
+        slot: BoundSlot[M],
+        publisher: Publisher[M],
+        link: Link,
+        faults: Faults,
+        over: threading.Event,
+        *,
+        period: float = 0.0,
+        latched: bool = False,
+        echo: Echo[M] | None = None,
+    ) -> None:
+        self.slot = slot
+        self._publish = publisher.publish
+        self._link = link
+        self._faults = faults
+        self._echo = echo
+        self._follower = Follower(
+            slot,
+            link.slot,
+            self._relay,
+            self._failed,
+            over=over,
+            after=0 if latched else slot.count,
+            period=period,
+            delay=_HISTORY_S if latched and echo else 0.0,
+        )
+
+    def close(self) -> None:
+        """Wait for the end, which the event has asked for."""
+        self._follower.close()
+
+    def _relay(self, sample: Sample[M]) -> None:
+        if self._echo is not None:
+            if not self._echo.is_news(sample):
+                return
+            self._echo.publishing(sample.message)
+        self._publish(sample.message)
+        self._link.count()
+
+    def _failed(self, error: Exception) -> None:
+        if not isinstance(error, PortClosedError):
+            self._faults.tell(self._link, error)
+
+
+class FromRos(Generic[M]):
+    """Adds to a slot what arrives: :meth:`arrived` is a subscription's callback.
+
+    With a ``period`` (seconds) the newest of what arrives within one is added at its end; the
+    others are never decoded.
+    """
+
+    def __init__(
+        self,
+        slot: BoundSlot[M],
+        link: Link,
+        faults: Faults,
+        later: Later,
+        *,
+        period: float = 0.0,
+        echo: Echo[M] | None = None,
+    ) -> None:
+        self._slot = slot
+        self._link = link
+        self._faults = faults
+        self._later = later
+        self._period = period
+        self._echo = echo
+        self._held: Arrival[M] | None = None
+        self._due = 0.0
+        self._lock = threading.Lock()
+
+    def arrived(self, arrival: Arrival[M]) -> None:
+        """Add what arrives, now or when it is time for it; raise :class:`.CdrError`."""
+        if self._echo is not None and self._echo.is_ours(arrival):
+            return
+        if not self._period or self._begins_period(arrival):
+            self._add(arrival)
+
+    def _begins_period(self, arrival: Arrival[M]) -> bool:
+        with self._lock:
+            now = time.monotonic()
+            if self._held is None and now >= self._due:
+                self._due = now + self._period
+                return True
+            if self._held is None:
+                self._later.after(self._due - now, self._add_held)
+            self._held = arrival
+            return False
+
+    def _add_held(self) -> None:
+        with self._lock:
+            arrival, self._held = self._held, None
+            self._due = time.monotonic() + self._period
+        if arrival is not None:
+            self._add(arrival)
+
+    def _add(self, arrival: Arrival[M]) -> None:
+        try:
+            message = arrival.decode()
+            if self._echo is None:
+                self._slot.add(message)
+            else:
+                self._echo.add(self._slot, message)
+        except BoardClosedError:
+            return  # it ends
+        except Exception as error:  # bad bytes, too large for the slot: the next may be right
+            self._faults.tell(self._link, error)
+            return
+        self._link.count()

@@ -1,0 +1,1 @@
+"""``llfsm bridge``: the command line of the ROS 2 bridge."""

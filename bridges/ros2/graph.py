@@ -1,0 +1,102 @@
+"""The ROS graph as data: who publishes, subscribes, serves and calls what."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+from .qos import Qos
+
+__all__ = ["Endpoint", "Graph", "Role", "qos_conflict", "type_conflict"]
+
+
+class Role(Enum):
+    """What an endpoint does; the text is how people call it."""
+
+    PUBLISHER = "publisher"
+    SUBSCRIPTION = "subscription"
+    SERVER = "service server"
+    CLIENT = "service client"
+
+    @property
+    def partner(self) -> Role:
+        """The role at the other end."""
+        return _PARTNERS[self]
+
+
+_PARTNERS = {
+    Role.PUBLISHER: Role.SUBSCRIPTION,
+    Role.SUBSCRIPTION: Role.PUBLISHER,
+    Role.SERVER: Role.CLIENT,
+    Role.CLIENT: Role.SERVER,
+}
+
+
+class Endpoint(NamedTuple):
+    """One end of a topic or of a service."""
+
+    role: Role
+    node: str
+    """The node's full name, namespace included: ``/ns/name``."""
+    name: str
+    """The full name of the topic or service."""
+    type_name: str
+    """As ``geometry_msgs/msg/Twist``."""
+    type_hash: str | None
+    """As ``RIHS01_...``; None where the middleware does not tell."""
+    qos: Qos | None
+    """None where the middleware does not tell."""
+
+
+class Graph(NamedTuple):
+    """What was known of the graph at one moment, in the order of names."""
+
+    nodes: tuple[str, ...] = ()
+    """Full names; a name stands twice if two nodes have it."""
+    endpoints: tuple[Endpoint, ...] = ()
+
+    def topics(self) -> dict[str, tuple[str, ...]]:
+        """Return each topic's types; more than one is a mistake that is made."""
+        return self._types({Role.PUBLISHER, Role.SUBSCRIPTION})
+
+    def services(self) -> dict[str, tuple[str, ...]]:
+        """Return each served service's types."""
+        return self._types({Role.SERVER})
+
+    def ends(self, name: str, role: Role) -> tuple[Endpoint, ...]:
+        """Return the endpoints of one role that a topic or service has."""
+        return tuple(e for e in self.endpoints if e.name == name and e.role is role)
+
+    def _types(self, roles: set[Role]) -> dict[str, tuple[str, ...]]:
+        types: dict[str, dict[str, None]] = {}
+        for end in self.endpoints:
+            if end.role in roles:
+                types.setdefault(end.name, {})[end.type_name] = None
+        return {name: tuple(of_name) for name, of_name in sorted(types.items())}
+
+
+def type_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
+    """Return why two ends of one name do not understand each other, or None if they do."""
+    if ours.type_name != theirs.type_name:
+        return f"{_who(theirs)} has type {theirs.type_name}, ours is {ours.type_name}"
+    if None not in (ours.type_hash, theirs.type_hash) and ours.type_hash != theirs.type_hash:
+        return (
+            f"{_who(theirs)} has another definition of {ours.type_name}: "
+            f"{theirs.type_hash}, ours is {ours.type_hash}"
+        )
+    return None
+
+
+def qos_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
+    """Return why what one end of a topic offers is not what the other asks for, or None."""
+    asking, offering = (ours, theirs) if ours.role is Role.SUBSCRIPTION else (theirs, ours)
+    if (asking.role, offering.role) != (Role.SUBSCRIPTION, Role.PUBLISHER):
+        return None
+    if asking.qos is None or offering.qos is None:
+        return None
+    refusal = asking.qos.refusal(offering.qos)
+    return refusal and f"the subscription of {asking.node} {refusal} by {offering.node}"
+
+
+def _who(end: Endpoint) -> str:
+    return f"the {end.role.value} of {end.node}"

@@ -1,0 +1,65 @@
+"""Things that are closed once, after what they own."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from contextlib import ExitStack
+from typing import Self
+
+from .errors import PortClosedError
+
+__all__ = ["Closable"]
+
+
+class Closable(ABC):
+    """Something that may be closed by anybody, at any time, more than once.
+
+    What it owns is closed first, the newest first. Usable as a context manager. Who makes something
+    that it owns holds ``_lifetime`` meanwhile, so that nothing is made in what is being closed.
+    """
+
+    def __init__(self, owner: Closable | None = None) -> None:
+        """Belong to ``owner``; raise :class:`.PortClosedError` if that is closed."""
+        self._closed = False
+        self._owned: dict[Closable, None] = {}
+        self._owner = owner
+        # One for a whole tree: an owner that is closing gets no new things.
+        self._lifetime: threading.RLock = owner._lifetime if owner else threading.RLock()
+        if owner:
+            with self._lifetime:
+                owner._check_open()
+                owner._owned[self] = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether closing has begun."""
+        return self._closed
+
+    def close(self) -> None:
+        """Close it and what it owns. Its callbacks that have begun may still be running."""
+        with self._lifetime:
+            if self._closed:
+                return
+            self._closed = True
+            owned = list(self._owned)
+            if self._owner:
+                self._owner._owned.pop(self, None)
+        with ExitStack() as last_first:  # all of it, whatever one of them raises
+            last_first.callback(self._close)
+            for each in owned:
+                last_first.callback(each.close)
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Let go of what only this one has."""
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise PortClosedError(f"{self} is closed")

@@ -1,0 +1,108 @@
+"""Clients and servers in memory."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from typing import Any, NamedTuple
+
+from ..calling import Calls
+from ..graph import Endpoint
+from ..later import Later
+from ..lifetime import Closable
+from ..port import Client, MessageInfo, Request, Server
+from ..serving import Counter
+from ..types import RosService
+from .inbox import Inbox
+from .world import Member, Site
+
+__all__ = ["MemoryClient", "MemoryServer"]
+
+
+class MemoryClient(Client[Any, Any], Member):
+    """Asks all servers of a service; the first answer counts."""
+
+    def __init__(
+        self, owner: Closable, site: Site, node: str, end: Endpoint, of: RosService
+    ) -> None:
+        super().__init__(owner)
+        self.name = end.name
+        self._of = of
+        self._gid = site.world.new_gid()
+        self._sequence = itertools.count(1)
+        self._calls = Calls(end.name, of.response, site.teller)
+        self.join(site, node, end)
+
+    @property
+    def ready(self) -> bool:
+        """Whether the world has a server with our type."""
+        return bool(self.partners(MemoryServer))
+
+    def call(self, request: Any, *, timeout: float) -> Future[Any]:
+        """Put the request into every server's inbox."""
+        data = self._of.request.encode(request)
+        info = MessageInfo(time.time_ns(), next(self._sequence), self._gid)
+        with self._lifetime:
+            self._check_open()
+            call = self._calls.begin()
+        later = self.site.later
+        servers = self.partners(MemoryServer)
+        for server in servers:
+            server.inbox.put(_Sent(data, info, _Reply(self._calls, call, later)))
+        if servers:
+            later.after(timeout, partial(self._calls.timed_out, call))
+        else:
+            later.soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
+        return call
+
+    def _close(self) -> None:
+        self.site.world.leave(self)
+        self._calls.close()
+
+    def __str__(self) -> str:
+        return f"the client of {self.name}"
+
+
+class _Reply(NamedTuple):
+    calls: Calls
+    call: Future[Any]
+    later: Later
+
+    def answer(self, data: bytes) -> None:
+        self.later.soon(partial(self.calls.answered, self.call, data))
+
+    def fail(self, reason: str) -> None:
+        self.later.soon(partial(self.calls.failed, self.call, reason))
+
+
+class _Sent(NamedTuple):
+    data: bytes
+    info: MessageInfo
+    back: _Reply
+
+
+class MemoryServer(Server, Member):
+    """Has an inbox of requests."""
+
+    def __init__(
+        self,
+        owner: Closable,
+        site: Site,
+        node: str,
+        end: Endpoint,
+        of: RosService,
+        handler: Callable[[Request[Any, Any]], None],
+    ) -> None:
+        super().__init__(owner)
+        self.name = end.name
+        self._counter = Counter(end.name, of, handler, site.teller)
+        self.inbox: Inbox[_Sent] = Inbox(lambda sent: self._counter.take(*sent), None, end.name)
+        self.join(site, node, end)
+
+    def _close(self) -> None:
+        self.site.world.leave(self)
+        self.inbox.close()
+        self._counter.close()

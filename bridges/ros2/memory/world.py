@@ -1,0 +1,141 @@
+"""What ports in memory share: who is there."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+from ..graph import Endpoint, Graph
+from ..later import Later
+from ..port import NoticeKind
+from ..telling import Teller
+
+__all__ = ["Member", "MemoryWorld", "Site"]
+
+
+class Member:
+    """A node or an endpoint in a world: what has a place on its graph."""
+
+    def join(self, site: Site, node: str, end: Endpoint | None = None) -> None:
+        """Take the place; to be done last."""
+        self.site = site
+        self.node = node
+        self.end = end
+        site.world.enter(self)
+
+    def partners(self, of: type[Mem]) -> list[Mem]:
+        """Return the members of a kind with this one's name and type, if the world is up."""
+        world = self.site.world
+        with world.changed:
+            return [
+                other
+                for other in world.named(self)
+                if world.up
+                and isinstance(other, of)
+                and other.end
+                and self.end
+                and other.end.type_hash == self.end.type_hash
+            ]
+
+
+Mem = TypeVar("Mem", bound=Member)
+
+
+class MemoryWorld:
+    """The graphs of all domains. Ports that are opened with the same world meet in it.
+
+    It can be lost and come back, as a router does; meanwhile nothing is delivered.
+    """
+
+    def __init__(self) -> None:
+        self._members: dict[Member, None] = {}
+        self._tellers: dict[Teller, None] = {}
+        self._gids = itertools.count(1)
+        self.changed = threading.Condition()
+        """Held while who is there changes, or while something is delivered to all of them."""
+        self.up = True
+
+    def lose(self) -> None:
+        """Be gone; every port tells it."""
+        self._turn(False, NoticeKind.DOWN, "the world is lost")
+
+    def restore(self) -> None:
+        """Be there again; every port tells it."""
+        self._turn(True, NoticeKind.UP, "the world is back")
+
+    def _turn(self, up: bool, kind: NoticeKind, text: str) -> None:
+        with self.changed:
+            changed, self.up = self.up is not up, up
+            tellers = list(self._tellers)
+        if changed:
+            for teller in tellers:
+                teller.tell(kind, text)
+
+    def new_gid(self) -> bytes:
+        """Return 16 bytes that nobody else has."""
+        return next(self._gids).to_bytes(16, "little")
+
+    def open(self, teller: Teller) -> None:
+        """Tell this port from now on."""
+        with self.changed:
+            self._tellers[teller] = None
+
+    def shut(self, teller: Teller) -> None:
+        """Tell this port no more; who waits for the graph looks whether it is closed."""
+        with self.changed:
+            self._tellers.pop(teller, None)
+            self.changed.notify_all()
+
+    def enter(self, member: Member) -> None:
+        """Add a member, and tell what does not fit."""
+        with self.changed:
+            others = self.named(member)
+            self._members[member] = None
+            self.changed.notify_all()
+        for other in others:
+            if member.end and other.end:
+                member.site.teller.compare(member.end, other.end)
+                other.site.teller.compare(other.end, member.end)
+
+    def leave(self, member: Member) -> None:
+        """Remove a member."""
+        with self.changed:
+            self._members.pop(member, None)
+            self.changed.notify_all()
+
+    def graph(self, domain: int) -> Graph:
+        """Return a domain's graph."""
+        with self.changed:
+            members = [member for member in self._members if member.site.domain == domain]
+        ends = [member.end for member in members if member.end]
+        return Graph(
+            tuple(sorted(member.node for member in members if not member.end)),
+            tuple(sorted(ends, key=lambda end: (end.name, end.role.name, end.node))),
+        )
+
+    def wait(self, ready: Callable[[], bool], timeout: float) -> bool:
+        """Wait until something that depends on who is there becomes true."""
+        with self.changed:
+            return self.changed.wait_for(ready, timeout)
+
+    def named(self, member: Member) -> list[Member]:
+        """Return the endpoints that have the name of this one."""
+        return [
+            other
+            for other in self._members
+            if other.site.domain == member.site.domain
+            and other.end
+            and member.end
+            and other.end.name == member.end.name
+        ]
+
+
+class Site(NamedTuple):
+    """Where the members of one port are."""
+
+    world: MemoryWorld
+    domain: int
+    teller: Teller
+    later: Later

@@ -1,0 +1,92 @@
+"""Names of nodes, topics and services: which are valid, and what they are in full.
+
+The rules are those of ROS 2 (rmw's validation of names, and "Topic and Service names" of its design
+articles): parts of letters, digits and underscores, joined by ``/``; none begins with a digit.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from .errors import DomainIdError, RosNameError
+
+__all__ = ["NO_REMAPPING", "Names", "check_domain", "domain_from_environment"]
+
+NO_REMAPPING: Mapping[str, str] = MappingProxyType({})
+
+_NODE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_FULL = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_LONGEST_NODE = 255
+_LONGEST_NAME = 247  # 255 less the prefix that DDS puts before a name ("rq/" and so on)
+
+
+class Names:
+    """The names that one node uses, made full."""
+
+    def __init__(
+        self, node: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
+    ) -> None:
+        """Name a node.
+
+        ``remap`` gives names (of topics and services, as the node would use them) another name.
+        Raise :class:`.RosNameError` if any is not one.
+        """
+        if not _NODE.fullmatch(node) or len(node) > _LONGEST_NODE:
+            raise RosNameError(
+                f"{node!r} is not a name of a node: letters, digits and underscores, no digit "
+                f"first, at most {_LONGEST_NODE}"
+            )
+        self.node = node
+        self.namespace = namespace if namespace.startswith("/") else f"/{namespace}"
+        if self.namespace != "/":
+            _check_full(self.namespace, namespace, "namespace")
+        self.full_node = f"{self.namespace.rstrip('/')}/{node}"
+        self._remap = {self._expand(name): self._expand(to) for name, to in remap.items()}
+
+    def full(self, name: str) -> str:
+        """Return a topic's or service's full name, remapped.
+
+        ``/x`` is full already, ``x`` is in the node's namespace, ``~/x`` is the node's own. Raise
+        :class:`.RosNameError` if it is not a name.
+        """
+        full = self._expand(name)
+        return self._remap.get(full, full)
+
+    def _expand(self, name: str) -> str:
+        if name.startswith("/"):
+            full = name
+        elif name == "~" or name.startswith("~/"):
+            full = self.full_node + name[1:]
+        else:
+            full = f"{self.namespace.rstrip('/')}/{name}"
+        _check_full(full, name, "name of a topic or service")
+        return full
+
+
+def _check_full(full: str, given: str, what: str) -> None:
+    if not _FULL.fullmatch(full):
+        raise RosNameError(
+            f"{given!r} is not a {what}: parts of letters, digits and underscores, joined by '/', "
+            "none with a digit first"
+        )
+    if len(full) > _LONGEST_NAME:
+        raise RosNameError(f"{given!r} is too long: {len(full)} of {_LONGEST_NAME} characters")
+
+
+def check_domain(domain: int) -> int:
+    """Return a ROS domain id; raise :class:`.DomainIdError` if it is outside 0 to 232."""
+    if not 0 <= domain <= 232:  # above, DDS has no ports left
+        raise DomainIdError(f"the ROS domain id {domain} is not in 0 to 232")
+    return domain
+
+
+def domain_from_environment() -> int:
+    """Return ``ROS_DOMAIN_ID``, 0 if it is not set; raise :class:`.DomainIdError`."""
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    try:
+        return check_domain(int(text or "0"))
+    except ValueError as error:
+        raise DomainIdError(f"ROS_DOMAIN_ID={text!r} is not a number from 0 to 232") from error

@@ -1,0 +1,60 @@
+"""Ways into ROS by name; what one needs is imported when it is opened."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from .errors import PortUnavailableError
+from .port import Notice, Port
+from .telling import log_notice
+
+__all__ = ["WAYS", "explained", "open_port"]
+
+WAYS = ("auto", "rclpy", "zenoh")
+
+
+def open_port(
+    way: str = "auto",
+    domain: int | None = None,
+    *,
+    notify: Callable[[Notice], None] = log_notice,
+) -> Port:
+    """Open a way into ROS: ``rclpy``, ``zenoh``, or ``auto``.
+
+    ``auto`` is rclpy where a ROS environment is sourced (rclpy can be imported), as its nodes may
+    use any middleware; else Zenoh. ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise
+    :class:`.PortUnavailableError` and :class:`.DomainIdError`.
+    """
+    if way == "auto":
+        way = "rclpy" if importlib.util.find_spec("rclpy") else "zenoh"
+    if way == "rclpy":
+        with explained():
+            from .rcl.port import RclpyPort
+
+            return RclpyPort(domain, notify=notify)
+    if way == "zenoh":
+        with explained():
+            from .wire.port import ZenohPort
+
+            return ZenohPort(domain, notify=notify)
+    raise PortUnavailableError(f"no way into ROS is called {way!r}: {', '.join(WAYS)}")
+
+
+_GET = {
+    "zenoh": "install it with: pip install 'llfsm[ros]'",
+    "rclpy": "source a ROS 2 environment that has it, as: source /opt/ros/jazzy/setup.bash",
+}
+
+
+@contextmanager
+def explained() -> Iterator[None]:
+    """Raise :class:`.PortUnavailableError` where a library is missing, with how to get it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        how = _GET.get((error.name or "").partition(".")[0])
+        if how is None:
+            raise
+        raise PortUnavailableError(f"{error.name} is not installed; {how}") from error

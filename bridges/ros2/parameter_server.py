@@ -1,0 +1,160 @@
+"""A node's parameters on a port: the services of rcl_interfaces, and /parameter_events.
+
+A question about several parameters of which one is unknown is answered with nothing, as rclcpp
+does.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from llfsm.whiteboard import Message
+
+from .backlog import Put, through
+from .parameters import Parameters, ParameterType, Value, type_of
+from .port import Node, Request
+from .qos import Qos
+from .stamps import from_ns
+from .types import RosService, TypeLibrary
+
+__all__ = ["PARAMETER_QOS", "ParameterServer"]
+
+PARAMETER_QOS = Qos(depth=1000)
+"""Of the services and of the events (rmw_qos_profile_parameters, _parameter_events)."""
+
+_SEPARATOR = "."
+_FIELDS = {kind: f"{kind.name.lower()}_value" for kind in ParameterType if kind}
+
+
+class ParameterServer:
+    """Serves a node's parameters; requests are handled through ``put``, on one thread."""
+
+    def __init__(self, node: Node, types: TypeLibrary, parameters: Parameters, put: Put) -> None:
+        self._node = node.name
+        self._parameters = parameters
+        self._parameter: type[Message] = types.message("rcl_interfaces/msg/Parameter").message
+        self._value: type[Message] = types.message("rcl_interfaces/msg/ParameterValue").message
+        self._descriptor: type[Message] = types.message(
+            "rcl_interfaces/msg/ParameterDescriptor"
+        ).message
+        self._range = types.message("rcl_interfaces/msg/IntegerRange").message
+        self._outcome: type[Message] = types.message(
+            "rcl_interfaces/msg/SetParametersResult"
+        ).message
+        self._found = types.message("rcl_interfaces/msg/ListParametersResult").message
+        event = types.message("rcl_interfaces/msg/ParameterEvent")
+        self._event = event.message
+        self._tell = node.publisher("/parameter_events", event, PARAMETER_QOS).publish
+        for name, type_name, respond in (
+            ("get_parameters", "GetParameters", self._get),
+            ("get_parameter_types", "GetParameterTypes", self._types),
+            ("describe_parameters", "DescribeParameters", self._describe),
+            ("list_parameters", "ListParameters", self._list),
+            ("set_parameters", "SetParameters", self._set),
+            ("set_parameters_atomically", "SetParametersAtomically", self._set_atomically),
+        ):
+            of = types.service(f"rcl_interfaces/srv/{type_name}")
+            handler = through(put, _answering(of, respond))
+            node.server(f"~/{name}", of, handler, PARAMETER_QOS)
+        self._tell_event(new_parameters=parameters.values().items())
+
+    def _get(self, request: Any) -> dict[str, Any]:
+        values = self._parameters.values()
+        known = self._all_known(request.names)
+        return {"values": tuple(self._to_message(values[name]) for name in known)}
+
+    def _types(self, request: Any) -> dict[str, Any]:
+        values = self._parameters.values()
+        return {"types": bytes(type_of(values[name]) for name in self._all_known(request.names))}
+
+    def _describe(self, request: Any) -> dict[str, Any]:
+        known = self._all_known(request.names)
+        return {"descriptors": tuple(self._description(name) for name in known)}
+
+    def _list(self, request: Any) -> dict[str, Any]:
+        names = tuple(
+            name
+            for name in self._parameters.declared
+            if _listed(name, request.prefixes, request.depth)
+        )
+        prefixes = dict.fromkeys(
+            name.rpartition(_SEPARATOR)[0] for name in names if _SEPARATOR in name
+        )
+        return {"result": self._found(names=names, prefixes=tuple(prefixes))}
+
+    def _set(self, request: Any) -> dict[str, Any]:
+        return {"results": tuple(self._set_all([one]) for one in request.parameters)}
+
+    def _set_atomically(self, request: Any) -> dict[str, Any]:
+        return {"result": self._set_all(request.parameters)}
+
+    def _set_all(self, wanted: Iterable[Any]) -> Message:
+        """Set all of these or none, and return the outcome."""
+        values = [(one.name, _from_message(one.value)) for one in wanted]
+        for name, value in values:
+            if reason := self._parameters.refusal(name, value):
+                return self._outcome(successful=False, reason=reason)
+        for name, value in values:
+            self._parameters.assign(name, value)
+        self._tell_event(changed_parameters=values)
+        return self._outcome(successful=True)
+
+    def _tell_event(self, **changes: Iterable[tuple[str, Value]]) -> None:
+        told = {
+            field: tuple(
+                self._parameter(name=name, value=self._to_message(value)) for name, value in values
+            )
+            for field, values in changes.items()
+        }
+        self._tell(self._event(stamp=from_ns(time.time_ns()), node=self._node, **told))
+
+    def _all_known(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        return names if all(name in self._parameters.declared for name in names) else ()
+
+    def _to_message(self, value: Value) -> Message:
+        kind = type_of(value)
+        field = {_FIELDS[kind]: value} if kind else {}
+        return self._value(type=int(kind), **field)
+
+    def _description(self, name: str) -> Message:
+        declared = self._parameters.declared[name]
+        ranges = [declared.range] if declared.range else []
+        return self._descriptor(
+            name=name,
+            type=int(type_of(declared.default)),
+            description=declared.description,
+            integer_range=tuple(
+                self._range(from_value=least, to_value=greatest, step=1)
+                for least, greatest in ranges
+            ),
+        )
+
+
+def _answering(
+    of: RosService, respond: Callable[[Any], dict[str, Any]]
+) -> Callable[[Request[Any, Any]], None]:
+    """Return a handler that answers with the fields that ``respond`` returns."""
+    response = of.response.message
+    return lambda request: request.answer(response(**respond(request.message)))
+
+
+def _from_message(value: Any) -> Value:
+    field = _FIELDS.get(value.type)
+    held: Value = None if field is None else getattr(value, field)
+    return held
+
+
+def _listed(name: str, prefixes: tuple[str, ...], depth: int) -> bool:
+    """Return whether a listing to that depth (0: any) names a parameter.
+
+    The depth is counted from the prefix, or from the root where no prefix is given.
+    """
+    if not prefixes:
+        return not depth or name.count(_SEPARATOR) < depth
+    for prefix in prefixes:
+        rest = name.removeprefix(prefix + _SEPARATOR)
+        if name == prefix or (rest != name and (not depth or rest.count(_SEPARATOR) < depth)):
+            return True
+    return False

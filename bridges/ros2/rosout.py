@@ -1,0 +1,31 @@
+"""A node's log on /rosout, where ROS's tools look for it."""
+
+from __future__ import annotations
+
+import time
+
+from .port import Node
+from .qos import Durability, Qos
+from .stamps import from_ns
+from .types import TypeLibrary
+
+__all__ = ["Rosout"]
+
+_QOS = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1000)
+
+
+class Rosout:
+    """Publishes log lines under the node's name."""
+
+    def __init__(self, node: Node, types: TypeLibrary) -> None:
+        line = types.message("rcl_interfaces/msg/Log")
+        self._publisher = node.publisher("/rosout", line, _QOS)
+        self._line = line.message
+        self._logger = node.name.strip("/").replace("/", ".")  # as rcl names a node's logger
+
+    def log(self, level: int, text: str) -> None:
+        """Publish a line; levels are those of `logging` and of rcl_interfaces/msg/Log alike."""
+        stamp = from_ns(time.time_ns())
+        self._publisher.publish(
+            self._line(stamp=stamp, level=int(level), name=self._logger, msg=text)
+        )

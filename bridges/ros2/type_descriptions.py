@@ -1,0 +1,60 @@
+"""A node's service ``~/get_type_description``: what a type is made of, for tools (REP 2011)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llfsm.whiteboard import Message
+
+from .backlog import Put, through
+from .errors import RosTypeError
+from .port import Node, Request
+from .types import TypeLibrary
+
+__all__ = ["TypeDescriptionServer"]
+
+
+class TypeDescriptionServer:
+    """Describes every type that its library knows, in use or not.
+
+    Sources are never sent: of many types there are none. Requests are handled through ``put``.
+    """
+
+    def __init__(self, node: Node, types: TypeLibrary, put: Put) -> None:
+        self._types = types
+        of = types.service("type_description_interfaces/srv/GetTypeDescription")
+        self._response = of.response.message
+        self._classes: dict[str, type[Message]] = {
+            name: types.message(f"type_description_interfaces/msg/{name}").message
+            for name in ("TypeDescription", "IndividualTypeDescription", "Field", "FieldType")
+        }
+        node.server("~/get_type_description", of, through(put, self._answer))
+
+    def _answer(self, request: Request[Any, Any]) -> None:
+        name, wanted = request.message.type_name, request.message.type_hash
+        try:
+            description, type_hash = self._types.describe(name)
+        except RosTypeError as error:
+            request.answer(self._response(failure_reason=str(error)))
+            return
+        if type_hash != wanted:
+            reason = f"{name} is known here as {type_hash}"
+            request.answer(self._response(failure_reason=reason))
+            return
+        whole = self._classes["TypeDescription"](
+            type_description=self._individual(description["type_description"]),
+            referenced_type_descriptions=tuple(
+                map(self._individual, description["referenced_type_descriptions"])
+            ),
+        )
+        request.answer(self._response(successful=True, type_description=whole))
+
+    def _individual(self, description: dict[str, Any]) -> Message:
+        field, field_type = self._classes["Field"], self._classes["FieldType"]
+        return self._classes["IndividualTypeDescription"](
+            type_name=description["type_name"],
+            fields=tuple(
+                field(name=each["name"], type=field_type(**each["type"]))
+                for each in description["fields"]
+            ),
+        )

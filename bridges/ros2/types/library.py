@@ -1,0 +1,220 @@
+"""Any ROS type: its Message class, its bytes, its hash."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Generic, cast
+
+from llfsm.whiteboard import Message
+from llfsm.whiteboard.message import M
+from llfsm.whiteboard.schema import describe, differences
+
+from ..errors import DefinitionSyntaxError, TypeMismatchError, UnknownTypeError
+from .classes import make_class, shipped_class
+from .definition import Definition
+from .explaining import why_unreadable, why_unwritable
+from .hashing import describe as describe_type
+from .hashing import rihs01
+from .places import Places
+from .reading import compile_decoder
+from .record import Record
+from .writing import compile_encoder
+
+__all__ = ["RosAction", "RosMessage", "RosService", "TypeLibrary"]
+
+
+class RosMessage(Generic[M]):
+    """One message type, requests, responses, goals and the like included.
+
+    Attributes:
+        name: as ``geometry_msgs/msg/Twist`` or ``turtlesim/srv/Spawn_Request``.
+        message: the class, whose fields have their ROS names (a Python keyword with an underscore
+            behind it).
+        encode: turns a message into bytes: CDR, little-endian, header included. A float32 is
+            rounded to the nearest; NaN and infinities stay what they are.
+        decode: turns bytes of either order into a message. Up to three bytes of padding may follow.
+
+    Both raise :class:`.CdrError` naming the field, for whatever bytes or values.
+
+    """
+
+    encode: Callable[[M], bytes]
+    decode: Callable[[bytes | memoryview], M]
+
+    def __init__(
+        self, definition: Definition, message: type[M], find: Callable[[str], Definition]
+    ) -> None:
+        self.name = definition.name
+        self.message = message
+        self._definition = definition
+        self._find = find
+        self._record = record = Record.of(definition.name, message, find)
+        self.encode = compile_encoder(record, lambda m, error: why_unwritable(record, m, error))
+        self.decode = cast(
+            "Callable[[bytes | memoryview], M]",
+            compile_decoder(record, "<", self._decode_swapped, self._explain),
+        )
+
+    def __repr__(self) -> str:
+        return f"RosMessage({self.name})"
+
+    @cached_property
+    def dds_name(self) -> str:
+        """The name in DDS, as ``geometry_msgs::msg::dds_::Twist_``."""
+        return _dds_name(self.name)
+
+    @cached_property
+    def type_hash(self) -> str:
+        """The hash by which ROS compares types: ``RIHS01_`` and 64 digits."""
+        return rihs01(self._definition, self._find)
+
+    def _explain(self, data: bytes) -> Exception:
+        return why_unreadable(self._record, data)
+
+    def _decode_swapped(self, data: bytes) -> M:
+        return self._big_endian(data)
+
+    @cached_property
+    def _big_endian(self) -> Callable[[bytes], M]:
+        def refuse(data: bytes) -> M:
+            raise self._explain(data)
+
+        return compile_decoder(self._record, ">", refuse, self._explain)
+
+
+@dataclass(frozen=True)
+class RosService:
+    """A service type: what is asked and what is answered."""
+
+    name: str
+    dds_name: str
+    type_hash: str
+    request: RosMessage[Any]
+    response: RosMessage[Any]
+
+
+@dataclass(frozen=True)
+class RosAction:
+    """An action type. To cancel is action_msgs/srv/CancelGoal, the status a GoalStatusArray."""
+
+    name: str
+    dds_name: str
+    type_hash: str
+    goal: RosMessage[Any]
+    result: RosMessage[Any]
+    feedback: RosMessage[Any]
+    send_goal: RosService
+    get_result: RosService
+    feedback_message: RosMessage[Any]
+
+
+class TypeLibrary:
+    """Find ROS types by name, and make what is needed to use them.
+
+    ``share`` are folders of packages, packages or files, asked before all others (see
+    :mod:`.places`). Raise :class:`.DefinitionPlaceError` if one is not there. All methods raise
+    :class:`.UnknownTypeError` and :class:`.DefinitionSyntaxError`.
+    """
+
+    def __init__(self, *, share: Iterable[Path] = ()) -> None:
+        self._places = Places(share)
+        self._classes: dict[str, type[Message]] = {}
+        self._making: list[str] = []
+        self._messages: dict[type[Message], RosMessage[Any]] = {}
+        self._services: dict[str, RosService] = {}
+        self._actions: dict[str, RosAction] = {}
+
+    def message(self, name: str) -> RosMessage[Any]:
+        """Return a message type, or the part of a service or an action, by its full name."""
+        self._check_kind(name, "message")
+        return self._made(self._class(name), name)
+
+    def service(self, name: str) -> RosService:
+        """Return a service type by its full name, as ``std_srvs/srv/Trigger``."""
+        if name not in self._services:
+            self._check_kind(name, "service")
+            self._services[name] = RosService(
+                name,
+                _dds_name(name),
+                self._hash(name),
+                self.message(f"{name}_Request"),
+                self.message(f"{name}_Response"),
+            )
+        return self._services[name]
+
+    def action(self, name: str) -> RosAction:
+        """Return an action type by its full name, as ``turtlesim/action/RotateAbsolute``."""
+        if name not in self._actions:
+            self._check_kind(name, "action")
+            self._actions[name] = RosAction(
+                name,
+                _dds_name(name),
+                self._hash(name),
+                self.message(f"{name}_Goal"),
+                self.message(f"{name}_Result"),
+                self.message(f"{name}_Feedback"),
+                self.service(f"{name}_SendGoal"),
+                self.service(f"{name}_GetResult"),
+                self.message(f"{name}_FeedbackMessage"),
+            )
+        return self._actions[name]
+
+    def describe(self, name: str) -> tuple[dict[str, Any], str]:
+        """Return the description of a type of any kind, as its hash is made of, and the hash.
+
+        The description is a type_description_interfaces/msg/TypeDescription as plain data.
+        """
+        return describe_type(self._places.find(name), self._places.find), self._hash(name)
+
+    def of(self, cls: type[M]) -> RosMessage[M]:
+        """Return the type of a class that bears a ROS name, to encode from it and decode into it.
+
+        Raise :class:`.TypeMismatchError` if its fields are not those of the definition.
+        """
+        name: str = cls.__type_name__  # type: ignore[attr-defined]
+        self._check_kind(name, "message")
+        ours, theirs = describe(self._class(name)), describe(cls)
+        if ours != theirs:
+            found = "; ".join(differences(ours, theirs))
+            found = found.replace("on the board", "in ROS").replace("the board", "ROS")
+            raise TypeMismatchError(f"{cls.__qualname__} is not {name}: {found}")
+        return self._made(cls, name)
+
+    def _made(self, cls: type[M], name: str) -> RosMessage[M]:
+        if cls not in self._messages:
+            self._messages[cls] = RosMessage(self._places.find(name), cls, self._places.find)
+        return self._messages[cls]
+
+    def _class(self, name: str) -> type[Message]:
+        if name in self._making:
+            raise DefinitionSyntaxError(f"{' > '.join([*self._making, name])}: contains itself")
+        if name not in self._classes:
+            try:
+                definition = self._places.find(name)
+            except UnknownTypeError as error:
+                if not self._making:
+                    raise
+                raise UnknownTypeError(f"{self._making[-1]} has a field of type {error}") from None
+            self._making.append(name)
+            try:
+                made = make_class(definition, self._class)
+            finally:
+                self._making.pop()
+            self._classes[name] = shipped_class(made, name) or made
+        return self._classes[name]
+
+    def _hash(self, name: str) -> str:
+        return rihs01(self._places.find(name), self._places.find)
+
+    def _check_kind(self, name: str, wanted: str) -> None:
+        kind = self._places.find(name).kind
+        if kind != wanted:
+            raise UnknownTypeError(f"{name} is a type of {kind}s, not of {wanted}s")
+
+
+def _dds_name(name: str) -> str:
+    package, kind, base = name.split("/")
+    return f"{package}::{kind}::dds_::{base}_"

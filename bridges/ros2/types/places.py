@@ -1,0 +1,108 @@
+"""Where definitions are found, and which place is asked first.
+
+1. the places that the library was given, in their order;
+2. ``share`` of each folder in AMENT_PREFIX_PATH, which a sourced ROS 2 sets;
+3. the definitions that ship with llfsm;
+4. those of rosbags, if it is installed.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from ..errors import DefinitionPlaceError, DefinitionSyntaxError, UnknownTypeError
+from . import jazzy
+from .definition import Definition
+from .parsing import TYPE_NAME, parse
+
+__all__ = ["Places"]
+
+_SHIPPED = Path(__file__).parents[1] / "definitions"
+
+
+class Places:
+    """Find definitions by name, and keep those found.
+
+    A place is a folder of packages (``/opt/ros/jazzy/share``, a workspace's ``src``), one package,
+    or one file. In all of them a type is ``package/msg/Type.msg``, likewise ``srv`` and
+    ``action``. Raise :class:`.DefinitionPlaceError` if a place is not there.
+    """
+
+    def __init__(self, given: Iterable[Path]) -> None:
+        self._places = [Path(place).absolute() for place in given]
+        for place in self._places:
+            if not place.exists():
+                raise DefinitionPlaceError(f"{place}: no such folder or file of definitions")
+        ament = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        self._places += [Path(prefix, "share") for prefix in ament if prefix]
+        self._places.append(_SHIPPED)
+        self._found: dict[str, Definition] = {}
+
+    def find(self, name: str) -> Definition:
+        """Return the definition of that full name, as ``turtlesim/srv/Spawn_Request``.
+
+        Raise :class:`.UnknownTypeError` or :class:`.DefinitionSyntaxError`.
+        """
+        if name not in self._found:
+            self._look_for(name)
+        return self._found[name]
+
+    def _look_for(self, name: str) -> None:
+        match = TYPE_NAME.fullmatch(name)
+        if match is None or (match[2] == "msg" and match[4]):
+            raise UnknownTypeError(
+                f"{name!r} is no name of a type, as geometry_msgs/msg/Twist is{self._near(name)}"
+            )
+        package, kind, base, _ = match.groups()
+        path = self._path(package, kind, base)
+        if path is not None:
+            made = parse(_text(path), f"{package}/{kind}/{base}", str(path))
+        else:
+            known = jazzy.find(name)
+            made = {} if known is None else {name: known}
+        if name not in made:
+            raise UnknownTypeError(f"{name}: {self._reason(path)}{self._near(name)}")
+        self._found.update(made)
+
+    def _path(self, package: str, kind: str, base: str) -> Path | None:
+        file = f"{base}.{kind}"
+        for place in self._places:
+            if place.parts[-3:] == (package, kind, file):
+                return place
+            for folder in (place / package, *([place] if place.name == package else [])):
+                if (folder / kind / file).is_file():
+                    return folder / kind / file
+        return None
+
+    def _reason(self, path: Path | None) -> str:
+        if path is not None:
+            return f"{path} defines no such part"
+        where = ", ".join(map(str, self._places))
+        rosbags = "" if jazzy.names() else "; install llfsm[ros] for ROS 2's common types"
+        return f"no definition in {where}, nor in rosbags{rosbags}"
+
+    def _near(self, name: str) -> str:
+        known = sorted({*self._names(), *jazzy.names()})
+        last = name.rpartition("/")[2]
+        near = difflib.get_close_matches(name, known, 3) or [
+            one for one in known if one.endswith(f"/{last}")
+        ]
+        return f"; did you mean {' or '.join(near[:3])}?" if near else ""
+
+    def _names(self) -> Iterator[str]:
+        for place in self._places:
+            files = [place] if place.is_file() else [*place.glob("*/*/*"), *place.glob("*/*")]
+            for file in files:
+                package, kind = file.parts[-3:-1]
+                if file.suffix == f".{kind}":
+                    yield f"{package}/{kind}/{file.stem}"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DefinitionSyntaxError(f"{path}: cannot be read: {error}") from error

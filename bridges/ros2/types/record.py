@@ -1,0 +1,56 @@
+"""A definition together with the class that holds its messages: what codecs are made from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import msgspec
+
+from llfsm.whiteboard import Message
+
+from .definition import Definition, FieldType
+
+__all__ = ["Member", "Record"]
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A field; ``record`` is that of the messages in it."""
+
+    name: str  # in Python
+    type: FieldType
+    record: Record | None
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A message: its class and its fields."""
+
+    name: str
+    cls: type[Message]
+    members: tuple[Member, ...]
+
+    @classmethod
+    def of(cls, name: str, message: type[Message], find: Callable[[str], Definition]) -> Record:
+        """Bind a class to the definition whose fields it has; nested classes are the class's own.
+
+        ``find`` returns the definition of a name.
+        """
+        held = msgspec.structs.fields(message)
+        members = [
+            Member(
+                field.attribute,
+                field.type,
+                cls.of(field.type.base, _inmost(info.type), find) if field.type.nested else None,
+            )
+            for field, info in zip(find(name).fields, held, strict=True)
+        ]
+        return cls(name, message, tuple(members))
+
+
+def _inmost(annotation: Any) -> Any:
+    while arguments := get_args(annotation):  # of Annotated[tuple[X, ...], ...], X
+        annotation = arguments[0]
+    return annotation

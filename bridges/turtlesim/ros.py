@@ -1,0 +1,109 @@
+"""The simulator as a ROS 2 node, on any port: turtlesim's whole graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llfsm.bridges.ros2.backlog import Backlog, through
+from llfsm.bridges.ros2.parameter_server import PARAMETER_QOS, ParameterServer
+from llfsm.bridges.ros2.port import Port, Request
+from llfsm.bridges.ros2.qos import Qos, Reliability
+from llfsm.bridges.ros2.rosout import Rosout
+from llfsm.bridges.ros2.type_descriptions import TypeDescriptionServer
+from llfsm.bridges.ros2.types import TypeLibrary
+
+from .ros_turtle import RosTurtle
+from .simulator import Simulator
+from .turtle import Level, Log
+
+__all__ = ["RosTurtlesim"]
+
+
+class RosTurtlesim:
+    """Be the node ``turtlesim`` on a port.
+
+    What comes in waits in a backlog for the next step, as in turtlesim, which lets ROS have its say
+    before each. So the simulator knows of one thread alone, and requests are answered from there.
+
+    simulator: what is simulated; between two steps it may be asked anything.
+    backlog: what waits for the next step.
+    log: called with each line of the log, which is published on /rosout, too.
+    """
+
+    def __init__(self, port: Port, log: Log) -> None:
+        self.backlog = Backlog()
+        self._types = types = TypeLibrary()
+        self._node = node = port.node("turtlesim")
+        self._rosout = Rosout(node, types)
+        self._log = log
+        self.simulator = simulator = Simulator(self._tell)
+        self._turtles: dict[str, RosTurtle] = {}
+        ParameterServer(node, types, simulator.parameters, self.backlog.put)
+        TypeDescriptionServer(node, types, self.backlog.put)
+        # The real node paints anew on such an event, and its clock looks for a simulated time.
+        # Here nothing follows from it, but tools show the same graph.
+        event = types.message("rcl_interfaces/msg/ParameterEvent")
+        for qos in (PARAMETER_QOS, Qos(Reliability.BEST_EFFORT, depth=100)):
+            node.subscription("/parameter_events", event, lambda _: None, qos)
+        self._serve("clear", "std_srvs/srv/Empty", self._clear)
+        self._serve("reset", "std_srvs/srv/Empty", self._reset)
+        self._serve("spawn", "turtlesim/srv/Spawn", self._spawn)
+        self._serve("kill", "turtlesim/srv/Kill", self._kill)
+        self._follow_turtles()
+
+    def step(self) -> None:
+        """Do what came in, advance by 16 ms of simulated time, publish what became of it."""
+        self.backlog.work_off()
+        self.simulator.step()
+        for turtle in self._turtles.values():
+            turtle.publish()
+
+    def spawn(self, x: float, y: float, theta: float, name: str = "") -> str:
+        """Make a turtle as `Simulator.spawn` does, and put it on the graph."""
+        name = self.simulator.spawn(x, y, theta, name)
+        self._follow_turtles()
+        return name
+
+    def _serve(self, name: str, type_name: str, do: Callable[[Any], dict[str, str]]) -> None:
+        """Have requests of a service answered with the fields that ``do`` returns."""
+        of = self._types.service(type_name)
+
+        def answer(request: Request[Any, Any]) -> None:
+            request.answer(of.response.message(**do(request.message)))
+
+        self._node.server(name, of, through(self.backlog.put, answer))
+
+    def _clear(self, _: Any) -> dict[str, str]:
+        self.simulator.clear()
+        return {}
+
+    def _reset(self, _: Any) -> dict[str, str]:
+        self.simulator.reset()
+        self._follow_turtles()
+        return {}
+
+    def _spawn(self, asked: Any) -> dict[str, str]:
+        return {"name": self.spawn(asked.x, asked.y, asked.theta, asked.name)}
+
+    def _kill(self, asked: Any) -> dict[str, str]:
+        self.simulator.kill(asked.name)
+        self._follow_turtles()
+        return {}
+
+    def _follow_turtles(self) -> None:
+        """Put on the graph who is new, take off who is gone; after a reset turtle1 is another."""
+        turtles = self.simulator.turtles
+        for name, on_graph in list(self._turtles.items()):
+            if turtles.get(name) is not on_graph.turtle:
+                del self._turtles[name]
+                on_graph.close()
+        for name, turtle in turtles.items():
+            if name not in self._turtles:
+                self._turtles[name] = RosTurtle(
+                    turtle, self.simulator, self._node, self._types, self.backlog.put
+                )
+
+    def _tell(self, level: Level, text: str) -> None:
+        self._log(level, text)
+        self._rosout.log(level, text)

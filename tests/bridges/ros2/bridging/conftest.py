@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from llfsm.bridges.ros2.bridging.bridge import Bridge
+from llfsm.bridges.ros2.bridging.config import BridgeConfig
+from llfsm.bridges.ros2.bridging.planning import make_plan
+from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.whiteboard import Whiteboard
+
+PATIENCE = 20.0  # seconds; never waited for in a test that passes
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Iterator[Whiteboard]:
+    """Open a board that sees messages by their schema, as that of other processes does."""
+    with Whiteboard("test", directory=tmp_path) as board:
+        yield board
+
+
+@pytest.fixture
+def memory() -> MemoryWorld:
+    return MemoryWorld()
+
+
+@pytest.fixture
+def peer(memory: MemoryWorld) -> Iterator[MemoryPort]:
+    """Open a port of somebody else."""
+    with MemoryPort(memory, notify=lambda _: None) as port:
+        yield port
+
+
+@pytest.fixture
+def told(seen: Any) -> Any:
+    """List what the bridge gave notice of."""
+    return seen()
+
+
+@pytest.fixture
+def start(board: Whiteboard, memory: MemoryWorld, told: Any) -> Iterator[Callable[..., Bridge]]:
+    """Start a bridge: ``start(relay=[...])``, as in a configuration file."""
+    with ExitStack() as open_ones:
+
+        def starting(**config: Any) -> Bridge:
+            plan, faults = make_plan(msgspec.convert(config, BridgeConfig), Path(), board.slots())
+            assert not faults
+            port = open_ones.enter_context(MemoryPort(memory, notify=told))
+            bridge = Bridge(plan, board, port, told)
+            open_ones.callback(bridge.close)
+            return bridge
+
+        yield starting
+
+
+def eventually(ready: Callable[[], object]) -> None:
+    """Wait until something is true that nobody tells."""
+    until = time.monotonic() + PATIENCE
+    while not ready():
+        assert time.monotonic() < until
+        time.sleep(0.005)
+
+
+@pytest.fixture(name="eventually")
+def _eventually() -> Callable[[Callable[[], object]], None]:
+    return eventually

@@ -1,0 +1,358 @@
+"""Slot to topic, topic to slot, both: what gets through, what does not, and what is told."""
+
+from __future__ import annotations
+
+import threading
+import time
+from itertools import pairwise
+
+import pytest
+
+from llfsm.bridges.ros2.arrival import ArrivedBytes
+from llfsm.bridges.ros2.bridging import relays
+from llfsm.bridges.ros2.bridging.echo import Echo
+from llfsm.bridges.ros2.bridging.faults import Faults
+from llfsm.bridges.ros2.bridging.relays import FromRos, ToRos
+from llfsm.bridges.ros2.bridging.tally import Link
+from llfsm.bridges.ros2.later import Later
+from llfsm.bridges.ros2.port import MessageInfo, NoticeKind
+from llfsm.bridges.ros2.qos import Durability, Qos
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Int64
+
+N = Slot("n", Int64)
+TYPE = "std_msgs/msg/Int64"
+LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
+
+
+@pytest.fixture
+def number(types):
+    return types.message(TYPE)
+
+
+@pytest.fixture
+def heard(peer, number, seen):
+    """List what is published on the topic of the slot."""
+    got = seen()
+    peer.node("listener").subscription("n", number, lambda a: got(a.decode().data), Qos(depth=100))
+    return got
+
+
+@pytest.fixture
+def talker(peer, number):
+    return peer.node("talker").publisher("n", number, Qos(depth=100))
+
+
+class Blocked:
+    """A publisher that is held up by the network after its first message."""
+
+    gid = b"x"
+
+    def __init__(self, seen):
+        self.published = seen()
+        self.go_on = threading.Event()
+
+    def publish(self, message):
+        self.published((time.monotonic(), message.data))
+        assert self.go_on.wait(20)
+
+
+@pytest.fixture
+def blocked(seen):
+    return Blocked(seen)
+
+
+@pytest.fixture
+def ending():
+    """Return an event that ends what a test has made, and a list of it."""
+    over, made = threading.Event(), []
+    yield over, made
+    over.set()
+    for each in made:
+        each.close()
+
+
+def link():
+    return Link("n", "->", "/n", TYPE)
+
+
+def test_each_change_of_a_slot_is_published(board, start, heard):
+    bridge = start(relay=[{"slot": "n", "type": TYPE, "direction": "to_ros"}])
+    for value in range(5):
+        board.add_message(N, Int64(value))
+        heard.wait(lambda got, value=value: got[-1:] == [value])
+    assert heard == [0, 1, 2, 3, 4]
+    assert [(each.passed, each.failed) for each in bridge.links] == [(5, 0)]
+
+
+def test_an_old_command_is_not_sent(board, start, heard):
+    board.add_message(N, Int64(1))
+    relay = {"slot": "n", "type": TYPE, "direction": "to_ros"}
+    bridge = start(relay=[relay])
+    bridge.close()  # when all is sent that is to be sent
+    assert bridge.links[0].passed == 0
+    start(relay=[relay])
+    board.add_message(N, Int64(2))
+    heard.wait(len)
+    assert heard == [2]
+
+
+def test_what_a_latched_slot_has_is_sent_to_who_comes_later(
+    board, start, peer, number, seen, eventually
+):
+    board.add_message(N, Int64(1))
+    bridge = start(
+        relay=[{"slot": "n", "type": TYPE, "direction": "to_ros", "durability": "transient_local"}]
+    )
+    got = seen()
+    eventually(lambda: bridge.links[0].passed)
+    peer.node("late").subscription("n", number, lambda a: got(a.decode().data), LATCHED)
+    got.wait(len)
+    assert got == [1]
+
+
+BOTH_LATCHED = {"slot": "n", "type": TYPE, "direction": "both", "durability": "transient_local"}
+
+
+def test_in_both_directions_ros_says_what_is_true_at_the_beginning(
+    board, start, peer, number, eventually, monkeypatch
+):
+    monkeypatch.setattr(relays, "_HISTORY_S", 1000.0)
+    board.add_message(N, Int64(1))
+    bridge = start(relay=[BOTH_LATCHED])
+    peer.node("talker").publisher("n", number, LATCHED).publish(Int64(2))  # late, but in time
+    eventually(lambda: board.get_message(N) == Int64(2))
+    bridge.close()
+    assert [(link.arrow, link.passed) for link in bridge.links] == [("<-", 1), ("->", 0)]
+
+
+def test_in_both_directions_the_slot_says_it_if_ros_does_not(
+    board, start, peer, number, seen, monkeypatch
+):
+    monkeypatch.setattr(relays, "_HISTORY_S", 0.01)
+    board.add_message(N, Int64(1))
+    start(relay=[BOTH_LATCHED])
+    got = seen()
+    peer.node("late").subscription("n", number, lambda a: got(a.decode().data), LATCHED)
+    got.wait(len)
+    assert got == [1]
+
+
+def test_the_newest_is_published_first_and_nothing_queues_up(board, blocked, ending):
+    over, made = ending
+    made.append(ToRos(board[N], blocked, link(), Faults(print), over))
+    board.add_message(N, Int64(0))
+    blocked.published.wait(len)
+    for value in range(1, 1000):
+        board.add_message(N, Int64(value))
+    blocked.go_on.set()
+    blocked.published.wait(lambda got: len(got) == 2)
+    assert [value for _, value in blocked.published] == [0, 999]
+
+
+def test_a_slot_is_published_no_more_often_than_asked_for(board, blocked, ending):
+    over, made = ending
+    blocked.go_on.set()
+    made.append(ToRos(board[N], blocked, link(), Faults(print), over, period=0.05))
+    value = 0
+    while len(blocked.published) < 5:
+        value += 1
+        board.add_message(N, Int64(value))
+        time.sleep(0.001)
+    times = [when for when, _ in blocked.published]
+    assert all(b - a >= 0.05 for a, b in pairwise(times))
+
+
+def test_what_was_added_last_is_published_before_the_end(board, start, heard):
+    bridge = start(relay=[{"slot": "n", "type": TYPE, "direction": "to_ros", "rate": 0.01}])
+    board.add_message(N, Int64(1))
+    heard.wait(len)
+    board.add_message(N, Int64(2))
+    bridge.close()  # long before a hundred seconds are over
+    heard.wait(lambda got: len(got) == 2)
+    assert heard == [1, 2]
+
+
+def test_each_message_of_a_topic_is_added(board, start, talker, eventually):
+    start(relay=[{"slot": "n", "type": TYPE, "direction": "from_ros"}])
+    for value in range(1, 5):
+        talker.publish(Int64(value))
+        eventually(lambda value=value: board[N].count == value)
+        assert board.get_message(N) == Int64(value)
+
+
+def test_a_topic_may_have_another_name_than_its_slot(board, start, talker, eventually):
+    start(relay=[{"slot": "robot/n", "topic": "/n", "type": TYPE, "direction": "from_ros"}])
+    talker.publish(Int64(7))
+    slot = board[Slot("robot/n", Int64)]
+    eventually(slot.get)
+    assert slot.get() == Int64(7)
+
+
+class Counted(ArrivedBytes):
+    """An arrival that counts how often it is decoded."""
+
+    decoded = 0
+
+    def decode(self):
+        type(self).decoded += 1
+        return super().decode()
+
+
+def test_at_a_rate_only_what_is_added_is_decoded(board, number, eventually):
+    later = Later("test")
+    relay = FromRos(board[N], link(), Faults(print), later, period=0.05)
+    Counted.decoded = 0
+    stamps = []
+    for value in range(1000):
+        relay.arrived(Counted(number.encode(Int64(value)), MessageInfo(0, 0, b""), number))
+        sample = board[N].sample()
+        if not stamps or sample.stamp_ns != stamps[-1]:
+            stamps.append(sample.stamp_ns)
+    eventually(lambda: board.get_message(N) == Int64(999))  # the newest one is not forgotten
+    later.close()
+    assert Counted.decoded == board[N].count
+    assert all(b - a >= 0.05e9 for a, b in pairwise(stamps))
+    assert board[N].count < 1000
+
+
+def test_both_directions_without_an_echo(board, start, talker, heard, eventually):
+    start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
+    slot = board[N]
+    slot.add(Int64(1))
+    heard.wait(len)
+    talker.publish(Int64(2))
+    eventually(lambda: slot.get() == Int64(2))
+    slot.add(Int64(3))
+    heard.wait(lambda got: len(got) == 3)
+    assert heard == [1, 2, 3]  # the second by the talker alone
+    assert slot.count == 3  # two that were added here, one from ROS
+
+
+def test_an_equal_message_of_somebody_else_is_a_new_one(board, start, talker, heard, eventually):
+    start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
+    slot = board[N]
+    talker.publish(Int64(1))
+    eventually(lambda: slot.count == 1)
+    slot.add(Int64(1))  # as if another process did
+    heard.wait(lambda got: len(got) == 2)
+    talker.publish(Int64(1))
+    eventually(lambda: slot.count == 3)
+
+
+class Nameless:
+    """A publisher whose messages do not tell who sent them."""
+
+    gid = b""
+
+
+def arrival(number, value):
+    return ArrivedBytes(number.encode(Int64(value)), MessageInfo(0, 0, b""), number)
+
+
+def test_where_ros_does_not_tell_publishers_each_published_message_takes_one_back(number):
+    echo = Echo(Nameless(), number)
+    assert not echo.is_ours(arrival(number, 1))
+    echo.publishing(Int64(1))
+    echo.publishing(Int64(1))
+    echo.publishing(Int64(2))
+    assert not echo.is_ours(arrival(number, 3))
+    assert echo.is_ours(arrival(number, 1))
+    assert echo.is_ours(arrival(number, 2))
+    assert echo.is_ours(arrival(number, 1))
+    assert not echo.is_ours(arrival(number, 1))
+
+
+def test_a_message_that_was_published_long_ago_takes_nothing_back(number, monkeypatch):
+    echo = Echo(Nameless(), number)
+    echo.publishing(Int64(1))
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 2)
+    assert not echo.is_ours(arrival(number, 1))
+
+
+def test_what_another_relay_added_to_the_slot_is_published(board, start, peer, number, seen):
+    """A slot between two topics passes messages on."""
+    start(
+        relay=[
+            {"slot": "n", "topic": "in", "type": TYPE, "direction": "from_ros"},
+            {"slot": "n", "topic": "out", "type": TYPE, "direction": "to_ros"},
+        ]
+    )
+    got = seen()
+    node = peer.node("peer")
+    node.subscription("out", number, lambda a: got(a.decode().data))
+    node.publisher("in", number).publish(Int64(5))
+    got.wait(len)
+    assert got == [5]
+
+
+def test_a_message_that_is_too_large_is_told_once_and_the_next_is_added(
+    board, start, peer, types, told, eventually
+):
+    text = types.message("std_msgs/msg/String")
+    slot = board[Slot("s", text.message, 32)]
+    bridge = start(relay=[{"slot": "s", "type": text.name, "direction": "from_ros"}])
+    publisher = peer.node("talker").publisher("s", text, Qos(depth=100))
+    for failed in (1, 2):
+        publisher.publish(text.message("x" * 100))
+        eventually(lambda failed=failed: bridge.links[0].failed == failed)
+    publisher.publish(text.message("fits"))
+    eventually(slot.get)
+    assert slot.get().data == "fits"
+    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "/s")]
+    assert "capacity" in told[0].text
+
+
+def test_bytes_that_are_no_message_are_told_once_and_the_next_is_added(board, number, told):
+    each = link()
+    relay = FromRos(board[N], each, Faults(told), Later("test"))
+    for data in (b"", b"\0\1\0\0\1", number.encode(Int64(5))):
+        relay.arrived(ArrivedBytes(data, MessageInfo(0, 0, b""), number))
+    assert board.get_message(N) == Int64(5)
+    assert (each.passed, each.failed) == (1, 2)
+    assert len(told) == 1
+
+
+def test_a_message_that_ros_cannot_have_is_told_once_and_the_next_is_published(
+    board, start, peer, types, seen, told
+):
+    """The board's annotations do not say how large a float32 is."""
+    single, got = types.message("std_msgs/msg/Float32"), seen()
+    start(relay=[{"slot": "f", "type": single.name, "direction": "to_ros"}])
+    peer.node("listener").subscription("f", single, lambda a: got(a.decode().data))
+    slot = board[Slot("f", single.message)]
+    slot.add(single.message(1e300))
+    told.wait(len)
+    slot.add(single.message(2.0))
+    got.wait(len)
+    assert got == [2.0]
+    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "/f")]
+
+
+def test_a_lost_way_into_ros_posts_nothing_and_is_made_up_for(
+    board, start, memory, talker, told, eventually
+):
+    start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
+    talker.publish(Int64(1))
+    eventually(lambda: board[N].count == 1)
+    memory.lose()
+    talker.publish(Int64(2))
+    memory.restore()
+    talker.publish(Int64(3))
+    eventually(lambda: board[N].count == 2)
+    assert board.get_message(N) == Int64(3)
+    assert [notice.kind for notice in told] == [NoticeKind.DOWN, NoticeKind.UP]
+
+
+def test_a_bridge_that_is_closed_leaves_no_ghost_and_adds_nothing(board, start, peer, talker):
+    bridge = start(
+        relay=[{"slot": "n", "type": TYPE, "direction": "both"}],
+        turtle_position={"pose": "turtle1/pose"},
+    )
+    assert {"/llfsm_bridge", "/turtle_sensor_poster"} <= set(peer.graph().nodes)
+    bridge.close()
+    assert peer.graph().nodes == ("/talker",)
+    assert {end.node for end in peer.graph().endpoints} == {"/talker"}
+    talker.publish(Int64(1))
+    assert board[N].count == 0

@@ -1,0 +1,83 @@
+"""What people see of a bridge that runs."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+
+import pyte
+
+from llfsm.bridges.ros2.bridging.tally import Link
+from llfsm.bridges.ros2.commands.counts import Counts
+from llfsm.bridges.ros2.graph import Role
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import String
+
+
+def test_rates_are_those_of_the_last_second_or_more():
+    now = [100.0]
+    link = Link("pose", "<-", "/pose", "turtlesim/msg/Pose")
+    counts = Counts([link], lambda: now[0])
+    for _ in range(50):
+        link.count()
+    now[0] += 0.5
+    assert counts.look()[0].rate == 0.0  # too early to tell
+    now[0] += 0.5
+    assert counts.look()[0].rate == 50.0
+    now[0] += 2.0
+    assert counts.look()[0].rate == 0.0
+
+
+def test_a_line_says_how_much_went_through_and_when():
+    link = Link("pose", "<-", "/pose", "turtlesim/msg/Pose")
+    counts = Counts([link])
+    assert str(counts.look()[0]) == "pose <- /pose: 0, 0.0/s"
+    link.count()
+    link.failed = 2
+    assert str(counts.look()[0]).startswith("pose <- /pose: 1, 0.0/s, the last 0.")
+    assert str(counts.look()[0]).endswith(" s ago, 2 failed")
+
+
+def test_a_terminal_has_a_table_that_changes_and_notices_above_it(
+    board, domain, router, peer, types
+):
+    controller, terminal = pty.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
+    where = ("--board", board.name, "--domain", str(domain), "--router", router, "--port", "zenoh")
+    command = ["bridge", "ros2", "--to-ros", "pinpong:std_msgs/msg/String", *where]
+    screen = pyte.Screen(120, 24)
+    stream = pyte.ByteStream(screen)
+
+    def see(*words):
+        until = time.monotonic() + 20
+        while not any(line.split()[: len(words)] == list(words) for line in screen.display):
+            assert time.monotonic() < until, screen.display
+            stream.feed(os.read(controller, 65536))
+
+    with subprocess.Popen(
+        [sys.executable, "-m", "llfsm.runtime", *command],
+        stdin=terminal, stdout=terminal, stderr=terminal,
+        env=os.environ | {"TERM": "xterm"},
+    ) as process:  # fmt: skip
+        try:
+            see("pinpong", "->", "/pinpong", "std_msgs/msg/String", "0")
+            assert peer.wait_graph(lambda graph: bool(graph.ends("/pinpong", Role.PUBLISHER)), 20)
+            peer.node("odd").subscription("pinpong", types.message("std_msgs/msg/Bool"), print)
+            see("/pinpong:", "the", "subscription", "of", "/odd", "has", "type")
+            for number in range(2):
+                slot = Slot("pinpong", String)
+                board.add_message(slot, String(str(number)))
+                see("pinpong", "->", "/pinpong", "std_msgs/msg/String", str(number + 1))
+            process.send_signal(signal.SIGINT)
+            os.close(terminal)
+            assert process.wait(20) == 0
+        finally:
+            process.kill()
+    os.close(controller)

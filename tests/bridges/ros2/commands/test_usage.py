@@ -1,0 +1,147 @@
+"""What `llfsm bridge` says to those who ask for what cannot be."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import pytest
+from click.testing import CliRunner
+
+from llfsm.runtime.cli import main
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.geometry_msgs import Twist
+
+GOOD = """\
+[[relay]]
+slot = "text"
+type = "std_msgs/msg/String"
+direction = "to_ros"
+"""
+
+BAD_FILES = {
+    "direction = 1": ("1", "unknown field `direction`"),
+    "[[relay]]\nslot = ": ("2", "Invalid value"),
+    GOOD + 'topc = "x"': ("5", "unknown field `topc`"),
+    GOOD.replace("to_ros", "away"): ("4", "away"),
+    GOOD + "depth = 0": ("5", ">= 1"),
+    GOOD + "rate = -1": ("5", "> 0"),
+    GOOD + 'reliability = "so so"': ("5", "so so"),
+    '[[relay]]\nslot = "a"\ndirection = "both"': ("1", "missing required field `type`"),
+    GOOD.replace("String", "Strng"): ("3", "std_msgs/msg/String"),
+    GOOD.replace('"text"', '"9"'): ("2", "'9'"),
+    GOOD + GOOD: ("5", "twice"),
+}
+
+
+@pytest.fixture
+def llfsm(board):
+    """Run a command in this process, on the test's board; returns (status, what it says)."""
+
+    def run(*arguments):
+        command = ["bridge", *arguments, "--board", board.name]
+        done = CliRunner().invoke(main, command, catch_exceptions=False)
+        return done.exit_code, done.output
+
+    return run
+
+
+@pytest.mark.parametrize("text", BAD_FILES, ids=range(len(BAD_FILES)))
+def test_what_is_wrong_in_a_file_is_told_with_its_line(llfsm, tmp_path, text):
+    file = tmp_path / "bridge.toml"
+    file.write_text(text)
+    line, what = BAD_FILES[text]
+    status, said = llfsm("ros2", "--config", str(file))
+    assert status == 2
+    assert f"{file}:{line}: " in said
+    assert what in said
+    assert said.count("\n") == 1
+    status, said_by_check = llfsm("check", str(file))
+    assert status == 2
+    assert said_by_check.removeprefix("Error: ") == said.removeprefix("Error: ")
+
+
+def test_check_tells_all_that_is_wrong(llfsm, tmp_path):
+    file = tmp_path / "bridge.toml"
+    file.write_text(GOOD.replace("String", "Strng") + GOOD.replace('"text"', '"9"'))
+    status, said = llfsm("check", str(file))
+    assert status == 2
+    assert [line.split(": ")[0] for line in said.splitlines()] == [f"{file}:3", f"{file}:6"]
+    status, said = llfsm("ros2", "--config", str(file))
+    assert status == 2
+    assert said.endswith("(and 1 more)\n")
+
+
+def test_a_good_file_has_no_findings(llfsm, tmp_path):
+    file = tmp_path / "bridge.toml"
+    file.write_text(GOOD)
+    assert llfsm("check", str(file)) == (0, "no findings\n")
+
+
+def test_a_slot_of_another_schema_is_told(llfsm, board, tmp_path):
+    board.add_message(Slot("text", Twist), Twist())
+    file = tmp_path / "bridge.toml"
+    file.write_text(GOOD)
+    for command in (["check", str(file)], ["ros2", "--config", str(file)]):
+        status, said = llfsm(*command)
+        assert status == 2
+        assert f"{file}:2: slot 'text' holds geometry_msgs/msg/Twist" in said
+
+
+def test_a_file_that_is_not_there(llfsm, tmp_path):
+    for command in (["check", str(tmp_path / "no")], ["ros2", "--config", str(tmp_path / "no")]):
+        status, said = llfsm(*command)
+        assert status == 2
+        assert "cannot be read" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (["ros2"], "say what to connect"),
+        (["ros2", "--to-ros", "pinpong"], "--to-ros pinpong: write NAME:TYPE"),
+        (["ros2", "--both", "a:std_msgs/msg/Strng"], "--both a:std_msgs/msg/Strng: "),
+        (["ros2", "--to-ros", "9:std_msgs/msg/String"], "'9' is not a name"),
+        (
+            ["ros2", "--to-ros", "a:std_msgs/msg/String", "--from-ros", "/a:std_msgs/msg/String"],
+            "--from-ros /a:std_msgs/msg/String: slot 'a' and topic /a are relayed both ways",
+        ),
+        (["ros2", "--to-ros", "a:std_msgs/msg/String", "--domain", "233"], "0<=x<=232"),
+        (["turtlesim", "--turtle", "bad name"], "bad name"),
+        (["turtlesim", "--turtle", "a", "--turtle", "a"], "twice"),
+        (["turtlesim", "--port", "rclpy", "--router", "tcp/x:1"], "--router is for --port zenoh"),
+    ],
+)
+def test_wrong_usage_is_told(llfsm, arguments, what):
+    status, said = llfsm(*arguments)
+    assert status == 2
+    assert what in said
+    assert "Traceback" not in said
+
+
+def test_a_flag_beside_a_file_is_told_by_itself(llfsm, tmp_path):
+    file = tmp_path / "bridge.toml"
+    file.write_text(GOOD)
+    status, said = llfsm("ros2", "--config", str(file), "--from-ros", "x:std_msgs/msg/Strng")
+    assert status == 2
+    assert said.startswith("Error: --from-ros x:std_msgs/msg/Strng: ")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rclpy") is not None, reason="rclpy is here")
+def test_rclpy_that_is_not_there_says_how_to_get_it(llfsm):
+    status, said = llfsm("turtlesim", "--port", "rclpy")
+    assert status == 1
+    assert "source a ROS 2 environment" in said
+    assert said.count("\n") == 1
+
+
+def test_a_router_that_is_none_is_told(llfsm):
+    status, said = llfsm("turtlesim", "--router", "nonsense")
+    assert status == 1
+    assert "nonsense" in said
+
+
+def test_a_domain_of_the_environment_that_is_none_is_wrong_usage(llfsm, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    status, said = llfsm("turtlesim", "--port", "zenoh")
+    assert status == 2
+    assert "ROS_DOMAIN_ID" in said

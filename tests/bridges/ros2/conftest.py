@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from llfsm.bridges.ros2.graph import Endpoint, Graph
+from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.bridges.ros2.port import Notice, Port
+from llfsm.bridges.ros2.types import TypeLibrary
+
+PATIENCE = 20.0  # seconds; never waited for in a test that passes
+
+
+class Seen(list[Any]):
+    """A list that can be waited for; use it as a callback or as what gets notices."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._changed = threading.Condition()
+
+    def __call__(self, thing: Any) -> None:
+        with self._changed:
+            self.append(thing)
+            self._changed.notify_all()
+
+    def wait(self, ready: Callable[[Seen], object]) -> None:
+        with self._changed:
+            assert self._changed.wait_for(lambda: ready(self), PATIENCE), list(self)
+
+
+class World:
+    """A place where ports of one kind meet, empty at the beginning of a test."""
+
+    tells_failure = True
+    """Whether a caller learns at once that its request has failed."""
+    of_every_node: frozenset[str] | set[str] = frozenset()
+    """Names of endpoints that every node has."""
+
+    def __init__(self, handles: ExitStack, opener: Callable[..., Port], domains: range) -> None:
+        self._handles = handles
+        self._opener = opener
+        self._domains = domains
+
+    def open(self, notify: Callable[[Notice], None] | None = None, *, elsewhere: int = 0) -> Port:
+        """Open one more port; ``elsewhere``: in another domain."""
+        domain = self._domains[elsewhere]
+        return self._handles.enter_context(
+            self._opener(domain, notify=Seen() if notify is None else notify)
+        )
+
+    def ends(self, graph: Graph) -> list[Endpoint]:
+        """Return the endpoints that somebody asked for."""
+        return [end for end in graph.endpoints if end.name not in self.of_every_node]
+
+
+_DOMAINS = itertools.count(1, 2)  # a pair for each test: what one leaves cannot reach another
+
+
+@pytest.fixture(params=["memory", "zenoh", "rclpy", "fake rclpy"])
+def world(request: pytest.FixtureRequest) -> Iterator[World]:
+    number = next(_DOMAINS) % 100
+    domains = range(number, number + 2)
+    with ExitStack() as handles:
+        if request.param == "memory":
+            shared = MemoryWorld()
+            yield World(handles, lambda domain, **kw: MemoryPort(shared, domain, **kw), domains)
+        elif request.param == "zenoh":
+            from llfsm.bridges.ros2.wire.port import ZenohPort
+
+            router = [request.getfixturevalue("router")]
+            yield World(handles, lambda d, **kw: ZenohPort(d, router=router, **kw), domains)
+        else:
+            if request.param == "fake rclpy":
+                request.getfixturevalue("fake_rclpy")
+            elif importlib.util.find_spec("rclpy") is None:
+                pytest.skip("rclpy cannot be imported: no ROS 2 environment is sourced")
+            from llfsm.bridges.ros2.rcl.port import RclpyPort
+
+            rcl = World(handles, RclpyPort, domains)
+            rcl.tells_failure = False
+            rcl.of_every_node = {"/parameter_events"}
+            yield rcl
+
+
+@pytest.fixture
+def fake_rclpy(monkeypatch: pytest.MonkeyPatch, types: TypeLibrary) -> None:
+    """Have the stand-in of fake_rclpy.py imported instead of rclpy."""
+    spec = importlib.util.spec_from_file_location(
+        "fake_rclpy", Path(__file__).with_name("fake_rclpy.py")
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    fake = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(fake)
+    for name, module in fake.modules(types).items():
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+@pytest.fixture
+def free_port() -> int:
+    """Return a TCP port on which nobody listens."""
+    return _free_port()
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+@pytest.fixture(scope="session")
+def router() -> Iterator[str]:
+    """Run a router in this process; return its endpoint."""
+    from llfsm.bridges.ros2.router import open_router
+
+    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    session = open_router([endpoint])
+    yield endpoint
+    session.close()
+
+
+@pytest.fixture(scope="session")
+def types() -> TypeLibrary:
+    return TypeLibrary()
+
+
+@pytest.fixture
+def seen() -> Callable[[], Seen]:
+    return Seen

@@ -1,0 +1,105 @@
+"""What is particular to the port on rclpy, with a stand-in for rclpy."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from llfsm.bridges.ros2.errors import CallTimeoutError, PortUnavailableError
+from llfsm.bridges.ros2.opening import open_port
+from llfsm.bridges.ros2.port import NoticeKind
+from llfsm.bridges.ros2.rcl.api import find_class
+from llfsm.bridges.ros2.rcl.port import RclpyPort
+
+
+@pytest.fixture
+def told(seen):
+    return seen()
+
+
+@pytest.fixture
+def port(fake_rclpy, told):
+    with RclpyPort(7, notify=told) as port:
+        yield port
+
+
+def test_it_is_opened_by_name(fake_rclpy, types):
+    with open_port("rclpy", 7) as port:
+        assert port.up
+        assert port.domain == 7
+    assert not port.up
+
+
+def test_a_shutdown_by_another_part_of_the_process_is_told(port, told):
+    def notice_may_ask(notice):
+        told(notice)
+        assert not port.up  # which takes the lock that rclpy holds meanwhile
+
+    port._world.teller._notify = notice_may_ask
+    port._world.context.try_shutdown()
+    told.wait(len)
+    assert [notice.kind for notice in told] == [NoticeKind.DOWN]
+    assert not port.up
+
+
+def test_closing_it_is_no_news(port, told):
+    port.close()
+    assert not port._world._thread.is_alive()
+    assert told == []
+
+
+def test_it_may_be_closed_in_a_callback(port, types, seen):
+    number, done = types.message("std_msgs/msg/Int64"), seen()
+
+    def callback(arrival):
+        port.close()
+        done(arrival)
+
+    node = port.node("me")
+    node.subscription("a", number, callback)
+    node.publisher("a", number).publish(number.message())
+    done.wait(len)
+    port._world._thread.join(20)
+    assert not port._world._thread.is_alive()
+
+
+def test_its_own_node_and_what_is_hidden_is_not_on_the_graph(port):
+    assert port.graph().nodes == ()
+    port.node("_hidden")
+    port.node("shown")
+    assert port.graph().nodes == ("/shown",)
+    assert {end.node for end in port.graph().endpoints} == {"/shown"}
+
+
+def test_a_late_answer_to_a_call_that_timed_out_is_dropped(port, types, seen):
+    spawn, kept = types.service("turtlesim/srv/Spawn"), seen()
+    node = port.node("me")
+    node.server("spawn", spawn, kept)
+    client = node.client("spawn", spawn)
+    call = client.call(spawn.request.message(), timeout=0.05)
+    with pytest.raises(CallTimeoutError):
+        call.result(20)
+    assert client._client.pending == {}
+    kept[0].answer(spawn.response.message())
+    after = client.call(spawn.request.message(), timeout=20)
+    kept.wait(lambda kept: len(kept) == 2)
+    kept[1].answer(spawn.response.message(name="next"))
+    assert after.result(20).name == "next"
+
+
+@pytest.mark.parametrize("name", ["no_such_package/msg/Thing", "std_msgs/msg/NoSuchThing"])
+def test_a_type_that_the_environment_does_not_have_is_said(fake_rclpy, name):
+    with pytest.raises(PortUnavailableError, match=name):
+        find_class(name)
+
+
+def test_the_types_of_an_action_are_found_where_rosidl_puts_them(monkeypatch):
+    implementation = SimpleNamespace(SendGoalService=1, GetResultService=2, FeedbackMessage=3)
+    module = ModuleType("turtlesim.action")
+    module.RotateAbsolute = SimpleNamespace(Impl=implementation)
+    monkeypatch.setitem(sys.modules, "turtlesim.action", module)
+    name = "turtlesim/action/RotateAbsolute"
+    found = [find_class(name + end) for end in ("_SendGoal", "_GetResult", "_FeedbackMessage")]
+    assert found == [1, 2, 3]

@@ -1,0 +1,209 @@
+"""Parameters: what is refused and why, and what their services answer."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.bridges.ros2.parameter_server import ParameterServer
+from llfsm.bridges.ros2.parameters import Parameter, Parameters, ParameterType, type_of
+from llfsm.bridges.ros2.types import TypeLibrary
+
+TYPES = TypeLibrary()
+NODE = "/ns/robot"
+DECLARED = {
+    "speed": Parameter(0.5, "How fast"),
+    "name": Parameter("r2"),
+    "count": Parameter(3, range=(-1, 9)),
+    "arm.length": Parameter(2),
+    "arm.hand.open": Parameter(False),
+    "armour": Parameter(True),
+}
+
+
+def message(kind, /, **fields):
+    return TYPES.message(f"rcl_interfaces/msg/{kind}").message(**fields)
+
+
+@pytest.fixture
+def parameters():
+    return Parameters(DECLARED)
+
+
+@pytest.fixture
+def call(parameters):
+    """Call a service of the parameters' server."""
+    world = MemoryWorld()
+    with MemoryPort(world) as ours, MemoryPort(world) as theirs:
+        ParameterServer(ours.node("robot", "ns"), TYPES, parameters, lambda do: do())
+        node = theirs.node("tool")
+
+        def call(name, **fields):
+            of = TYPES.service(
+                f"rcl_interfaces/srv/{''.join(map(str.capitalize, name.split('_')))}"
+            )
+            client = node.client(f"{NODE}/{name}", of)
+            return client.call(of.request.message(**fields), timeout=20).result(20)
+
+        call.node = node
+        yield call
+
+
+def wanted(**values):
+    """Return parameters for a request to set them; `__` stands for the separator."""
+    fields = {bool: "bool", int: "integer", float: "double", str: "string", bytes: "byte_array"}
+    return tuple(
+        message(
+            "Parameter",
+            name=name.replace("__", "."),
+            value=message(
+                "ParameterValue",
+                type=int(type_of(value)),
+                **({f"{fields[type(value)]}_value": value} if value is not None else {}),
+            ),
+        )
+        for name, value in values.items()
+    )
+
+
+@given(
+    st.sampled_from(sorted(DECLARED)),
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(-20, 20),
+        st.floats(),
+        st.text(),
+        st.binary(),
+        st.lists(st.booleans()).map(tuple),
+        st.lists(st.text()).map(tuple),
+    ),
+)
+def test_a_parameter_keeps_its_type_and_its_range(name, value):
+    parameters = Parameters(DECLARED)
+    declared = DECLARED[name]
+    fits = type(value) is type(declared.default)
+    if declared.range and fits:
+        fits = declared.range[0] <= value <= declared.range[1]
+    assert (parameters.refusal(name, value) is None) == fits
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [
+        (None, "not set"),
+        (True, "bool"),
+        (1, "integer"),
+        (1.0, "double"),
+        ("1", "string"),
+        (b"1", "byte_array"),
+        ((True,), "bool_array"),
+        ((1,), "integer_array"),
+        ((1.0,), "double_array"),
+        (("1",), "string_array"),
+        ((), "byte_array"),
+    ],
+)
+def test_a_reason_names_both_types(value, kind):
+    assert str(type_of(value)) == kind
+    parameters = Parameters({"x": Parameter(0 if kind == "string" else "")})
+    if kind == "string":
+        assert "is of type {integer}, setting it to {string}" in parameters.refusal("x", value)
+    else:
+        assert f"is of type {{string}}, setting it to {{{kind}}}" in parameters.refusal("x", value)
+
+
+def test_values_and_types_are_answered_in_the_order_of_the_names(call):
+    names = ("count", "name", "armour", "speed")
+    values = call("get_parameters", names=names).values
+    assert values == (
+        message("ParameterValue", type=2, integer_value=3),
+        message("ParameterValue", type=4, string_value="r2"),
+        message("ParameterValue", type=1, bool_value=True),
+        message("ParameterValue", type=3, double_value=0.5),
+    )
+    assert list(call("get_parameter_types", names=names).types) == [
+        ParameterType.INTEGER,
+        ParameterType.STRING,
+        ParameterType.BOOL,
+        ParameterType.DOUBLE,
+    ]
+
+
+def test_one_unknown_name_leaves_the_whole_answer_empty(call):
+    names = ("count", "nosuch")
+    assert call("get_parameters", names=names).values == ()
+    assert call("get_parameter_types", names=names).types == b""
+    assert call("describe_parameters", names=names).descriptors == ()
+
+
+def test_descriptions(call):
+    speed, count = call("describe_parameters", names=("speed", "count")).descriptors
+    assert speed == message("ParameterDescriptor", name="speed", type=3, description="How fast")
+    (limits,) = count.integer_range
+    assert (count.type, limits.from_value, limits.to_value, limits.step) == (2, -1, 9, 1)
+
+
+ALL = list(DECLARED)
+
+
+@pytest.mark.parametrize(
+    ("prefixes", "depth", "names", "found"),
+    [
+        ((), 0, ALL, ["arm", "arm.hand"]),
+        ((), 1, ["speed", "name", "count", "armour"], []),
+        ((), 2, ["speed", "name", "count", "arm.length", "armour"], ["arm"]),
+        (("arm",), 0, ["arm.length", "arm.hand.open"], ["arm", "arm.hand"]),
+        (("arm",), 1, ["arm.length"], ["arm"]),
+        (("arm.hand", "speed"), 1, ["speed", "arm.hand.open"], ["arm.hand"]),
+        (("nosuch",), 0, [], []),
+    ],
+)
+def test_listing(call, prefixes, depth, names, found):
+    result = call("list_parameters", prefixes=prefixes, depth=depth).result
+    assert list(result.names) == names
+    assert list(result.prefixes) == found
+
+
+def test_each_is_set_for_itself(call, parameters):
+    results = call("set_parameters", parameters=wanted(count=5, name=1, nosuch=1, arm__length=4))
+    assert [result.successful for result in results.results] == [True, False, False, True]
+    assert parameters.values() | {"count": 5, "arm.length": 4} == parameters.values()
+    assert parameters.values()["name"] == "r2"
+
+
+@pytest.mark.parametrize("bad", [{"nosuch": 1}, {"count": 10}, {"name": None}, {"name": b""}])
+def test_all_are_set_or_none(call, parameters, bad):
+    before = parameters.values()
+    result = call("set_parameters_atomically", parameters=wanted(speed=2.0, **bad)).result
+    assert not result.successful
+    assert next(iter(bad)) in result.reason
+    assert parameters.values() == before
+    good = wanted(speed=2.0, count=9)
+    assert call("set_parameters_atomically", parameters=good).result.successful
+    assert (parameters.values()["speed"], parameters.values()["count"]) == (2.0, 9)
+
+
+def test_a_type_that_nobody_knows_is_refused(call):
+    strange = message("Parameter", name="count", value=message("ParameterValue", type=99))
+    (result,) = call("set_parameters", parameters=(strange,)).results
+    assert "{not set}" in result.reason
+
+
+def test_events_tell_what_was_set_together(call, seen):
+    got = seen()
+    event = TYPES.message("rcl_interfaces/msg/ParameterEvent")
+    call.node.subscription("/parameter_events", event, lambda arrival: got(arrival.decode()))
+    call("set_parameters", parameters=wanted(count=1, name="a"))
+    call("set_parameters_atomically", parameters=wanted(count=10, name="b"))
+    call("set_parameters_atomically", parameters=wanted(count=2, name="c"))
+    got.wait(lambda got: len(got) == 3)
+    told = [
+        {each.name: each.value.integer_value or each.value.string_value for each in changed}
+        for changed in (one.changed_parameters for one in got)
+    ]
+    assert told == [{"count": 1}, {"name": "a"}, {"count": 2, "name": "c"}]
+    assert {one.node for one in got} == {NODE}
+    assert all(one.stamp.sec > 1_600_000_000 for one in got)

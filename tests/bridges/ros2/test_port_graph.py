@@ -1,0 +1,93 @@
+"""What every port tells of the graph."""
+
+from __future__ import annotations
+
+import pytest
+
+from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.qos import Durability, Qos, Reliability
+
+
+@pytest.fixture
+def populated(world, types):
+    """Return a port that sees a node with an endpoint of each kind, and these."""
+    node = world.open().node("there", "/ns")
+    pose, spawn = types.message("turtlesim/msg/Pose"), types.service("turtlesim/srv/Spawn")
+    kept = Qos(Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, depth=3)
+    ends = {
+        "/pose": node.publisher("/pose", pose, kept),
+        "/ns/there/cmd": node.subscription("~/cmd", pose, print, Qos(Reliability.BEST_EFFORT)),
+        "/ns/spawn": node.server("spawn", spawn, print),
+        "/kill": node.client("/kill", spawn),
+    }
+    port = world.open()
+    assert port.wait_graph(lambda graph: len(world.ends(graph)) == 4, 20)
+    return port, node, ends
+
+
+def test_the_graph_tells_nodes_and_endpoints_with_type_and_qos(populated, types, world):
+    port, _, _ = populated
+    graph = port.graph()
+    assert graph.nodes == ("/ns/there",)
+    assert {(end.name, end.role): (end.type_name, end.node) for end in world.ends(graph)} == {
+        ("/pose", Role.PUBLISHER): ("turtlesim/msg/Pose", "/ns/there"),
+        ("/ns/there/cmd", Role.SUBSCRIPTION): ("turtlesim/msg/Pose", "/ns/there"),
+        ("/ns/spawn", Role.SERVER): ("turtlesim/srv/Spawn", "/ns/there"),
+        ("/kill", Role.CLIENT): ("turtlesim/srv/Spawn", "/ns/there"),
+    }
+    (publisher,) = graph.ends("/pose", Role.PUBLISHER)
+    assert publisher.type_hash == types.message("turtlesim/msg/Pose").type_hash
+    assert publisher.qos == Qos(Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, depth=3)
+    (subscription,) = graph.ends("/ns/there/cmd", Role.SUBSCRIPTION)
+    assert subscription.qos is not None
+    assert subscription.qos.reliability is Reliability.BEST_EFFORT
+    topics = graph.topics()
+    assert {name: topics[name] for name in topics.keys() - world.of_every_node} == {
+        "/ns/there/cmd": ("turtlesim/msg/Pose",),
+        "/pose": ("turtlesim/msg/Pose",),
+    }
+    assert graph.services() == {"/ns/spawn": ("turtlesim/srv/Spawn",)}
+
+
+@pytest.mark.parametrize("name", ["/pose", "/ns/there/cmd", "/ns/spawn", "/kill"])
+def test_an_endpoint_that_is_closed_is_gone_and_the_others_are_not(populated, name, world):
+    port, _, ends = populated
+    ends.pop(name).close()
+    assert port.wait_graph(
+        lambda graph: {end.name for end in world.ends(graph)} == set(ends), 20
+    ), port.graph()
+    assert port.graph().nodes == ("/ns/there",)
+
+
+def test_a_node_that_is_closed_takes_its_endpoints_along(populated):
+    port, node, ends = populated
+    node.close()
+    assert all(end.closed for end in ends.values())
+    assert port.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+
+
+def test_a_port_that_is_closed_leaves_no_ghost(world, types):
+    one, two = world.open(), world.open()
+    one.node("there").publisher("a", types.message("turtlesim/msg/Pose"))
+    assert two.wait_graph(lambda graph: bool(graph.nodes and graph.endpoints), 20)
+    one.close()
+    assert one.closed
+    assert two.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+
+
+def test_a_port_that_is_open_is_up_and_sees_itself(world):
+    port = world.open()
+    assert port.up
+    port.node("me")
+    assert port.wait_graph(lambda graph: graph.nodes == ("/me",), 20)
+
+
+def test_two_nodes_may_have_one_name(world):
+    one, two = world.open(), world.open()
+    one.node("twin")
+    two.node("twin")
+    assert one.wait_graph(lambda graph: graph.nodes == ("/twin", "/twin"), 20)
+
+
+def test_waiting_for_the_graph_ends_when_the_time_has_passed(world):
+    assert world.open().wait_graph(lambda _: False, 0.01) is False

@@ -1,0 +1,78 @@
+"""A type's description, as a node answers it, is what the type's hash was made of."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import pytest
+
+from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.bridges.ros2.type_descriptions import TypeDescriptionServer
+
+SERVICE = "type_description_interfaces/srv/GetTypeDescription"
+
+
+@pytest.fixture
+def ask(types):
+    world = MemoryWorld()
+    with MemoryPort(world) as ours, MemoryPort(world) as theirs:
+        TypeDescriptionServer(ours.node("robot"), types, lambda do: do())
+        of = types.service(SERVICE)
+        client = theirs.node("tool").client("/robot/get_type_description", of)
+
+        def ask(name, type_hash):
+            request = of.request.message(type_name=name, type_hash=type_hash)
+            return client.call(request, timeout=20).result(20)
+
+        yield ask
+
+
+def plain(individual):
+    """Return a description as the data that is hashed: without default values."""
+    return {
+        "type_name": individual.type_name,
+        "fields": [
+            {
+                "name": field.name,
+                "type": {
+                    name: getattr(field.type, name)
+                    for name in ("type_id", "capacity", "string_capacity", "nested_type_name")
+                },
+            }
+            for field in individual.fields
+        ],
+    }
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["turtlesim/msg/Pose", "geometry_msgs/msg/Twist", "turtlesim/srv/Spawn",
+     "turtlesim/action/RotateAbsolute", "rcl_interfaces/msg/ParameterEvent"],
+)  # fmt: skip
+def test_the_answer_has_the_hash_that_was_asked_for(ask, types, name):
+    kind = {"msg": types.message, "srv": types.service, "action": types.action}[name.split("/")[1]]
+    answer = ask(name, kind(name).type_hash)
+    assert answer.successful
+    whole = {
+        "type_description": plain(answer.type_description.type_description),
+        "referenced_type_descriptions": [
+            plain(each) for each in answer.type_description.referenced_type_descriptions
+        ],
+    }
+    digest = hashlib.sha256(json.dumps(whole).encode()).hexdigest()
+    assert kind(name).type_hash == f"RIHS01_{digest}"
+
+
+@pytest.mark.parametrize(
+    ("name", "type_hash", "reason"),
+    [
+        ("turtlesim/msg/Pose", "RIHS01_00", "turtlesim/msg/Pose is known here as RIHS01_7"),
+        ("turtlesim/msg/Pos", "RIHS01_00", "did you mean turtlesim/msg/Pose"),
+        ("", "", "is no name of a type"),
+    ],
+)
+def test_a_failure_says_why(ask, name, type_hash, reason):
+    answer = ask(name, type_hash)
+    assert not answer.successful
+    assert reason in answer.failure_reason

@@ -1,0 +1,242 @@
+"""Bytes: the rules of CDR one by one, and the errors for what is no message."""
+
+import math
+import struct
+import tracemalloc
+
+import pytest
+
+from llfsm.bridges.ros2.errors import CdrError
+
+LITTLE, BIG = bytes.fromhex("00010000"), bytes.fromhex("00000000")
+
+
+@pytest.fixture
+def thing(define):
+    """Return the type of a definition's text."""
+    return lambda text, **others: define(Thing=text, **others).message("own_msgs/msg/Thing")
+
+
+def told(kind, data: bytes) -> str:
+    with pytest.raises(CdrError) as caught:
+        kind.decode(data)
+    return str(caught.value)
+
+
+def refused(kind, **fields) -> str:
+    with pytest.raises(CdrError) as caught:
+        kind.encode(kind.message(**fields))
+    return str(caught.value)
+
+
+def test_alignment_is_counted_behind_the_header(thing):
+    kind = thing("uint8 a\nfloat64 b\nuint8 c\nint16 d")
+    data = kind.encode(kind.message(a=1, b=2.0, c=3, d=4))
+    assert data == LITTLE + struct.pack("<B7xdBxh", 1, 2.0, 3, 4)
+
+
+def test_an_empty_sequence_has_no_padding(thing):
+    kind = thing("float64[] a\nuint8 b")
+    assert kind.encode(kind.message(b=7)) == LITTLE + bytes([0, 0, 0, 0, 7])
+    full = kind.encode(kind.message(a=(1.0,), b=7))
+    assert full == LITTLE + struct.pack("<I4xdB", 1, 1.0, 7)
+
+
+def test_messages_in_a_row_are_aligned_one_by_one(thing):
+    kind = thing("uint8 a\nPart[] b\nPart[2] c\nuint8 d", Part="float64 x\nuint8 y")
+    part = type(kind.message().c[0])
+    one, two = part(x=1.0, y=2), part(x=3.0, y=4)
+    data = kind.encode(kind.message(b=(one, two), c=(one, two), d=5))
+    parts = struct.pack("<dB7xdB7x", 1.0, 2, 3.0, 4)
+    assert data == LITTLE + struct.pack("<B3xI", 0, 2) + parts + parts[:25] + b"\5"
+    assert kind.decode(data).c == (one, two)
+
+
+def test_an_empty_message_is_a_byte(thing):
+    kind = thing("Nothing a\nNothing[] b", Nothing="")
+    nothing = type(kind.message().a)()
+    data = kind.encode(kind.message(b=(nothing, nothing)))
+    assert data == LITTLE + struct.pack("<B3xIBB", 0, 2, 0, 0)
+    assert kind.decode(data).b == (nothing, nothing)
+
+
+def test_wide_text_is_utf_16_in_units_of_four_bytes(thing):
+    """As rosidl_typesupport_fastrtps_cpp writes it."""
+    kind = thing("wstring w\nwstring[] many")
+    data = kind.encode(kind.message(w="aΩ\N{TURTLE}", many=("", "b")))
+    units = (0x61, 0x3A9, 0xD83D, 0xDC22)
+    assert data == LITTLE + struct.pack("<I4I", 4, *units) + struct.pack("<IIII", 2, 0, 1, 0x62)
+    assert kind.decode(data) == kind.message(w="aΩ\N{TURTLE}", many=("", "b"))
+
+
+def test_an_empty_text_may_have_no_nul(thing):
+    kind = thing("string s\nint8 x")
+    assert kind.decode(LITTLE + struct.pack("<Ib", 0, 5)) == kind.message(s="", x=5)
+
+
+def test_a_text_may_hold_a_nul(thing):
+    kind = thing("string s")
+    assert kind.decode(kind.encode(kind.message(s="a\0b"))).s == "a\0b"
+
+
+def test_a_float32_is_rounded_and_keeps_what_is_no_number(thing):
+    kind = thing("float32 x\nfloat32[] many")
+    data = kind.encode(kind.message(x=0.1, many=(math.inf, -math.inf, math.nan, -0.0)))
+    decoded = kind.decode(data)
+    assert decoded.x == struct.unpack("f", struct.pack("f", 0.1))[0] != 0.1
+    assert repr(decoded.many) == "(inf, -inf, nan, -0.0)"
+
+
+def test_up_to_three_bytes_of_padding_may_follow(thing):
+    kind = thing("uint8 x")
+    assert kind.decode(LITTLE + b"\7" + bytes(3)).x == 7
+    assert "4 bytes are left behind the message" in told(kind, LITTLE + b"\7" + bytes(4))
+
+
+def test_options_in_the_header_do_not_matter(thing):
+    kind = thing("uint16 x")
+    assert kind.decode(b"\0\1\0\2\7\0").x == 7
+    assert kind.decode(b"\0\0\0\2\0\7").x == 7
+
+
+@pytest.mark.parametrize("header", ["0002", "0003", "0007", "0100", "ff01"])
+def test_another_encoding_is_refused(thing, header):
+    data = bytes.fromhex(header) + bytes(10)
+    assert "plain CDR's 00 00 or 00 01" in told(thing("uint8 x"), data)
+
+
+@pytest.mark.parametrize("size", range(4))
+def test_a_header_that_is_cut(thing, size):
+    assert f"the header has 4 bytes, and here are {size}" in told(thing("uint8 x"), LITTLE[:size])
+
+
+def test_what_is_no_buffer_is_a_type_error(thing):
+    with pytest.raises(TypeError):
+        thing("uint8 x").decode(1000)
+
+
+def le(code: str, *values: object) -> bytes:
+    return LITTLE + struct.pack(f"<{code}", *values)
+
+
+@pytest.mark.parametrize(
+    ("text", "data", "message"),
+    [
+        ("int8 a\nint32 b", le("bxxxH", 1, 2), "b: needs 4 bytes at offset 8, 2 are left"),
+        ("int8 a\nint32 b", le("b", 1), "b: needs 4 bytes at offset 8, 0 are left"),
+        ("bool[2] a", le("BB", 1, 2), r"a[1]: a bool is 0 or 1, not 2"),
+        ("bool a", le("B", 255), "a: a bool is 0 or 1, not 255"),
+        ("string a", le("I", 4), "a: needs 4 bytes at offset 8, 0 are left"),
+        ("string a", le("I3s", 3, b"abc"), "a: the text does not end in a NUL"),
+        ("string[] a", le("II3s", 1, 3, b"abc"), "a[0]: the text does not end in a NUL"),
+        ("string a", le("I3s", 3, b"a\xff\0"), "a: is no valid UTF-8"),
+        ("string a", le("I4s", 4, b"\xed\xa0\x80"), "a: is no valid UTF-8"),
+        ("string<=2 a", le("I4s", 4, b"abc"), "a: 3 characters, at most 2 are allowed"),
+        ("string<=2[] a", le("II4s", 1, 4, b"abc"), "a[0]: 3 characters, at most 2"),
+        ("wstring a", le("II", 1, 0x10000), "a: is no valid UTF-16"),
+        ("wstring a", le("II", 1, 0xD800), "a: is no valid UTF-16"),
+        ("wstring<=1[] a", le("IIII", 1, 2, 65, 65), "a[0]: 2 characters, at most 1"),
+        ("wstring[] a", le("II", 1, 2), "a[0]: needs 8 bytes"),
+        ("int32[<=2] a", le("Iiii", 3, 1, 2, 3), "a: 3 values, and at most 2 are allowed"),
+        ("float64[] a", le("Id", 2, 1.0), "a: needs 16 bytes at offset 12, 4 are left"),
+        ("Part[] a", le("IiI", 2, 1, 9), "a[0].text: needs 9 bytes"),
+        ("Part a", le("i", 2), "a.text: needs 4 bytes at offset 8, 0 are left"),
+        ("Fixed[2] a", le("i", 2), "a[1].x: needs 4 bytes"),
+    ],
+)
+def test_bytes_that_are_no_message(thing, text, data, message):
+    kind = thing(text, Part="int32 x\nstring text", Fixed="int32 x")
+    found = told(kind, data)
+    assert found.startswith("own_msgs/msg/Thing: ")
+    assert message in found
+
+
+def test_big_endian_bytes_that_are_no_message(thing):
+    kind = thing("int32[<=2] a\nstring b")
+    assert "a: 3 values" in told(kind, BIG + struct.pack(">I", 3))
+    assert "b: needs 5 bytes at offset 12" in told(kind, BIG + struct.pack(">II", 0, 5))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "string a",
+        "string[] a",
+        "wstring a",
+        "wstring[] a",
+        "uint8[] a",
+        "bool[] a",
+        "int16[] a",
+        "float64[] a",
+        "Fixed[] a",
+        "Part[] a",
+        "Nothing[] a",
+    ],
+)
+@pytest.mark.parametrize("header", [LITTLE, BIG])
+def test_a_length_beyond_the_data_allocates_nothing(thing, text, header):
+    kind = thing(text, Part="int32 x\nstring text", Fixed="int32 x", Nothing="")
+    data = header + b"\xff\xff\xff\xff" + bytes(64)
+    told(kind, data)  # makes what is only made once
+    tracemalloc.start()
+    try:
+        assert "a" in told(kind, data)
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "message"),
+    [
+        ("uint8 a", 256, "a: 256 is no uint8, which has 0 to 255"),
+        ("uint64 a", -1, "a: -1 is no uint64"),
+        ("int64 a", 2**63, "is no int64"),
+        ("int32 a", 1.5, "a: 1.5 is no int32"),
+        ("int32 a", None, "a: None is no int32"),
+        ("bool a", "no", "a: 'no' is no bool"),
+        ("bool a", 2, "a: 2 is no bool"),
+        ("bool[] a", (True, 2), "a[1]: 2 is no bool"),
+        ("float32 a", 1e300, "a: 1e+300 is no float32"),
+        ("float64 a", "1", "a: '1' is no float64"),
+        ("string a", b"x", "a: a text needed, not b'x'"),
+        ("string a", "\ud800", "a: half a character cannot be encoded"),
+        ("wstring a", "\ud800", "a: half a character cannot be encoded"),
+        ("wstring[] a", ("\ud800",), "a[0]: half a character cannot be encoded"),
+        ("string<=2 a", "abc", "a: 3 characters, at most 2 are allowed"),
+        ("wstring<=2 a", "abc", "a: 3 characters, at most 2 are allowed"),
+        ("string<=2[] a", ("", "abc"), "a[1]: 3 characters, at most 2 are allowed"),
+        ("wstring<=2[] a", ("", "abc"), "a[1]: 3 characters, at most 2 are allowed"),
+        ("string[] a", "abc", "a: tuple needed, not str"),
+        ("int32[] a", [1], "a: tuple needed, not list"),
+        ("int32[] a", (1, 2**31), "a[1]: 2147483648 is no int32"),
+        ("float32[] a", (1e300,), "a[0]: 1e+300 is no float32"),
+        ("int32[2] a", (1,), "a: 1 values, and exactly 2 are needed"),
+        ("int32[<=1] a", (1, 2), "a: 2 values, and at most 1 are allowed"),
+        ("uint8[] a", "abc", "a: bytes needed, not str"),
+        ("uint8[] a", (1, 2), "a: bytes needed, not tuple"),
+        ("uint8[3] a", b"ab", "a: 2 values, and exactly 3 are needed"),
+        ("uint8[3] a", b"abcd", "a: 4 values, and exactly 3 are needed"),
+        ("Fixed a", None, "a.x: a NoneType has no such field"),
+        ("Fixed[] a", (None,), "a[0].x: a NoneType has no such field"),
+        ("Part[] a", (None,), "a[0].x: a NoneType has no such field"),
+    ],
+)
+def test_messages_that_cannot_be_bytes(thing, text, value, message):
+    kind = thing(text, Part="int32 x\nstring text", Fixed="int32 x\nuint8[2] pair")
+    found = refused(kind, a=value)
+    assert found.startswith("own_msgs/msg/Thing: ")
+    assert message in found
+
+
+def test_bytes_of_a_wrong_size_in_a_row(thing):
+    """Where struct itself would cut or fill them."""
+    kind = thing("Fixed[] a", Fixed="uint8[2] pair")
+    fixed = kind.message.__annotations__["a"].__args__[0]
+    assert "a[0].pair: 3 values, and exactly 2 are needed" in refused(kind, a=(fixed(b"123"),))
+
+
+def test_a_keyword_is_a_field_with_an_underscore(thing):
+    kind = thing("float32 from\nbool class\nstring lambda")
+    message = kind.message(from_=2.0, class_=True, lambda_="x")
+    assert kind.decode(kind.encode(message)) == message

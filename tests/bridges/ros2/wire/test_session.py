@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import pytest
+
+from llfsm.bridges.ros2.errors import PortUnavailableError
+from llfsm.bridges.ros2.wire.session import open_session
+
+
+@pytest.fixture(autouse=True)
+def no_environment(monkeypatch):
+    monkeypatch.delenv("ZENOH_SESSION_CONFIG_URI", raising=False)
+    monkeypatch.delenv("ZENOH_CONFIG_OVERRIDE", raising=False)
+
+
+def endpoints(*arguments):
+    session, found = open_session(*arguments)
+    session.close()
+    return found
+
+
+def test_a_router_is_looked_for_where_the_argument_or_the_environment_says(monkeypatch, tmp_path):
+    assert endpoints(None) == ["tcp/localhost:7447"]
+    assert endpoints(["tcp/127.0.0.1:1"]) == ["tcp/127.0.0.1:1"]
+    monkeypatch.setenv(
+        "ZENOH_CONFIG_OVERRIDE",
+        "connect/endpoints=['tcp/127.0.0.1:2'] ; scouting/multicast/enabled=false;",
+    )
+    assert endpoints(None) == ["tcp/127.0.0.1:2"]
+    assert endpoints(["tcp/127.0.0.1:1"]) == ["tcp/127.0.0.1:1"]
+    monkeypatch.delenv("ZENOH_CONFIG_OVERRIDE")
+    file = tmp_path / "session.json5"
+    file.write_text(
+        "{mode: 'peer', connect: {endpoints: ['tcp/127.0.0.1:3']}, "
+        "scouting: {multicast: {enabled: false}}}"
+    )
+    monkeypatch.setenv("ZENOH_SESSION_CONFIG_URI", str(file))
+    assert endpoints(None) == ["tcp/127.0.0.1:3"]
+
+
+@pytest.mark.parametrize("text", ["mode", "mode=", "no/such/key=1", "mode='queen'", "=1"])
+def test_an_override_that_is_none_is_said(monkeypatch, text):
+    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", text)
+    with pytest.raises(PortUnavailableError, match=f"ZENOH_CONFIG_OVERRIDE: {text}: ") as raised:
+        open_session(None)
+    assert ".rs" not in str(raised.value)
+
+
+@pytest.mark.parametrize("content", [None, "{", "{mode: 'queen'}"])
+def test_a_file_that_is_none_is_said(monkeypatch, tmp_path, content):
+    file = tmp_path / "session.json5"
+    if content is not None:
+        file.write_text(content)
+    monkeypatch.setenv("ZENOH_SESSION_CONFIG_URI", str(file))
+    with pytest.raises(PortUnavailableError, match=r"ZENOH_SESSION_CONFIG_URI=.*session\.json5"):
+        open_session(None)
+
+
+def test_a_router_that_is_none_is_said():
+    with pytest.raises(PortUnavailableError, match="nonsense"):
+        open_session(["nonsense"])

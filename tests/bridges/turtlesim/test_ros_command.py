@@ -1,0 +1,127 @@
+"""`llfsm turtlesim --ros`: a node in a process of its own, and who talks to it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.wire.port import ZenohPort
+from llfsm.bridges.turtlesim.command import turtlesim
+from llfsm.whiteboard.shared import boards
+
+DOMAIN = 92
+HASHES = Path(__file__).parents[2] / "data" / "ros2" / "type_hashes.json"
+BOARD = f"ros-turtlesim-{os.getpid()}"
+
+
+@pytest.fixture
+def start(router: str) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    with ExitStack() as processes:
+
+        def start(*options: str) -> subprocess.Popen[str]:
+            process = processes.enter_context(
+                subprocess.Popen(
+                    [sys.executable, "-m", "llfsm.runtime", "turtlesim", "--ros", "--until-eof",
+                     "--port", "zenoh", "--domain", str(DOMAIN), "--router", router, *options],
+                    stdin=subprocess.PIPE,
+                    stderr=subprocess.PIPE,
+                    text=True,
+                    env=os.environ | {"WHITEBOARD_NAME": BOARD},
+                )
+            )  # fmt: skip
+            processes.callback(process.kill)
+            return process
+
+        yield start
+
+
+@pytest.fixture
+def port(router: str) -> Iterator[ZenohPort]:
+    with ZenohPort(DOMAIN, router=[router], notify=lambda _: None) as port:
+        yield port
+
+
+def has(port: ZenohPort, *topics: str) -> bool:
+    return port.wait_graph(lambda graph: all(graph.ends(t, Role.PUBLISHER) for t in topics), 20)
+
+
+def test_a_user_who_knows_nothing_of_us_is_served(start, port, router):
+    start()
+    assert has(port, "/turtle1/rotate_absolute/_action/status")
+    peer = subprocess.run(
+        [sys.executable, str(Path(__file__).with_name("ros_peer.py")),
+         router.rpartition(":")[2], str(DOMAIN), str(HASHES)],
+        stdout=subprocess.PIPE,
+        check=True,
+        timeout=60,
+    )  # fmt: skip
+    seen = json.loads(peer.stdout)
+    feedback = seen.pop("feedback")
+    delta = seen.pop("delta")
+    assert seen == {
+        "moved": True,
+        "spawned": ["bob", "", "", "turtle2"],
+        "killed": True,
+        "parameters": ["background_r", "background_g", "background_b", "holonomic"],
+        "accepted": True,
+        "status": 4,
+        "ids": [list(range(1, 17))],
+    }
+    assert delta == pytest.approx(-18 * 0.016, abs=1e-6)
+    assert feedback == sorted(feedback, reverse=True)
+    rounded = {round(left, 4) for left in feedback}
+    assert rounded <= {round(0.3 - step * 0.016, 4) for step in range(19)}
+    assert rounded
+
+
+@pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "EOF"])
+def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(start, port, tmp_path, end):
+    picture = tmp_path / "field.svg"
+    process = start("--turtle", "bob,2,3,0.5", "--picture", str(picture))
+    assert has(port, "/bob/pose", "/turtle1/pose")
+    assert BOARD not in {board.name for board in boards()}
+    if end == "EOF":
+        process.stdin.close()
+    else:
+        process.send_signal(signal.Signals[end])
+    errors = process.stderr.read()
+    assert process.wait(20) == 0, errors
+    assert "Traceback" not in errors
+    assert port.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+    assert "bob" in picture.read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (["--ros", "--board", "x"], 2, "--ros touches no whiteboard: leave out --board"),
+        (["--ros", "--remove-board"], 2, "--ros touches no whiteboard: leave out --remove-board"),
+        (["--domain", "3"], 2, "--ros is needed for --domain"),
+        (["--port", "zenoh"], 2, "--ros is needed for --port"),
+        (["--router", "tcp/localhost:1"], 2, "--ros is needed for --router"),
+        (["--ros", "--port", "rclpy", "--router", "tcp/localhost:1"], 2, "for --port zenoh"),
+        (["--ros", "--port", "dds"], 2, "'dds' is not one of"),
+        (["--ros", "--port", "zenoh", "--domain", "233"], 2, "233 is not in the range 0<=x<=232"),
+        (["--ros", "--router", "nonsense"], 1, "nonsense"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(options, code, message):
+    result = CliRunner().invoke(turtlesim, options)
+    assert (result.exit_code, message in result.output) == (code, True), result.output
+
+
+def test_a_turtle_that_cannot_be_is_refused(router):
+    options = ["--ros", "--port", "zenoh", "--domain", str(DOMAIN), "--router", router]
+    result = CliRunner().invoke(turtlesim, [*options, "--turtle", "turtle1,1,1,0"])
+    assert result.exit_code == 2
+    assert "--turtle turtle1: see the line above" in result.output
