@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from .errors import PortUnavailableError
@@ -19,16 +19,18 @@ def open_port(
     way: str = "auto",
     domain: int | None = None,
     *,
+    router: Sequence[str] = (),
     notify: Callable[[Notice], None] = log_notice,
 ) -> Port:
     """Open a way into ROS: ``rclpy``, ``zenoh``, or ``auto``.
 
     ``auto`` is rclpy where a ROS environment is sourced (rclpy can be imported), as its nodes may
-    use any middleware; else Zenoh. ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise
+    use any middleware; else Zenoh, as with a ``router`` (endpoints as ``tcp/localhost:7447``),
+    which says nothing to rclpy. ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise
     :class:`.PortUnavailableError` and :class:`.DomainIdError`.
     """
     if way == "auto":
-        way = "rclpy" if importlib.util.find_spec("rclpy") else "zenoh"
+        way = "rclpy" if importlib.util.find_spec("rclpy") and not router else "zenoh"
     if way == "rclpy":
         with explained():
             from .rcl.port import RclpyPort
@@ -38,7 +40,7 @@ def open_port(
         with explained():
             from .wire.port import ZenohPort
 
-            return ZenohPort(domain, notify=notify)
+            return ZenohPort(domain, router=router or None, notify=notify)
     raise PortUnavailableError(f"no way into ROS is called {way!r}: {', '.join(WAYS)}")
 
 

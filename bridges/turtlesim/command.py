@@ -13,8 +13,8 @@ from types import FrameType
 import click
 from click.core import ParameterSource
 
+from llfsm.bridges.ros2.commands.options import open_way, ros_options
 from llfsm.bridges.ros2.errors import Ros2Error
-from llfsm.bridges.ros2.opening import WAYS, explained, open_port
 from llfsm.bridges.ros2.port import Port
 from llfsm.runtime.commands.board import board_option
 from llfsm.runtime.commands.supervised import end_with_input, supervised_options
@@ -65,24 +65,7 @@ _Spawn = tuple[str, float, float, float]
     is_flag=True,
     help="Be the ROS 2 node turtlesim, and touch no whiteboard: to join the two is a bridge's job.",
 )
-@click.option(
-    "--port",
-    "way",
-    type=click.Choice(WAYS),
-    help="With --ros: the way into ROS.  [default: auto, which is rclpy if it is there]",
-)
-@click.option(
-    "--domain",
-    metavar="ID",
-    type=click.IntRange(0, 232),
-    help="With --ros: the ROS domain.  [default: $ROS_DOMAIN_ID, else 0]",
-)
-@click.option(
-    "--router",
-    metavar="ENDPOINT",
-    multiple=True,
-    help="With --ros: where a Zenoh router is, as tcp/192.168.1.5:7447.  [default: this host]",
-)
+@ros_options("With --ros: ")
 @board_option
 @supervised_options
 @click.pass_context
@@ -91,7 +74,7 @@ def turtlesim(
     turtles: list[_Spawn],
     picture: Path | None,
     ros: bool,
-    way: str | None,
+    port: str,
     domain: int | None,
     router: tuple[str, ...],
     board: str,
@@ -123,8 +106,8 @@ def turtlesim(
         end_with_input()
     try:
         if ros:
-            with _open_port(way or "auto", domain, router) as port:
-                simulator = _run_on_ros(port, turtles, lambda: over)
+            with open_way(port, domain, router) as way:
+                simulator = _run_on_ros(way, turtles, lambda: over)
         else:
             simulator = Simulator(log=_LOG)
             _spawn(turtles, simulator.spawn)
@@ -145,23 +128,12 @@ def turtlesim(
 
 def _check_options(context: click.Context, world: str) -> None:
     """Refuse the options of the world that the turtles are not in."""
-    other = {"ros": ("board", "remove_board"), "board": ("way", "domain", "router")}[world]
+    other = {"ros": ("board", "remove_board"), "board": ("port", "domain", "router")}[world]
     flags = {param.name: param.opts[-1] for param in context.command.params}
     for name in other:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             hint = "touches no whiteboard: leave out" if world == "ros" else "is needed for"
             raise click.UsageError(f"--ros {hint} {flags[name]}")
-
-
-def _open_port(way: str, domain: int | None, router: tuple[str, ...]) -> Port:
-    if not router:
-        return open_port(way, domain)
-    if way == "rclpy":
-        raise click.UsageError("--router is for --port zenoh: rclpy has its own configuration")
-    with explained():
-        from llfsm.bridges.ros2.wire.port import ZenohPort
-
-        return ZenohPort(domain, router=router)
 
 
 def _run_on_ros(port: Port, turtles: list[_Spawn], is_over: Callable[[], bool]) -> Simulator:

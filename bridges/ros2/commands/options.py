@@ -11,10 +11,11 @@ import click
 from llfsm.runtime.commands.board import board_option
 from llfsm.runtime.commands.supervised import supervised_options
 
-from ..opening import WAYS, explained, open_port
+from ..opening import WAYS, open_port
 from ..port import Notice, Port
+from ..telling import log_notice
 
-__all__ = ["Ways", "bridge_options"]
+__all__ = ["Ways", "bridge_options", "open_way", "ros_options"]
 
 
 class Ways(NamedTuple):
@@ -30,13 +31,7 @@ class Ways(NamedTuple):
 
     def open_port(self, notify: Callable[[Notice], None]) -> Port:
         """Open the way into ROS; raise :class:`.PortError`."""
-        if not self.router:
-            return open_port(self.port, self.domain, notify=notify)
-        if self.port == "rclpy":
-            raise click.UsageError("--router is for --port zenoh: rclpy has its own configuration")
-        with explained():
-            from ..wire.port import ZenohPort
-        return ZenohPort(self.domain, router=self.router, notify=notify)
+        return open_way(self.port, self.domain, self.router, notify)
 
 
 def bridge_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -52,25 +47,51 @@ def bridge_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--quiet", "-q", is_flag=True, help="Tell no counts, only what goes wrong."),
         supervised_options,
         board_option,
-        click.option(
-            "--router",
-            metavar="ENDPOINT",
-            multiple=True,
-            help="Where a Zenoh router is, as tcp/192.168.1.5:7447.  [default: this host]",
-        ),
-        click.option(
-            "--domain",
-            metavar="ID",
-            type=click.IntRange(0, 232),
-            help="The ROS domain.  [default: $ROS_DOMAIN_ID, else 0]",
-        ),
-        click.option(
-            "--port",
-            type=click.Choice(WAYS),
-            default="auto",
-            show_default=True,
-            help="The way into ROS; auto is rclpy where it is installed.",
-        ),
+        ros_options(),
     ):
         optioned = option(optioned)
     return optioned
+
+
+def open_way(
+    port: str,
+    domain: int | None,
+    router: tuple[str, ...],
+    notify: Callable[[Notice], None] = log_notice,
+) -> Port:
+    """Open the way into ROS that the options name; raise :class:`.PortError`."""
+    if router and port == "rclpy":
+        raise click.UsageError("--router is for --port zenoh: rclpy has its own configuration")
+    return open_port(port, domain, router=router, notify=notify)
+
+
+def ros_options(only: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return what adds the options that say which ROS; `only` begins their help texts."""
+
+    def add(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in (
+            click.option(
+                "--router",
+                metavar="ENDPOINT",
+                multiple=True,
+                help=f"{only}Where a Zenoh router is, as tcp/192.168.1.5:7447.  "
+                "[default: this host]",
+            ),
+            click.option(
+                "--domain",
+                metavar="ID",
+                type=click.IntRange(0, 232),
+                help=f"{only}The ROS domain.  [default: $ROS_DOMAIN_ID, else 0]",
+            ),
+            click.option(
+                "--port",
+                type=click.Choice(WAYS),
+                default="auto",
+                show_default=True,
+                help=f"{only}The way into ROS; auto is rclpy where it is installed.",
+            ),
+        ):
+            command = option(command)
+        return command
+
+    return add

@@ -31,11 +31,12 @@ class Inbox(Generic[T]):
             self._things.append(thing)
             self._changed.notify()
 
-    def close(self) -> None:
-        """Hand over nothing more."""
+    def close(self) -> list[T]:
+        """Hand over nothing more; return what still waited."""
         with self._changed:
             self._closed = True
             self._changed.notify()
+            return list(self._things)
 
     def _run(self) -> None:
         while True:

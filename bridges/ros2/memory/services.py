@@ -104,5 +104,6 @@ class MemoryServer(Server, Member):
 
     def _close(self) -> None:
         self.site.world.leave(self)
-        self.inbox.close()
+        for sent in self.inbox.close():
+            sent.back.fail("the server was closed")
         self._counter.close()

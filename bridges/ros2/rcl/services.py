@@ -29,12 +29,13 @@ class RclClient(Client[Any, Any]):
     def __init__(
         self, owner: Closable, world: RclWorld, node: api.Node, name: str, of: RosService, qos: Qos
     ) -> None:
+        found = api.find_class(of.name)  # first: what is not there has nothing to close
         super().__init__(owner)
         self.name = name
         self._world = world
         self._node = node
         self._of = of
-        self._class = api.find_class(of.name)
+        self._class = found
         self._calls = Calls(name, of.response, world.teller)
         self._client = node.create_client(self._class, name, qos_profile=world.qos(qos))
 
@@ -87,11 +88,12 @@ class RclServer(Server):
         handler: Callable[[Request[Any, Any]], None],
         qos: Qos,
     ) -> None:
+        found = api.find_class(of.name)
         super().__init__(owner)
         self.name = name
         self._world = world
         self._node = node
-        self._class = api.find_class(of.name)
+        self._class = found
         self._counter = Counter(name, of, handler, world.teller)
         self._service = node.create_service(
             self._class, name, lambda request, _: request, qos_profile=world.qos(qos)

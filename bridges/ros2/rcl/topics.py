@@ -34,6 +34,7 @@ class RclPublisher(Publisher[M]):
         of: RosMessage[M],
         qos: Qos,
     ) -> None:
+        found = api.find_class(of.name)  # first: what is not there has nothing to close
         super().__init__(owner)
         self.name = end.name
         self._world = world
@@ -41,7 +42,7 @@ class RclPublisher(Publisher[M]):
         self._end = end
         self._encode = of.encode
         self._publisher = node.create_publisher(
-            api.find_class(of.name), end.name, world.qos(qos), event_callbacks=world.rclpy.quiet[0]
+            found, end.name, world.qos(qos), event_callbacks=world.rclpy.quiet[0]
         )
         world.ours[end] = None
 
@@ -71,6 +72,7 @@ class RclSubscription(Subscription):
         callback: Callable[[Arrival[M]], None],
         qos: Qos,
     ) -> None:
+        found = api.find_class(of.name)
         super().__init__(owner)
         self.name = end.name
         self._world = world
@@ -85,7 +87,7 @@ class RclSubscription(Subscription):
                 world.teller.deliver(self.name, callback, ArrivedBytes(data, arrived, of))
 
         self._subscription = node.create_subscription(
-            api.find_class(of.name),
+            found,
             end.name,
             take,
             world.qos(qos),
