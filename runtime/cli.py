@@ -33,7 +33,10 @@ _COMMANDS = {
         "llfsm.runtime.commands.package:package",
         "Write the ROS 2 package that starts a machine.",
     ),
-    "turtlesim": ("llfsm.bridges.turtlesim.command:turtlesim", "Simulate turtles, without ROS."),
+    "turtlesim": (
+        "llfsm.bridges.turtlesim.command:turtlesim",
+        "Simulate turtles, on a whiteboard or as a ROS 2 node.",
+    ),
     "bridge": ("llfsm.bridges.ros2.commands.group:bridge", "Connect a whiteboard with ROS 2."),
     "router": ("llfsm.bridges.ros2.router:router", "Let ROS 2 nodes over Zenoh find each other."),
     "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),
