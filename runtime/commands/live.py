@@ -114,35 +114,35 @@ class LiveBoard:
 
 def show(board: LiveBoard, processes: Processes, title: str, seconds: float | None) -> None:
     """Show a demo for so long: as a picture on a terminal, else a line for each change."""
-    until = float("inf") if seconds is None else time.monotonic() + seconds
+    started = time.monotonic()
+    until = float("inf") if seconds is None else started + seconds
+
+    def timed(line: str) -> str:
+        return f"{time.monotonic() - started:6.1f} s  {line}"
+
     if sys.stdout.isatty():
         from rich.live import Live
 
         news: deque[str] = deque(maxlen=_NEWS)
         with Live(auto_refresh=False) as live:
             while time.monotonic() < until:
-                news.extend(_reports(processes))
+                news.extend(map(timed, _reports(processes)))
                 shown = _picture(board.watcher(), title, processes.standings(), news)
                 live.update(shown, refresh=True)
                 processes.wait(_FRAME_S)
         return
     click.echo(title)
-    started = time.monotonic()
     told: dict[str, str] = {}
-
-    def tell(line: str) -> None:
-        click.echo(f"{time.monotonic() - started:6.1f} s  {line}")
-
     while time.monotonic() < until:
         for report in _reports(processes):
-            tell(report)
+            click.echo(timed(report))
         watcher = board.watcher()
         pose = watcher.pose()
         where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
         states = {machine.name: machine.state for machine in watcher.machines()}
         for machine, state in states.items():
             if told.get(machine) != state:
-                tell(f"{machine}: {state}{where}")
+                click.echo(timed(f"{machine}: {state}{where}"))
         told = states
         processes.wait(_FRAME_S / 2)
 

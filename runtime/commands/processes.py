@@ -82,12 +82,12 @@ class _Process:
         assert self.ended is not None
         return self.popen.returncode > 0 and self.ended - self.started < _EARLY_S
 
-    def death(self) -> str:
-        """Return how it ended; if it was by itself, with its last words."""
+    def death(self, then: str = "") -> str:
+        """Return how it ended and what comes then; if it was by itself, with its last words."""
         code = self.popen.returncode
         if code < 0:
-            return f"the {self.name} was killed by {signal.Signals(-code).name}"
-        return "\n    ".join([f"the {self.name} ended with {code}", *self.said])
+            return f"the {self.name} was killed by {signal.Signals(-code).name}{then}"
+        return "\n    ".join([f"the {self.name} ended with {code}{then}", *self.said])
 
     def standing(self) -> Standing:
         pid = self.popen.pid if self.ended is None else None
@@ -137,7 +137,7 @@ class Processes:
                 raise ProcessDiedError(process.death())
             assert process.ended is not None
             if not known:
-                self.reports.append(f"{process.death()}; it starts again")
+                self.reports.append(process.death("; it starts again"))
             elif time.monotonic() - process.ended >= _PAUSE_S:
                 process.end()
                 self._all[place] = _Process(process.name, process.arguments, self._environment)
