@@ -21,7 +21,7 @@ VENV_MADE := $(VENV)/pyvenv.cfg
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test check bench sanitize clean
+.PHONY: help setup demo test check bench soak sanitize clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
@@ -29,6 +29,7 @@ help:
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
 	@echo "make bench     measure us and the peers in one run"
+	@echo "make soak      run the bridge for ten minutes while its processes are killed"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make clean     remove .venv and what was built"
 
@@ -67,6 +68,10 @@ sanitize: $(VENV)/.ready-test
 bench: $(VENV)/.ready-bench
 	@mkdir -p out
 	$(BIN)/python tests/bench/run.py --json out/bench.json
+
+SOAK_SECONDS ?= 600
+soak: $(VENV)/.ready-test
+	$(BIN)/python tests/stress/soak.py --seconds $(SOAK_SECONDS)
 
 # One stamp a set of extras; each is made again when what it depends on changes.
 $(VENV)/.ready: EXTRAS = draw,ros

@@ -28,6 +28,7 @@ class Pace(NamedTuple):
     sample_s: float
     processes: int  # samples of a whole process
     schedule_s: float  # of keeping to a timetable
+    bridge: tuple[int, float]  # rounds, and seconds of each
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import bridge
 import ours
 from measure import Meter, Pace, Side, in_turns, process, statement
 from peers import PEERS, open_peer, version_of
@@ -32,8 +33,8 @@ from table import (
     Row,
 )
 
-FULL = Pace(samples=1000, sample_s=0.0003, processes=31, schedule_s=60)
-QUICK = Pace(samples=3, sample_s=0.0001, processes=2, schedule_s=0.2)
+FULL = Pace(samples=1000, sample_s=0.0003, processes=31, schedule_s=60, bridge=(5, 4.0))
+QUICK = Pace(samples=3, sample_s=0.0001, processes=2, schedule_s=0.2, bridge=(1, 0.3))
 
 # what, of ours, the peer, of the peer's, how many times faster ours is promised to be
 COMPARED: list[tuple[str, str, str, str, float | None]] = [
@@ -57,6 +58,7 @@ def rows(pace: Pace) -> Iterator[Row]:
     yield from _calls(pace)
     yield from _processes(pace)
     yield from _schedule(pace)
+    yield from bridge.rows(*pace.bridge)
 
 
 def _calls(pace: Pace) -> Iterator[Row]:
