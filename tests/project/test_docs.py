@@ -5,6 +5,8 @@ from __future__ import annotations
 import fnmatch
 import os
 import re
+import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -20,6 +22,7 @@ from llfsm.whiteboard.shared import remove_board
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+PORT = "17447"
 FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -41,11 +44,21 @@ def test_every_block_is_of_a_kind_that_is_executed(document: Path) -> None:
 
 @pytest.fixture
 def board() -> Iterator[str]:
-    """Name a board; whatever still runs on it ends when it is gone."""
+    """Name a board; at the end it is removed, and whatever was started with its name is ended."""
     name = f"docs-{os.getpid()}"
     yield name
     with suppress(BoardNotFoundError):
         remove_board(name)
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if f"WHITEBOARD_NAME={name}\0" in (process / "environ").read_text(errors="replace"):
+                os.kill(int(process.name), signal.SIGKILL)
+
+
+def free_port() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return str(probe.getsockname()[1])
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
@@ -54,22 +67,24 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
 
     ``python FILE`` and ``toml FILE`` blocks are files, kept for the blocks after them; ``console``
     blocks are commands after ``$`` with the output that they must give, in which ``...`` stands
-    for anything.
+    for anything. The port that they use, `PORT`, is exchanged for one that is free.
     """
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "WHITEBOARD_NAME": board,
         "COLUMNS": "100",
     }
+    port = free_port()
     for number, block in enumerate(blocks(document)):
+        text = block.text.replace(PORT, port)
         if block.language == "python":
             path = tmp_path / (block.file or f"block{number}.py")
-            path.write_text(block.text)
+            path.write_text(text)
             run([sys.executable, str(path)], tmp_path, environment)
         elif block.language == "toml":
-            (tmp_path / block.file).write_text(block.text)
+            (tmp_path / block.file).write_text(text)
         elif block.language == "console":
-            for command, output in commands(block.text):
+            for command, output in commands(text):
                 if command.startswith("make "):
                     run(["make", "-n", *command.split()[1:]], ROOT, environment)
                 else:
