@@ -33,6 +33,7 @@ _COMMANDS = {
         "llfsm.runtime.commands.package:package",
         "Write the ROS 2 package that starts a machine.",
     ),
+    "view": ("llfsm.bridges.view.command:view", "Show a whiteboard and its machines on a page."),
     "turtlesim": ("llfsm.bridges.turtlesim.command:turtlesim", "Simulate turtles, without ROS."),
     "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),
     "demo": ("llfsm.runtime.commands.demo:demo", "Watch machines and turtles work together."),

@@ -34,7 +34,7 @@ class Look(NamedTuple):
 
     Samples are compared by their counts, and `epoch` is another number whenever counts cannot be
     compared with earlier ones: the board was made anew, or a recording was left and entered
-    elsewhere. Values of a sample's message are written as MessagePack would be, without names.
+    elsewhere.
     """
 
     now_ns: int
@@ -43,7 +43,7 @@ class Look(NamedTuple):
     slots: Mapping[str, SlotInfo]
     """By name, in the order in which they were made."""
     samples: Mapping[str, Sample[Message]]
-    """The latest of each slot that has one; those of `llfsm/machine/` are `MachineStatus`."""
+    """The latest of each slot that has one, of the class that `class_of` returns."""
     problems: Mapping[str, str] = {}
     """By name of the slot: why its messages cannot be shown."""
     trouble: str = ""
@@ -87,8 +87,8 @@ class Source(ABC):
     def history(self) -> Mapping[str, Sequence[Change]]:
         """Return what is known of each machine's states, by name, in order of time.
 
-        Of a live board since the first look, of a recording from its beginning to its end. What
-        is added later is added at the end.
+        Of a live board since the first look, of a recording from its beginning to its end. The
+        stamps of a machine's changes increase strictly; what is added later is added at the end.
         """
 
     def board(self) -> Board | None:

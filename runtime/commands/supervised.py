@@ -10,14 +10,16 @@ from typing import Any
 
 import click
 
-__all__ = ["end_with_input", "supervised_options"]
+__all__ = ["end_with_input", "supervised_options", "until_eof_option"]
+
+until_eof_option = click.option(
+    "--until-eof", is_flag=True, help="End when standard input is closed, as by a supervisor."
+)
 
 
 def supervised_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of a command that another program may start and watch."""
-    command = click.option(
-        "--until-eof", is_flag=True, help="End when standard input is closed, as by a supervisor."
-    )(command)
+    command = until_eof_option(command)
     return click.option(
         "--remove-board", is_flag=True, help="Remove the whiteboard at the end, however it comes."
     )(command)
