@@ -7,7 +7,8 @@ What is in it is enough to run the machines again just as they ran. An entry is 
 * `Posted`: an actuator was called, and the whiteboard has counted the message;
 * `Asked`: something was asked of a machine, or of all (`stop`), from outside the arrangement;
 * `Answered`: a machine of another process was asked for its state, or to do something;
-* `Loaded`: a machine came, from outside the arrangement.
+* `Loaded`: a machine was loaded, but not by another one;
+* `Plan`, at the beginning: what the arrangement was made from, if that was a plan.
 
 Time that passes between turns is nobody's input, so that its reads are left out. Entries are
 gathered in memory and written, many at once, between rounds.
@@ -36,7 +37,8 @@ _WRITE_NS: Final = 20_000_000
 _MOST: Final = 4096  # entries that are gathered even if no round ends
 
 _FIELDS: Final[dict[str, tuple[str, ...]]] = {
-    "Loaded": ("machine", "path", "state"),
+    "Plan": ("plan", "folder"),
+    "Loaded": ("machine", "path"),
     "Sensed": ("machine", "sensor", "slot", "message", "error"),
     "Posted": ("machine", "actuator", "slot", "message", "count"),
     "Asked": ("action", "machine"),

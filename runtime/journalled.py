@@ -97,7 +97,7 @@ class JournalledArrangement(Arrangement):
     def _seat_at(self, loadable: Loadable, **how: Unpack[LoadOptions]) -> Seat:
         seat = super()._seat_at(loadable, **how)
         if self.journal.outside:
-            self.journal.add("Loaded", seat.name, seat.path, seat.current.name)
+            self.journal.add("Loaded", seat.name, seat.path)
         self._tap(seat)
         return seat
 

@@ -1,0 +1,44 @@
+"""The errors of recordings.
+
+::
+
+    FsmError
+    ├── RecordingError             a recording cannot be made or used as asked
+    │   ├── RecordingFileError         the file cannot be read or written, or is no recording
+    │   ├── NoEventsError              it holds no events of machines: there is nothing to rerun
+    │   └── OtherMachinesError         the machines given are not those recorded
+    └── (AssertionError)
+        └── RerunError                 machines do something else than they did (no FsmError)
+"""
+
+from __future__ import annotations
+
+from llfsm.runtime import FsmError
+
+__all__ = [
+    "NoEventsError",
+    "OtherMachinesError",
+    "RecordingError",
+    "RecordingFileError",
+    "RerunError",
+]
+
+
+class RecordingError(FsmError):
+    """Say why a recording cannot be made or used as asked."""
+
+
+class RecordingFileError(RecordingError):
+    """Say which file cannot be read or written, or is no recording, and why."""
+
+
+class NoEventsError(RecordingError):
+    """Say that a recording holds no events of machines, and how to make one that does."""
+
+
+class OtherMachinesError(RecordingError):
+    """Name the machines that were recorded, and those that were given instead."""
+
+
+class RerunError(AssertionError):
+    """Show the first thing that machines do differently from what was recorded of them."""
