@@ -12,6 +12,7 @@ from .source import Change
 __all__ = ["History"]
 
 _MOST = 4_000  # changes of a machine that are kept
+_GAP_NS = 1_000_000_000  # between two looks, after which nobody knows what was
 
 
 class History:
@@ -19,6 +20,7 @@ class History:
 
     def __init__(self) -> None:
         self.changes: dict[str, list[Change]] = {}
+        self._noted_ns = 0
 
     def note(
         self,
@@ -27,6 +29,12 @@ class History:
         is_live: Callable[[Sample[MachineStatus]], bool],
     ) -> None:
         """Add what has changed by the moment `now_ns`."""
+        if now_ns - self._noted_ns > _GAP_NS:
+            for changes in self.changes.values():
+                if changes[-1].state:
+                    unknown_ns = max(self._noted_ns, changes[-1].stamp_ns + 1)
+                    changes.append(Change(unknown_ns, "", False))
+        self._noted_ns = now_ns
         for name, sample in samples.items():
             status = sample.message
             if not isinstance(status, MachineStatus):

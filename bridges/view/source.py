@@ -22,7 +22,10 @@ __all__ = ["Change", "Look", "Player", "Source"]
 
 
 class Change(NamedTuple):
-    """A machine in another state than before, or suspended or resumed, or gone (no state)."""
+    """A machine in another state than before, or suspended or resumed; without a state: gone.
+
+    So it is, too, while nobody looks.
+    """
 
     stamp_ns: int
     state: str
