@@ -5,13 +5,10 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import logging
-import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 
 import click
 import msgspec
@@ -22,6 +19,7 @@ from llfsm.runtime.commands.planned import Planned, plan_of
 from llfsm.runtime.dispatch import DispatchTable
 from llfsm.runtime.plan import Plan, PlannedMachine, assemble
 from llfsm.runtime.remote import host_name
+from llfsm.runtime.signals import stop_on_signals
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.schema import to_plain
 
@@ -36,7 +34,6 @@ from .writer import RecordingWriter
 __all__ = ["record", "replay", "rerun"]
 
 _MB = 1_000_000
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _file_argument = click.argument("file", type=click.Path(path_type=Path))
 _slots_option = click.option(
@@ -45,24 +42,6 @@ _slots_option = click.option(
     multiple=True,
     help="Only slots whose names match, as 'turtle1/*'; may be given several times.",
 )
-
-
-@contextmanager
-def _ending() -> Iterator[Callable[[], bool]]:
-    """Give a function that tells whether SIGINT or SIGTERM has come; a second one ends at once."""
-    over = False
-
-    def end(number: int, _: FrameType | None) -> None:
-        nonlocal over
-        over = True
-        signal.signal(number, before[number])
-
-    before = {int(number): signal.signal(number, end) for number in _SIGNALS}
-    try:
-        yield lambda: over
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @click.command()
@@ -102,11 +81,13 @@ def record(
         "host": host_name(),
         "version": importlib.metadata.version("llfsm"),
     }
+    asked: list[str] = []  # the signal by which an end is
     with (
-        _ending() as asked,
+        stop_on_signals(asked.append),
         Whiteboard(board, create=False) as wb,
         RecordingWriter(output, about) as writer,
     ):
+        recorder = BoardRecorder(wb, writer, slots)
         journal = None if events is None else JournalRecorder(events, writer)
         click.echo(f"recording the whiteboard {board!r} to {output}")
         sys.stdout.flush()
@@ -114,9 +95,9 @@ def record(
         largest = float("inf") if max_size is None else max_size * _MB
 
         def is_over() -> bool:
-            return asked() or time.monotonic() >= until or writer.size >= largest
+            return bool(asked) or time.monotonic() >= until or writer.size >= largest
 
-        record_until(BoardRecorder(wb, writer, slots), journal, writer, is_over)
+        record_until(recorder, journal, writer, is_over)
     missed = sum(writer.missed().values())
     click.echo(f"{output}: {writer.messages} messages, {missed} more came too fast", err=True)
 
@@ -159,11 +140,12 @@ def replay(
     llfsm replay run.mcap -b again --speed 2
     llfsm replay run.mcap --slots turtle1/pose --loop
     """
-    with _ending() as asked, Whiteboard(board) as wb:
+    asked: list[str] = []  # the signal by which an end is
+    with stop_on_signals(asked.append), Whiteboard(board) as wb:
         player = Replay(_open(file, from_s), wb, slots)
 
         def is_over() -> bool:
-            return asked() or not wb.alive
+            return bool(asked) or not wb.alive
 
         again = True
         while again and not is_over():

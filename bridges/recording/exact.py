@@ -41,7 +41,9 @@ class Codec:
     def decode(self, text: bytes) -> Message:
         """Return the message; raise ``ValueError`` if the text is none of this slot."""
         plain = msgspec.json.decode(text)
-        if isinstance(plain, dict) and EXACT in plain:
+        if not isinstance(plain, dict):
+            raise ValueError("no JSON object")
+        if EXACT in plain:
             message = self.slot.decoder.decode(a2b_base64(plain[EXACT]))
         else:
             message = msgspec.convert(from_plain(plain, self.slot.schema), self.slot.type)

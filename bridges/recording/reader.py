@@ -2,40 +2,29 @@
 
 from __future__ import annotations
 
-import struct
 from binascii import a2b_base64
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
-from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Channel, Chunk, Footer, Metadata, Schema
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from llfsm.bridges.view.classes import class_of
 from llfsm.runtime.journal import Entry
-from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
+from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
 
 from .errors import RecordingFileError
 from .exact import Codec
 from .writer import ABOUT, EVENTS
 
-if TYPE_CHECKING:
-    from zstandard import ZstdError
-else:
-    try:
-        from zstandard import ZstdError
-    except ImportError:  # files that are compressed otherwise can be read all the same
-        ZstdError = McapError
-
 __all__ = ["Recorded", "RecordedSlot", "Recording"]
 
-_BROKEN = (EndOfFile, McapError, ZstdError, struct.error, ValueError, MemoryError)
 _WRAP = 1 << 32  # a file counts messages modulo this
 
 
@@ -81,7 +70,7 @@ class RecordedSlot:
 class Recording:
     """Read a recording; raise :class:`.RecordingFileError` if it is none.
 
-    `complete` is False for one that was cut short, which has all up to there.
+    `complete` is False for one that was cut short or is damaged: it has all up to there.
     """
 
     def __init__(self, path: Path):
@@ -89,7 +78,7 @@ class Recording:
         self.complete = False
         self.slots: dict[str, RecordedSlot] = {}
         self._about: Mapping[str, str] | None = None
-        self._offset_ns = 0
+        self._offset_ns = self._begin_ns = 0
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, tuple[RecordedSlot | None, int]] = {}
         self._events: list[bytes] = []
@@ -99,8 +88,6 @@ class Recording:
                 self._read(StreamReader(file, emit_chunks=True))
         except OSError as error:
             raise self._wrong(f"cannot be read: {error.strerror}") from error
-        except WhiteboardError as error:
-            raise self._wrong(f"has a slot that no whiteboard can have: {error}") from error
         if self._about is None:
             raise self._wrong("is no recording of llfsm")
         for recorded in self.slots.values():
@@ -114,8 +101,7 @@ class Recording:
     @property
     def span_ns(self) -> tuple[int, int]:
         """When it begins and ends, on the clock of the whiteboard."""
-        begin_ns = int(self.about["begin_ns"])
-        return begin_ns, max(begin_ns, self._end_ns)
+        return self._begin_ns, max(self._begin_ns, self._end_ns)
 
     @cached_property
     def entries(self) -> Sequence[Entry]:
@@ -142,15 +128,17 @@ class Recording:
                         self.complete = True
                     case _:
                         self._take(record)
-        except _BROKEN as error:
-            if self._about is None:
-                raise self._wrong("is no recording of llfsm") from error
+        except OSError:
+            raise
+        except Exception:  # whatever the library makes of a file that is cut short, or damaged
+            return
 
     def _take(self, record: object) -> None:
         match record:
             case Metadata(name=name, metadata=metadata) if name == ABOUT:
-                self._about = metadata
                 self._offset_ns = int(metadata["offset_ns"])
+                self._begin_ns = int(metadata["begin_ns"])
+                self._about = metadata
             case Schema(id=number):
                 self._schemas[number] = record
             case Channel(id=number) if number not in self._channels:

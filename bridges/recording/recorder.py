@@ -13,8 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final
 
-import msgspec
-
 from llfsm.bridges.view.classes import class_of
 from llfsm.runtime.failure import logger
 from llfsm.runtime.journal import Entry, entries_of
@@ -39,23 +37,26 @@ class BoardRecorder:
         self._patterns = patterns
         self._slots: dict[str, tuple[Slot[Any], BoundSlot[Any]]] = {}
         self._counts: dict[str, int] = {}
+        self._new: set[str] = set()  # slots that were made since the recording began
         self._unreadable: set[str] = set()
         self._list_ns = self._view_ns = 0  # when that is due
+        self._find_slots()
+        self._new.clear()
 
     @property
     def alive(self) -> bool:
         """Whether anybody may still write to the board."""
         return self._board.alive
 
-    def look(self) -> None:
+    def look(self, *, last: bool = False) -> None:
         """Write each message that has come since the last look and is still there."""
         now_ns = time.monotonic_ns()
-        if now_ns >= self._list_ns:
-            self._list_ns = now_ns + _LIST_NS
+        if last or now_ns >= self._list_ns:
             self._find_slots()
+            self._list_ns = now_ns + _LIST_NS
         if now_ns >= self._view_ns and self._wants(VARIABLES):
             self._view_ns = now_ns + _VIEW_NS
-            self._board.add_message(VIEWER, Viewer(os.getpid()))
+            self._tell()
         for name, (slot, bound) in self._slots.items():
             if bound.count != self._counts[name]:
                 self._take(name, slot, bound)
@@ -71,7 +72,7 @@ class BoardRecorder:
         else:
             if sample is not None:
                 self._counts[name] = sample.count
-                self._writer.add(slot, sample)
+                self._writer.add(slot, sample, new=name in self._new)
 
     def _find_slots(self) -> None:
         for info in self._board.slots():
@@ -83,10 +84,19 @@ class BoardRecorder:
                 slot = Slot(info.name, class_of(info), info.capacity)
                 self._slots[info.name] = slot, self._board[slot]
                 self._counts[info.name] = 0
+                self._new.add(info.name)
             except BoardClosedError:
                 raise
             except Exception as error:  # whatever a schema that is none makes of a class
                 self._warn(info.name, error)
+
+    def _tell(self) -> None:
+        try:
+            self._board.add_message(VIEWER, Viewer(os.getpid()))
+        except BoardClosedError:
+            raise
+        except WhiteboardError as error:  # a board that is full can be recorded all the same
+            self._warn(VARIABLES + "*", error)
 
     def _wants(self, name: str) -> bool:
         return not self._patterns or any(fnmatchcase(name, each) for each in self._patterns)
@@ -106,7 +116,6 @@ class JournalRecorder:
         self._pipe = pipe
         self._writer = writer
         self._left = bytearray()
-        self._now_ns = writer.begin_ns
 
     def wait(self, seconds: float) -> None:
         """Write what comes, waiting for it so long at most."""
@@ -116,8 +125,7 @@ class JournalRecorder:
         self.over = not data
         self._left += data
         for entry in self._entries():
-            self._now_ns = entry.get("time_ns", self._now_ns)
-            self._writer.add_event(self._now_ns, msgspec.json.encode(entry))
+            self._writer.add_entry(entry)
 
     def _entries(self) -> Iterator[Entry]:
         while len(self._left) >= 4:
@@ -142,7 +150,7 @@ def record(
     last = False
     while not last:
         last = is_over() or (not board.alive if journal is None else journal.over)
-        board.look()  # once more at the end, for what came meanwhile
+        board.look(last=last)  # once more at the end, for what came meanwhile
         writer.flush_if_due()
         if journal is not None:
             journal.wait(_LOOK_S)

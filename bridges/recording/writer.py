@@ -21,6 +21,7 @@ import msgspec
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
+from llfsm.runtime.journal import Entry
 from llfsm.whiteboard import Message, Sample, Slot
 
 from .errors import RecordingFileError
@@ -61,6 +62,7 @@ class RecordingWriter:
         self._codecs: dict[str, Codec] = {}
         self._seen: dict[str, tuple[int, int, int]] = {}  # first count, last count, number
         self._events: int | None = None
+        self._now_ns = self.begin_ns  # of the entry before: not all have a time
         self._writer.start(profile="llfsm")
         times = {"offset_ns": str(self._offset_ns), "begin_ns": str(self.begin_ns)}
         self._writer.add_metadata(ABOUT, {**about, **times})
@@ -77,12 +79,12 @@ class RecordingWriter:
         """Bytes in the file so far, without the chunk under way."""
         return self._file.tell()
 
-    def add(self, slot: Slot[Any], sample: Sample[Message]) -> None:
-        """Write a message of a slot."""
+    def add(self, slot: Slot[Any], sample: Sample[Message], *, new: bool = False) -> None:
+        """Write a message of a slot; of a `new` one all since the first are expected."""
         channel = self._channels.get((slot.name, sample.writer))
         if channel is None:
             channel = self._add_channel(slot, sample.writer)
-        first, _, number = self._seen.get(slot.name, (sample.count, 0, 0))
+        first, _, number = self._seen.get(slot.name, (1 if new else sample.count, 0, 0))
         self._seen[slot.name] = first, sample.count, number + 1
         published_ns = sample.stamp_ns + self._offset_ns
         self._writer.add_message(
@@ -93,20 +95,25 @@ class RecordingWriter:
             sequence=sample.count & 0xFFFFFFFF,
         )
 
-    def add_event(self, time_ns: int, data: bytes) -> None:
-        """Write an event of a machine: a JSON object with a member `event`."""
+    def add_entry(self, entry: Entry) -> None:
+        """Write an entry of an arrangement's journal."""
         if self._events is None:
             schema = self._schema("llfsm/Event", msgspec.json.encode(_EVENT_SCHEMA))
             self._events = self._writer.register_channel(EVENTS, MessageEncoding.JSON, schema)
-        stamp_ns = time_ns + self._offset_ns
-        self._writer.add_message(self._events, stamp_ns, data, stamp_ns)
+        self._now_ns = entry.get("time_ns", self._now_ns)
+        stamp_ns = self._now_ns + self._offset_ns
+        self._writer.add_message(self._events, stamp_ns, msgspec.json.encode(entry), stamp_ns)
+
+    def flush(self) -> None:
+        """Make sure that what was written is not lost if the process dies."""
+        self._writer.flush()
 
     def flush_if_due(self) -> None:
-        """Make sure that nothing older than a second is lost if the process dies."""
+        """Do that if it was not done for a second."""
         now_ns = time.monotonic_ns()
         if now_ns - self._flushed_ns >= _FLUSH_NS:
             self._flushed_ns = now_ns
-            self._writer.flush()
+            self.flush()
 
     @property
     def messages(self) -> int:

@@ -110,10 +110,10 @@ def _show(processes: Processes, watcher: Watcher, title: str, seconds: float | N
         pose = watcher.pose()
         where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
         for machine in watcher.machines():
-            if shown.get(machine.name) != machine.status:
-                shown[machine.name] = machine.status
+            if shown.get(machine.name) != machine.told:
+                shown[machine.name] = machine.told
                 passed = time.monotonic() - started
-                click.echo(f"{passed:6.1f} s  {machine.name}: {machine.status.state}{where}")
+                click.echo(f"{passed:6.1f} s  {machine.name}: {machine.state}{where}")
         processes.wait(_FRAME_S / 2)
 
 

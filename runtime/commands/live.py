@@ -1,4 +1,4 @@
-"""A running demo on the terminal, all of it pulled from the whiteboard."""
+"""A whiteboard on the terminal, all of it pulled: slots, machines, and a turtle if there is one."""
 
 from __future__ import annotations
 
@@ -7,30 +7,50 @@ import math
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from llfsm.whiteboard import BoundSlot, Message, Sample, Whiteboard
-from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, status_slot
+from llfsm.whiteboard import (
+    BoardClosedError,
+    BoundSlot,
+    Message,
+    Sample,
+    Slot,
+    Whiteboard,
+    WhiteboardError,
+)
 from llfsm.whiteboard.messages.turtlesim import Pose
-from llfsm.whiteboard.schema import to_plain
-from llfsm.whiteboard.slots import Slot
+from llfsm.whiteboard.schema import to_plain, type_from_schema
+
+from ..remote import SILENT_S, Directory, RemoteMachine
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from rich.console import RenderableType
 
-__all__ = ["Watcher", "picture"]
+__all__ = ["SeenSlot", "Watcher", "machine_table", "picture", "slot_table"]
 
 _FIELD = 11.09  # metres
 _COLUMNS, _ROWS = 44, 18
 _ARROWS = "→↗↑↖←↙↓↘"
 _RATE_S = 1.0  # over which changes are counted
+_OWN = "llfsm/"  # slots by which machines are told of: they have a table of their own
 
 
-class Machine(NamedTuple):
-    """Where a machine stands."""
+class SeenSlot(NamedTuple):
+    """A slot as it was when somebody looked."""
 
     name: str
-    status: MachineStatus
-    since_s: float
-    """Seconds since it has entered its state."""
+    sample: Sample[Message] | None
+    rate: float
+    """Changes per second."""
+    problem: str = ""
+    """Why its message cannot be shown."""
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since the latest message was added; infinite if none was."""
+        if self.sample is None:
+            return math.inf
+        return (time.monotonic_ns() - self.sample.stamp_ns) / 1e9
 
 
 class Watcher:
@@ -38,22 +58,16 @@ class Watcher:
 
     def __init__(self, board: Whiteboard) -> None:
         self._board = board
+        self._directory = Directory(board)
         self._slots: dict[str, BoundSlot[Any]] = {}
+        self._problems: dict[str, str] = {}  # of slots that cannot be read at all
         self._counted: dict[str, tuple[float, int]] = {}
         self._rates: dict[str, float] = {}
         self.trail: dict[tuple[int, int], None] = {}
 
-    def machines(self) -> list[Machine]:
-        """Return the machines that are told of on the board."""
-        self._find_slots()
-        found = []
-        for name, slot in self._slots.items():
-            sample: Sample[MachineStatus] | None = slot.sample()
-            if name.startswith(MACHINES) and sample is not None:
-                age_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
-                since_s = sample.message.in_state_s + age_s
-                found.append(Machine(name.removeprefix(MACHINES), sample.message, since_s))
-        return found
+    def machines(self) -> list[RemoteMachine]:
+        """Return the machines that run on the board."""
+        return self._directory.machines()
 
     def pose(self) -> Pose | None:
         """Return where turtle1 is, and remember that it was there."""
@@ -64,29 +78,83 @@ class Watcher:
             self.trail[_cell(pose)] = None
         return pose
 
-    def slots(self) -> list[tuple[str, Sample[Message], float]]:
-        """Return each slot's name, latest sample and changes per second."""
-        now, found = time.monotonic(), []
+    def slots(self) -> list[SeenSlot]:
+        """Return all slots but those by which machines are told of."""
+        self._find_slots()
+        seen = [SeenSlot(name, None, 0.0, problem) for name, problem in self._problems.items()]
         for name, slot in self._slots.items():
-            sample = slot.sample()
-            if sample is None:
-                continue
-            then, count = self._counted.setdefault(name, (now, sample.count))
-            if now - then >= _RATE_S:
-                self._rates[name] = (sample.count - count) / (now - then)
-                self._counted[name] = (now, sample.count)
-            found.append((name, sample, self._rates.get(name, 0.0)))
-        return found
+            try:
+                seen.append(SeenSlot(name, slot.sample(), self._rate(name, slot.count)))
+            except BoardClosedError:
+                raise
+            except WhiteboardError as error:
+                seen.append(SeenSlot(name, None, self._rate(name, slot.count), str(error)))
+        return seen
+
+    def _rate(self, name: str, count: int) -> float:
+        now = time.monotonic()
+        then, before = self._counted.setdefault(name, (now, count))
+        if now - then >= _RATE_S:
+            self._rates[name] = (count - before) / (now - then)
+            self._counted[name] = now, count
+        return self._rates.get(name, 0.0)
 
     def _find_slots(self) -> None:
         for info in self._board.slots():
-            if info.name not in self._slots:
-                slot: Slot[Any] = (
-                    status_slot(info.name.removeprefix(MACHINES))
-                    if info.name.startswith(MACHINES)
-                    else self._board.find(info.name)
-                )
-                self._slots[info.name] = self._board[slot]
+            name = info.name
+            if name in self._slots or name in self._problems or name.startswith(_OWN):
+                continue
+            try:
+                slot = Slot(name, type_from_schema(info.schema), info.capacity)
+                self._slots[name] = self._board[slot]
+            except BoardClosedError:
+                raise
+            except Exception as error:  # whatever a schema that is none makes of a class
+                self._problems[name] = str(error)
+
+
+def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> RenderableType:
+    """Return machines with their states; `wide` adds what `llfsm ps` tells."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for machine in machines:
+        style = "yellow" if machine.suspended else "bold green"
+        how = "suspended" if machine.suspended else "running"
+        if machine.silent_s > SILENT_S:
+            style, how = "red", "silent"
+        row: list[RenderableType] = [
+            Text(machine.name),
+            Text(machine.state, style),
+            f"{machine.in_state_s:6.1f} s",
+        ]
+        if wide:
+            told = machine.told
+            overruns = Text(f"{told.overruns} overruns", "red" if told.overruns else "dim")
+            row += [Text(how, style), f"{told.ringlets} ringlets", overruns, f"pid {told.pid}"]
+        table.add_row(*row)
+    return table
+
+
+def slot_table(slots: Iterable[SeenSlot], *, wide: bool = False) -> RenderableType:
+    """Return slots with their values; `wide` adds how old they are and who wrote them."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for slot in slots:
+        sample = slot.sample
+        value = Text(_short(sample.message)) if sample else Text(slot.problem or "-", "red")
+        value.overflow, value.no_wrap = "ellipsis", True
+        count = "-" if sample is None else str(sample.count)
+        row: list[RenderableType] = [Text(slot.name, "cyan"), f"{count:>6}", f"{slot.rate:5.1f}/s"]
+        if wide:
+            stale = slot.age_s > 1 and slot.rate == 0
+            row.append(Text(f"{slot.age_s:6.1f} s" if sample else "", "dim" if stale else ""))
+            row.append(f"pid {sample.writer}" if sample else "")
+        table.add_row(*row, value)
+    return table
 
 
 def picture(watcher: Watcher, title: str) -> RenderableType:
@@ -94,24 +162,15 @@ def picture(watcher: Watcher, title: str) -> RenderableType:
     from rich.columns import Columns
     from rich.console import Group
     from rich.panel import Panel
-    from rich.table import Table
     from rich.text import Text
 
-    machines = Table.grid(padding=(0, 2))
-    for machine in watcher.machines():
-        style = "yellow" if machine.status.suspended else "bold green"
-        machines.add_row(
-            machine.name, Text(machine.status.state, style), f"{machine.since_s:5.1f} s"
-        )
     pose = watcher.pose()
-    board = Table.grid(padding=(0, 2))
-    for name, sample, rate in watcher.slots():
-        value = Text(_short(sample.message), overflow="ellipsis", no_wrap=True)
-        board.add_row(Text(name, "cyan"), f"{sample.count:>6}", f"{rate:5.1f}/s", value)
+    machines = machine_table(watcher.machines())
     top: list[RenderableType] = [Panel(machines, title="machines", title_align="left")]
     if pose is not None:
         where = f"turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
         top.append(Panel(_field(watcher, pose), title=where, title_align="left"))
+    board = slot_table(watcher.slots())
     return Group(
         Text(title, "bold"), Columns(top), Panel(board, title="whiteboard", title_align="left")
     )
@@ -139,4 +198,4 @@ def _short(message: Message) -> str:
         return round(value, 2) if isinstance(value, float) else value
 
     text = json.dumps(rounded(to_plain(message)), ensure_ascii=False)
-    return text.replace('"', "").strip("{}")
+    return text[1:-1].replace('"', "")
