@@ -57,7 +57,11 @@ def _state(state: State, layout: Layout | None, sections: bool) -> DefinedState:
             DefinedTransition(t.target.name, t.label, _path(paths[i]) if i < len(paths) else ())
             for i, t in enumerate(state.transitions)
         ),
-        drawn and DefinedBox(*map(float, (drawn.x, drawn.y, drawn.w, drawn.h)), drawn.expanded),
+        None
+        if drawn is None
+        else DefinedBox(
+            float(drawn.x), float(drawn.y), float(drawn.w), float(drawn.h), drawn.expanded
+        ),
     )
 
 

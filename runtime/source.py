@@ -23,6 +23,7 @@ class TextOnly:
         self.text = text
 
     def __call__(self, machine: Any) -> None:
+        """Raise: there is no code."""
         raise TypeError("only the text of this section is known: it cannot be run")
 
 

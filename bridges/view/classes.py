@@ -35,4 +35,5 @@ def class_of(info: SlotInfo) -> type[Message]:
 
 @lru_cache(maxsize=1024)  # slots of the same type share a class: to make one takes long
 def _made(schema: bytes) -> type[Message]:
-    return type_from_schema(msgspec.json.decode(schema))
+    made: type[Message] = type_from_schema(msgspec.json.decode(schema))
+    return made

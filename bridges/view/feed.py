@@ -53,7 +53,7 @@ class Feed:
         self._rest: dict[str, Any] = {}
 
     def frame(self, look: Look, *, beat: bool) -> bytes | None:
-        """Return the frame that makes the page know `look`; None if it does, and no `beat` is due."""
+        """Return the frame that makes the page know `look`; None if it does and no `beat` is due."""
         player = self._source.player
         if self._base_ns is None:
             self._base_ns = look.now_ns if player is None else player.span_ns[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import cast
 
 from llfsm.whiteboard import Message, Sample
 from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
@@ -36,9 +37,10 @@ class History:
                     changes.append(Change(unknown_ns, "", False))
         self._noted_ns = now_ns
         for name, sample in samples.items():
-            status = sample.message
-            if not isinstance(status, MachineStatus):
+            if not isinstance(sample.message, MachineStatus):
                 continue
+            sample = cast("Sample[MachineStatus]", sample)
+            status = sample.message
             changes = self.changes.setdefault(name.removeprefix(MACHINES), [])
             last = changes[-1] if changes else Change(0, "", False)
             if not is_live(sample):

@@ -98,5 +98,6 @@ class Source(ABC):
         """Return the board on which machines and slots are controlled, or None if there is none."""
         return None
 
+    @abstractmethod
     def close(self) -> None:
         """Let go of it; closing twice is fine."""

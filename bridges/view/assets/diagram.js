@@ -124,13 +124,19 @@ export class Diagram {
 
   // Mark the states whose names contain a text; returns how many do.
   find(text) {
-    let found = 0;
+    const found = [];
     for (const [name, element] of this.states) {
       const hit = text !== "" && name.toLowerCase().includes(text);
       element.classList.toggle("found", hit);
-      found += hit;
+      if (hit) found.push(name);
     }
-    return found;
+    if (found.length && text !== this.sought && this.view[2] < this.frame[2]) {
+      this.isFollowing = false;
+      this.centre(GLIDE_MS, found[0]);
+    }
+    if (!text && this.sought) this.begin();
+    this.sought = text;
+    return found.length;
   }
 
   // Show it whole if that can be read, else what is around the current state.
@@ -141,6 +147,7 @@ export class Diagram {
   }
 
   fit() {
+    cancelAnimationFrame(this.gliding);
     this.isFollowing = false;
     this.view = [...this.frame];
     this.show();
@@ -154,8 +161,8 @@ export class Diagram {
     this.centre(0);
   }
 
-  centre(duration = GLIDE_MS) {
-    const frame = this.places.get(this.current);
+  centre(duration = GLIDE_MS, state = this.current) {
+    const frame = this.places.get(state);
     if (!frame) return;
     const from = this.view.slice(0, 2);
     const to = [
@@ -170,7 +177,7 @@ export class Diagram {
       this.view[0] = from[0] + (to[0] - from[0]) * eased;
       this.view[1] = from[1] + (to[1] - from[1]) * eased;
       this.show();
-      if (part < 1 && this.isFollowing) this.gliding = requestAnimationFrame(step);
+      if (part < 1) this.gliding = requestAnimationFrame(step);
     };
     cancelAnimationFrame(this.gliding);
     step(begun);
@@ -182,6 +189,7 @@ export class Diagram {
 
   // Zoom about a place given as parts of the width and height.
   zoom(factor, across = 0.5, down = 0.5) {
+    cancelAnimationFrame(this.gliding);
     const [x, y, width, height] = this.view;
     const least = 60;
     const most = 4 * Math.max(this.frame[2], this.frame[3]);
@@ -193,6 +201,7 @@ export class Diagram {
   }
 
   move(across, down) {
+    cancelAnimationFrame(this.gliding);
     const [x, y, width, height] = this.view;
     this.view = [x + across * width, y + down * height, width, height];
     this.isFollowing = false;

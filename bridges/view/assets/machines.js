@@ -178,6 +178,7 @@ class Card {
     this.timeline.draw(model.history.get(this.name) ?? [], now, this.panel.span);
     if (!this.folded && this.definition !== machine.definition) this.fetchDiagram(machine);
     if (!this.folded) this.drawVariables(model.slots.get(VARIABLES + this.name));
+    this.zoom.lastChild.setAttribute("aria-pressed", String(Boolean(this.diagram?.isFollowing)));
     if (!this.stale) return;
     this.stale = false;
     const { condition, state, pending } = machine;
