@@ -31,7 +31,7 @@ _WRAP = 1 << 32  # a file counts messages modulo this
 def _entry(data: bytes) -> Entry:
     entry = msgspec.json.decode(data, type=dict[str, Any])
     message = entry.get("message")
-    return entry if message is None else {**entry, "message": a2b_base64(message)}
+    return entry if message is None else {**entry, "message": a2b_base64(message, strict_mode=True)}
 
 
 class Recorded(NamedTuple):
