@@ -4,3 +4,10 @@ Read in this order: :mod:`.exact` (messages as JSON, without loss), :mod:`.write
 :mod:`.reader` (the file), :mod:`.recorder` (from a board into a file), :mod:`.replay` (back onto a
 board), :mod:`.rerun` (the machines once more, compared with what they did).
 """
+
+from importlib.util import find_spec
+
+from .errors import McapMissingError
+
+if find_spec("mcap") is None:
+    raise McapMissingError("recordings need mcap; install it with: pip install 'llfsm[record]'")

@@ -5,6 +5,7 @@
     FsmError
     ├── RecordingError             a recording cannot be made or used as asked
     │   ├── RecordingFileError         the file cannot be read or written, or is no recording
+    │   ├── McapMissingError           the library is not installed (also an ImportError)
     │   ├── NoEventsError              it holds no events of machines: there is nothing to rerun
     │   └── OtherMachinesError         the machines given are not those recorded
     └── (AssertionError)
@@ -16,6 +17,7 @@ from __future__ import annotations
 from llfsm.runtime import FsmError
 
 __all__ = [
+    "McapMissingError",
     "NoEventsError",
     "OtherMachinesError",
     "RecordingError",
@@ -30,6 +32,10 @@ class RecordingError(FsmError):
 
 class RecordingFileError(RecordingError):
     """Say which file cannot be read or written, or is no recording, and why."""
+
+
+class McapMissingError(RecordingError, ImportError):
+    """Say that the library for MCAP files is not installed, and how to install it."""
 
 
 class NoEventsError(RecordingError):

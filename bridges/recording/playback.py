@@ -106,6 +106,9 @@ class RecordedSource(Source):
         """Return the states that each machine was in, from the beginning to the end."""
         return self._history
 
+    def close(self) -> None:
+        """Do nothing: the file was closed when it was read."""
+
 
 def _changes(slot: RecordedSlot, end_ns: int) -> list[Change]:
     changes = [Change(0, "", False)]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import os
 import random
+import subprocess
+import sys
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
@@ -200,3 +202,13 @@ def test_every_writer_is_known(file: Path) -> None:
     samples = [(slot, Sample(Twist(), count, count, 100 + count % 3)) for count in range(1, 10)]
     write(file, samples)
     assert same(plain(Recording(file)), samples)
+
+
+def test_without_the_library_it_is_said_what_to_install(tmp_path: Path) -> None:
+    hidden = "import sys; sys.modules['mcap'] = None; sys.argv[1:] = ['record', '--help']; "
+    code = f"{hidden}from llfsm.runtime.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == (
+        "Error: recordings need mcap; install it with: pip install 'llfsm[record]'\n"
+    )
