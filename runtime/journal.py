@@ -63,47 +63,59 @@ _FIELDS: Final[dict[str, tuple[str, ...]]] = {
 class Journal:
     """Keep the journal of one arrangement, of which it is an observer.
 
-    `write` is called with entries, encoded; it must neither block for long nor raise.
+    `write` is called with entries, encoded; it must neither block for long nor raise. `add` takes
+    an entry: a tuple of what it is and the values of its fields.
     """
 
     def __init__(self, write: Callable[[bytes], None]):
         self.reads: list[int] = []
         self.outside = True
         """Whether no code of a machine can be running."""
-        self._write = write
+        self.between: Callable[[], None] = lambda: None
+        """Called whenever none is running any more."""
         self._entries: list[tuple[Any, ...]] = []
+        self.add: Callable[[tuple[Any, ...]], None] = self._entries.append
+        self._write = write
         self._standings: dict[str, tuple[Any, ...]] = {}
         self._written_ns = 0
 
     def __call__(self, event: events.Event) -> None:
         """Take an event."""
-        reads = () if self.outside else tuple(self.reads[:-1])
-        self.reads.clear()  # the last one is the event's own time
-        outside = isinstance(event, _OUTSIDE)
-        if isinstance(event, events.RoundEnd):
-            self.add("RoundEnd", reads, *event[:-1], self._news(event))
+        reads = self.reads
+        # The last one is the event's own time.
+        inputs = () if self.outside or len(reads) == 1 else tuple(reads[:-1])
+        reads.clear()
+        kind = type(event)
+        if kind is events.RoundEnd:
+            assert isinstance(event, events.RoundEnd)
+            self.add(("RoundEnd", inputs, *event[:-1], self._news(event)))
         else:
-            self.add(type(event).__name__, reads, *event)
-        self.outside = outside
-        if isinstance(event, events.End) or len(self._entries) >= _MOST:
+            self.add((kind.__name__, inputs, *event))
+        self.outside = kind in _OUTSIDE
+        if self.outside:
+            self._pause(event)
+        elif len(self._entries) >= _MOST:
             self.flush()
-        elif outside and event.time_ns - self._written_ns >= _WRITE_NS:
+
+    def _pause(self, event: events.Event) -> None:
+        self.between()
+        ended = isinstance(event, events.End)
+        if ended or event.time_ns - self._written_ns >= _WRITE_NS or len(self._entries) >= _MOST:
             self._written_ns = event.time_ns
             self.flush()
 
-    def add(self, *entry: Any) -> None:
-        """Take an entry: what it is, and the values of its fields."""
-        self._entries.append(entry)
-
     def flush(self) -> None:
         """Write what was gathered."""
-        entries, self._entries = self._entries, []
-        if entries:
-            self._write(_encoder.encode(entries))
+        if self._entries:
+            data = _encoder.encode(self._entries)
+            self._entries.clear()
+            self._write(data)
 
     def _news(self, end: events.RoundEnd) -> list[tuple[Any, ...]]:
         """Return the machines that stand elsewhere than after the last round, or are gone."""
-        now = {m.machine: (m.index, m.state, m.suspended, m.request) for m in end.machines if m}
+        now = {m.machine: (m.index, *m[2:-1]) for m in end.machines if m}
+        if now == self._standings:
+            return []
         news: list[tuple[Any, ...]] = [
             (name, *now[name]) for name in now if now[name] != self._standings.get(name)
         ]

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 from .arrangement import Arrangement
 from .clock import Clock, MonotonicClock
 from .errors import UnknownMachineError
-from .events import Event
 from .journal import Journal
 from .machine import Status
 from .remote import RemoteMachine
@@ -49,14 +48,15 @@ class JournalledArrangement(Arrangement):
         self.journal = journal
         self._deferred: str | None = None  # why a stop was asked for
         super().__init__(machines, clock=_Clock(clock or MonotonicClock(), journal), **options)
-        self.attach(self._note)
+        journal.between = self._stop_deferred
+        self.attach(journal)
 
     def stop(self, cause: str = "stop() was called") -> None:
         """Ask the machines to reach accepting states; may be called from any thread."""
         if not self.journal.outside:
             self._deferred = cause
         elif not self.stopping:
-            self.journal.add("Asked", "stop", None)
+            self.journal.add(("Asked", "stop", None))
             super().stop(cause)
 
     def stop_machine(self, name: str) -> None:
@@ -84,20 +84,19 @@ class JournalledArrangement(Arrangement):
         self._asked("restart", name)
         return super().restart(name)
 
-    def _note(self, event: Event) -> None:
-        self.journal(event)
-        if self._deferred is not None and self.journal.outside:
+    def _stop_deferred(self) -> None:
+        if self._deferred is not None:
             self.stop(self._deferred)
             self._deferred = None
 
     def _asked(self, action: str, name: str) -> None:
         if self.journal.outside:  # else the code of a machine asks, and will again
-            self.journal.add("Asked", action, name)
+            self.journal.add(("Asked", action, name))
 
     def _seat_at(self, loadable: Loadable, **how: Unpack[LoadOptions]) -> Seat:
         seat = super()._seat_at(loadable, **how)
         if self.journal.outside:
-            self.journal.add("Loaded", seat.name, seat.path)
+            self.journal.add(("Loaded", seat.name, seat.path))
         self._tap(seat)
         return seat
 
@@ -122,12 +121,12 @@ class JournalledArrangement(Arrangement):
             try:
                 message = read()
             except Exception as error:
-                add("Sensed", machine, name, slot, None, str(error))
+                add(("Sensed", machine, name, slot, None, str(error)))
                 raise
             if message is not latest:
                 latest = message
                 data = None if message is default else encode(message)
-                add("Sensed", machine, name, slot, data, None)
+                add(("Sensed", machine, name, slot, data, None))
             return message
 
         return sense
@@ -140,7 +139,7 @@ class JournalledArrangement(Arrangement):
 
         def post(message: Any) -> int:
             count = add(message)
-            journal.add("Posted", machine, name, called, encode(message), count)
+            journal.add(("Posted", machine, name, called, encode(message), count))
             return count
 
         return post
@@ -153,7 +152,7 @@ class JournalledArrangement(Arrangement):
         try:
             return _Elsewhere(super()._elsewhere(name), self.journal)
         except UnknownMachineError:
-            self.journal.add("Answered", name, None)
+            self.journal.add(("Answered", name, None))
             raise
 
 
@@ -195,5 +194,5 @@ class _Elsewhere(RemoteMachine):
         return self._answered(self._machine.request(action))
 
     def _answered(self, answer: A) -> A:
-        self._journal.add("Answered", self.name, answer)
+        self._journal.add(("Answered", self.name, answer))
         return answer

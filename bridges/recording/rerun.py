@@ -7,7 +7,7 @@ Compared is what the machines do: their events, without times, and the messages 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -56,7 +56,8 @@ class Rerun:
     def __init__(self, entries: Sequence[Entry], source: str = "the recording"):
         self.board = Whiteboard.local()
         self._memory = Memory(entries)
-        self._journal = _Compared(self._take)
+        self._journal = Journal(lambda _: None)
+        self._journal.add = lambda entry: self._take(as_entry(entry))
         self._source = source
         self._machines = _loaded(entries)
         if self._memory.empty:
@@ -139,18 +140,6 @@ class Rerun:
         if self._difference is None:
             now_ns = recorded.get("time_ns", self._memory.clock.now_ns())
             self._difference = Difference(self._number + 1, now_ns, recorded, found)
-
-
-class _Compared(Journal):
-    """A journal whose entries are compared instead of kept."""
-
-    def __init__(self, take: Callable[[Entry], None]):
-        super().__init__(lambda _: None)
-        self._take = take
-
-    def add(self, *entry: Any) -> None:
-        """Take an entry."""
-        self._take(as_entry(entry))
 
 
 def rerun(

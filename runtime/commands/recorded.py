@@ -43,7 +43,7 @@ def recorded(file: Path | None, board: str, plan: Plan) -> Iterator[Callable[...
         yield Arrangement
         return
     with _Recorder(file, board) as recorder:
-        recorder.journal.add("Plan", plan, str(Path.cwd()))
+        recorder.journal.add(("Plan", plan, str(Path.cwd())))
         yield partial(JournalledArrangement, journal=recorder.journal)
 
 
