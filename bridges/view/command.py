@@ -10,6 +10,7 @@ import socket
 import sys
 import threading
 import webbrowser
+from pathlib import Path
 from types import FrameType
 
 import click
@@ -25,6 +26,7 @@ _PORT = 8420
 
 
 @click.command()
+@click.argument("recording", required=False, type=click.Path(path_type=Path))
 @board_option
 @click.option(
     "--host",
@@ -48,6 +50,7 @@ _PORT = 8420
 )
 @until_eof_option
 def view(
+    recording: Path | None,
     board: str,
     host: str,
     port: int,
@@ -58,19 +61,28 @@ def view(
 ) -> None:
     """Show a whiteboard and its machines on a page in the browser, until Ctrl-C.
 
-    The board may come, go and come again.
+    The board may come, go and come again. Instead of a board, RECORDING, a file of `llfsm record`,
+    is shown, with a slider over its time.
 
     \b
     llfsm view -b demo
     llfsm view -b demo --control
+    llfsm view run.mcap
     """
-    from .live import LiveSource
-
     if until_eof:
         end_with_input()
-    serve(
-        LiveSource(board), host=host, port=port, open_page=not no_open, control=control, token=token
-    )
+    source = _source(recording, board)
+    serve(source, host=host, port=port, open_page=not no_open, control=control, token=token)
+
+
+def _source(recording: Path | None, board: str) -> Source:
+    if recording is None:
+        from .live import LiveSource
+
+        return LiveSource(board)
+    from llfsm.bridges.recording.playback import RecordedSource
+
+    return RecordedSource(recording)
 
 
 def serve(
