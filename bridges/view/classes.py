@@ -18,7 +18,7 @@ from llfsm.whiteboard.schema import describe, type_from_schema
 
 __all__ = ["class_of"]
 
-_OURS = {MACHINES: MachineStatus, DEFINITIONS: MachineDefinition}
+_OURS: dict[str, type[Message]] = {MACHINES: MachineStatus, DEFINITIONS: MachineDefinition}
 _SCHEMAS = {prefix: describe(cls) for prefix, cls in _OURS.items()}
 
 

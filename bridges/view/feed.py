@@ -53,7 +53,7 @@ class Feed:
         self._rest: dict[str, Any] = {}
 
     def frame(self, look: Look, *, beat: bool) -> bytes | None:
-        """Return the frame that makes the page know `look`; None if it does and no `beat` is due."""
+        """Return what makes the page know `look`; None if it does, and no `beat` is due."""
         player = self._source.player
         if self._base_ns is None:
             self._base_ns = look.now_ns if player is None else player.span_ns[0]
@@ -119,9 +119,7 @@ class Feed:
                 machine = self._machine(name, sample, look)
                 if self._machines.get(name) != machine:
                     new[name] = self._machines[name] = machine
-        for name in self._machines.keys() - {
-            slot.removeprefix(MACHINES) for slot in look.samples if slot.startswith(MACHINES)
-        }:
+        for name in [name for name in self._machines if MACHINES + name not in look.samples]:
             del self._machines[name]
             new[name] = None
         return new

@@ -36,10 +36,10 @@ class History:
                     unknown_ns = max(self._noted_ns, changes[-1].stamp_ns + 1)
                     changes.append(Change(unknown_ns, "", False))
         self._noted_ns = now_ns
-        for name, sample in samples.items():
-            if not isinstance(sample.message, MachineStatus):
+        for name, told in samples.items():
+            if not isinstance(told.message, MachineStatus):
                 continue
-            sample = cast("Sample[MachineStatus]", sample)
+            sample = cast("Sample[MachineStatus]", told)
             status = sample.message
             changes = self.changes.setdefault(name.removeprefix(MACHINES), [])
             last = changes[-1] if changes else Change(0, "", False)

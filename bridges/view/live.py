@@ -46,6 +46,7 @@ class LiveSource(Source):
     def _forget(self) -> None:
         self._slots: dict[str, SlotInfo] = {}
         self._bound: dict[str, BoundSlot[Message]] = {}
+        self._samples: dict[str, Sample[Message]] = {}  # of the latest look
         self._unbound: dict[str, str] = {}  # problems of slots that cannot be read at all
 
     def look(self) -> Look:
@@ -61,7 +62,9 @@ class LiveSource(Source):
                 problems |= self._unbound
                 for name, bound in self._bound.items():
                     try:
-                        sample = bound.sample()
+                        sample = self._samples.get(name)
+                        if sample is None or sample.count != bound.count:
+                            sample = bound.sample()
                     except BoardClosedError:
                         raise
                     except WhiteboardError as error:
@@ -74,6 +77,7 @@ class LiveSource(Source):
             self.close()
         if self._board is not None:
             self._trouble = ""
+            self._samples = samples
             self._history.note(samples, now_ns, self.is_live)
         return Look(now_ns, self._epoch, self._slots, samples, problems, self._trouble)
 

@@ -1,7 +1,7 @@
 // The board: a row for each slot, which opens to its value as a tree.
 
-import { $, Sight, copy, make, setData, setText, toast } from "./dom.js";
-import { duration, number, rate, short } from "./format.js";
+import { $, Pace, Sight, copy, make, setData, setText, toast } from "./dom.js";
+import { byName, duration, number, rate, short } from "./format.js";
 import { openForm } from "./form.js";
 import { actual, parts, plain } from "./schema.js";
 import { spark, tree } from "./tree.js";
@@ -9,6 +9,8 @@ import { spark, tree } from "./tree.js";
 const PINS = "llfsm.pins";
 const OWN = "llfsm/"; // what our own processes tell: there, but out of the way
 const LONGEST = 160; // characters of a value in a row
+const VALUES_MS = 60; // between two drawings of values: more can nobody read
+const AGES_MS = 250;
 
 function summary(schema, value, texts = [], name = "") {
   if (texts.length > 12) return texts;
@@ -69,14 +71,20 @@ class Row {
       this.count,
       this.age,
     );
+    this.canvas.addEventListener("sized", () => {
+      this.stale = true;
+    });
     this.element = make("div", { class: "slot", "data-slot": slot.name }, this.line);
     this.use(slot);
   }
 
+  // Another board, or another moment of a recording, has another slot of this name.
   use(slot) {
+    const wasOpen = this.isOpen;
+    if (wasOpen) this.close();
     this.slot = slot;
     this.words = `${slot.name} ${slot.type}`.toLowerCase();
-    if (this.detail) this.close();
+    if (wasOpen) this.open();
     this.stale = true;
   }
 
@@ -87,6 +95,7 @@ class Row {
   toggle() {
     if (this.isOpen) this.close();
     else this.open();
+    this.board.redrawSoon();
     this.line.setAttribute("aria-expanded", String(this.isOpen));
   }
 
@@ -137,7 +146,7 @@ class Row {
   }
 
   // What changed since it was last drawn; only of rows that can be seen.
-  draw(now) {
+  draw() {
     const slot = this.slot;
     if (this.stale) {
       this.stale = false;
@@ -151,6 +160,10 @@ class Row {
       }
       setText(this.count, number(slot.count));
     }
+  }
+
+  drawAge(now) {
+    const slot = this.slot;
     if (slot.stamp === null) return;
     setText(this.age, duration(now - slot.stamp));
     setData(this.age, "is", slot.freshness(now));
@@ -190,7 +203,9 @@ export class Board {
     this.ask = ask;
     this.canControl = false;
     this.rows = new Map();
-    this.sight = new Sight();
+    this.values = new Pace(VALUES_MS);
+    this.ages = new Pace(AGES_MS);
+    this.sight = new Sight(() => this.redrawSoon());
     this.pins = new Set(JSON.parse(localStorage.getItem(PINS) ?? "[]"));
     this.shown = [];
     this.focused = null;
@@ -214,7 +229,10 @@ export class Board {
       else if (row.slot !== slot) row.use(slot);
       else row.stale = true;
     }
-    if (changed.listed) this.arrange();
+    if (changed.listed) {
+      this.arrange();
+      this.redrawSoon();
+    }
   }
 
   add(slot) {
@@ -226,13 +244,12 @@ export class Board {
   arrange() {
     for (const [name, row] of this.rows) {
       if (!this.model.slots.has(name)) {
-        this.sight.forget(row.element);
         row.element.remove();
         this.rows.delete(name);
       }
     }
     const words = $("board-filter").value.toLowerCase().split(/\s+/).filter(Boolean);
-    const all = [...this.rows.values()].sort((a, b) => (a.slot.name < b.slot.name ? -1 : 1));
+    const all = [...this.rows.values()].sort((a, b) => byName(a.slot.name, b.slot.name));
     const shown = all.filter((row) => words.every((word) => row.words.includes(word)));
     const groups = [[], [], []];
     for (const row of shown) {
@@ -250,6 +267,7 @@ export class Board {
     setText($("board-number"), words.length ? `${shown.length} of ${total}` : String(total));
     const empty = $("board-empty");
     empty.hidden = shown.length > 0;
+    $("rows").hidden = !shown.length;
     setText(empty, total ? "No slot has these words in its name or type." : "Nothing is on this board yet.");
     if (!this.shown.includes(this.focused)) this.focusOn(this.shown[0] ?? null);
   }
@@ -291,9 +309,20 @@ export class Board {
     keys[event.key]();
   }
 
-  draw() {
+  draw(time) {
+    const [values, ages] = [this.values.isDue(time), this.ages.isDue(time)];
+    if (!values && !ages) return;
     const now = this.model.now;
-    for (const row of this.shown) if (this.sight.has(row.element)) row.draw(now);
+    for (const row of this.shown) {
+      if (!this.sight.has(row.element)) continue;
+      if (values) row.draw();
+      if (ages) row.drawAge(now);
+    }
+  }
+
+  redrawSoon() {
+    this.values.now();
+    this.ages.now();
   }
 
   redraw() {

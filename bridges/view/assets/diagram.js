@@ -2,9 +2,10 @@
 
 import { make, makeSvg } from "./dom.js";
 
-const FADE_MS = 2500; // for which a transition that was taken can be told
+const FADE_MS = 1900; // for which a transition that was taken can be told
 const STEP = 1.25;
 const READABLE = 0.62; // of its own size, below which a diagram is not shown whole at first
+const LARGEST = 1.25; // of its own size, so that a small diagram is not blown up
 const FOLLOWED = 0.95; // of its own size, where the current state is followed
 const GLIDE_MS = 280;
 
@@ -149,7 +150,11 @@ export class Diagram {
   fit() {
     cancelAnimationFrame(this.gliding);
     this.isFollowing = false;
-    this.view = [...this.frame];
+    const [x, y, width, height] = this.frame;
+    const { clientWidth, clientHeight } = this.element;
+    const wide = Math.max(width, clientWidth / LARGEST);
+    const high = Math.max(height, clientHeight / LARGEST);
+    this.view = [x + (width - wide) / 2, y + (height - high) / 2, wide, high];
     this.show();
   }
 

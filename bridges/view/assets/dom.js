@@ -29,45 +29,71 @@ export function icon(d) {
 }
 
 export function setText(element, text) {
-  if (element.textContent !== text) element.textContent = text;
+  const node = element.firstChild;
+  if (!node) element.textContent = text;
+  else if (node.nodeValue !== text) node.nodeValue = text;
 }
 
 export function setData(element, name, value) {
   if (element.dataset[name] !== value) element.dataset[name] = value;
 }
 
-// Tell of elements whether they can be seen, so that nothing else is drawn.
+// Tell of elements whether they can be seen, so that nothing else is drawn. The style sheet has
+// them skipped by the browser where they cannot (content-visibility), which tells us so.
 export class Sight {
-  constructor(root = null) {
-    this.seen = new WeakSet();
-    this.observer = new IntersectionObserver(
-      (entries) => {
-        for (const { target, isIntersecting } of entries) {
-          if (isIntersecting) this.seen.add(target);
-          else this.seen.delete(target);
-        }
-      },
-      { root, rootMargin: "80px" },
-    );
+  constructor(onseen) {
+    this.skipped = new WeakSet();
+    this.onseen = onseen;
   }
 
   watch(element) {
-    this.observer.observe(element);
-  }
-
-  forget(element) {
-    this.observer.unobserve(element);
-    this.seen.delete(element);
+    element.addEventListener("contentvisibilityautostatechange", ({ target, skipped }) => {
+      if (target !== element) return;
+      if (skipped) this.skipped.add(element);
+      else this.skipped.delete(element);
+      if (!skipped) this.onseen();
+    });
   }
 
   has(element) {
-    return this.seen.has(element);
+    return !this.skipped.has(element);
   }
 }
 
+// Let something happen so often at most.
+export class Pace {
+  constructor(milliseconds) {
+    this.milliseconds = milliseconds;
+    this.last = -Infinity;
+  }
+
+  isDue(time) {
+    if (time - this.last < this.milliseconds) return false;
+    this.last = time;
+    return true;
+  }
+
+  now() {
+    this.last = -Infinity;
+  }
+}
+
+// Sizes are told, not asked for: to ask makes the browser lay out the page at once, each time.
+const sizes = new WeakMap();
+const observer = new ResizeObserver((entries) => {
+  for (const { target, contentRect } of entries) {
+    sizes.set(target, [contentRect.width, contentRect.height]);
+    target.dispatchEvent(new Event("sized"));
+  }
+});
+
 // A canvas as sharp as the screen is; returns its context in CSS pixels, or null without a size.
 export function context(canvas) {
-  const { clientWidth: width, clientHeight: height } = canvas;
+  if (!sizes.has(canvas)) {
+    sizes.set(canvas, [0, 0]);
+    observer.observe(canvas);
+  }
+  const [width, height] = sizes.get(canvas);
   if (!width || !height) return null;
   const ratio = window.devicePixelRatio || 1;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {

@@ -34,6 +34,7 @@ export class Field {
     this.turtles = new Map();
     this.canvas = $("field-canvas");
     this.stale = true;
+    this.canvas.addEventListener("sized", () => this.redraw());
     $("field-clear").addEventListener("click", () => this.clear());
     $("field-fold").addEventListener("click", () => this.setFolded(!this.folded));
   }

@@ -40,3 +40,6 @@ export function rate(value) {
 export function number(value) {
   return value.toLocaleString("en").replaceAll(",", "\u202f");
 }
+
+// value2 comes before value10.
+export const byName = new Intl.Collator("en", { numeric: true }).compare;

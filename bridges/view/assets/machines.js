@@ -1,12 +1,13 @@
 // The machines: a card each, with its diagram, its states over time and its variables.
 
-import { $, Sight, icon, make, setData, setText, toast } from "./dom.js";
+import { $, Pace, Sight, icon, make, setData, setText, toast } from "./dom.js";
 import { Diagram } from "./diagram.js";
-import { clock, number, short } from "./format.js";
+import { byName, clock, number, short } from "./format.js";
 import { Timeline } from "./timeline.js";
 
 const VARIABLES = "llfsm/variables/";
 const UNFOLDED = 4; // cards that are open at first: of many machines an overview is more use
+const TIMES_MS = 100; // between two drawings of what only time changes
 const ACTIONS = ["suspend", "resume", "restart", "stop"];
 
 class Card {
@@ -156,6 +157,9 @@ class Card {
       this.definition = undefined; // the connection will be back
       return;
     }
+    const text = JSON.stringify(told);
+    if (text === this.text) return; // as after each leap in a recording: it stays as it is
+    this.text = text;
     if (told.problem) {
       this.diagram = null;
       this.place.replaceChildren(make("p", { class: "problem" }, told.problem));
@@ -172,10 +176,12 @@ class Card {
     this.stale = true;
   }
 
+  drawTimes(machine, model) {
+    setText(this.since, clock(model.now - machine.entered));
+    this.timeline.draw(model.history.get(this.name) ?? [], model.now, this.panel.span);
+  }
+
   draw(machine, model) {
-    const now = model.now;
-    setText(this.since, clock(now - machine.entered));
-    this.timeline.draw(model.history.get(this.name) ?? [], now, this.panel.span);
     if (!this.folded && this.definition !== machine.definition) this.fetchDiagram(machine);
     if (!this.folded) this.drawVariables(model.slots.get(VARIABLES + this.name));
     this.zoom.lastChild.setAttribute("aria-pressed", String(Boolean(this.diagram?.isFollowing)));
@@ -240,7 +246,8 @@ export class Machines {
     this.words = "";
     this.cards = new Map();
     this.known = new Map(); // how many changes of its history were seen
-    this.sight = new Sight();
+    this.times = new Pace(TIMES_MS);
+    this.sight = new Sight(() => this.times.now());
     $("machines-search").addEventListener("input", () => this.search());
     $("machines-fold").addEventListener("click", () => this.foldAll());
   }
@@ -275,13 +282,12 @@ export class Machines {
     const { machines } = this.model;
     for (const [name, card] of this.cards) {
       if (machines.has(name)) continue;
-      this.sight.forget(card.element);
       card.element.remove();
       this.cards.delete(name);
     }
     const ended = (name) => machines.get(name).condition === "ended";
     const names = [...this.cards.keys()].sort(
-      (a, b) => ended(a) - ended(b) || (a < b ? -1 : 1),
+      (a, b) => ended(a) - ended(b) || byName(a, b),
     );
     const parent = $("cards");
     names.forEach((name, i) => {
@@ -322,10 +328,13 @@ export class Machines {
     for (const card of this.cards.values()) if (card.isLarge) card.setLarge(false);
   }
 
-  draw() {
+  draw(time) {
+    const times = this.times.isDue(time);
     for (const [name, card] of this.cards) {
       const machine = this.model.machines.get(name);
-      if (machine && this.sight.has(card.element)) card.draw(machine, this.model);
+      if (!machine || !this.sight.has(card.element)) continue;
+      card.draw(machine, this.model);
+      if (times) card.drawTimes(machine, this.model);
     }
   }
 

@@ -48,7 +48,7 @@ function draw(time) {
   if (time - drawn < (dirty ? DRAW_MS : AGE_MS)) return;
   drawn = time;
   dirty = false;
-  for (const view of views) view.draw();
+  for (const view of views) view.draw(time);
   player.draw();
 }
 
