@@ -25,7 +25,7 @@ from . import events
 from .errors import ExecutionError
 from .submachine import Submachine
 
-__all__ = ["Entry", "Journal", "as_entry", "entries_of"]
+__all__ = ["FIELDS", "Entry", "Journal", "as_entry", "entries_of"]
 
 Entry: TypeAlias = dict[str, Any]
 """An entry by the names of its fields, as JSON would have it; `event` says what it is."""
@@ -36,7 +36,7 @@ _OUTSIDE: Final = (events.RoundEnd, events.IdleSleep, events.End)
 _WRITE_NS: Final = 20_000_000
 _MOST: Final = 4096  # entries that are gathered even if no round ends
 
-_FIELDS: Final[dict[str, tuple[str, ...]]] = {
+FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "Plan": ("plan", "folder"),
     "Loaded": ("machine", "path"),
     "Sensed": ("machine", "sensor", "slot", "message", "error"),
@@ -58,6 +58,7 @@ _FIELDS: Final[dict[str, tuple[str, ...]]] = {
         events.End,
     )
 }
+"""The names of the fields of each kind of entry."""
 
 
 class Journal:
@@ -127,7 +128,7 @@ class Journal:
 def entries_of(data: bytes) -> Iterator[Entry]:
     """Return the entries that a journal has written at one time."""
     for kind, *values in msgspec.msgpack.decode(data, type=list[list[Any]]):
-        yield {"event": kind, **dict(zip(_FIELDS[kind], values, strict=True))}
+        yield {"event": kind, **dict(zip(FIELDS[kind], values, strict=True))}
 
 
 def as_entry(values: tuple[Any, ...]) -> Entry:

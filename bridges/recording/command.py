@@ -187,6 +187,8 @@ def rerun(file: Path, machines: tuple[str, ...]) -> None:
     llfsm rerun run.mcap
     llfsm rerun run.mcap Patrol=my_robot.patrol:BetterPatrol
     """
+    # How late turns were, and what failed, was told then.
+    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     again = Rerun(recording.entries, str(file))
     planned = _planned(recording, machines)

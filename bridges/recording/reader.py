@@ -15,7 +15,7 @@ from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from llfsm.bridges.view.classes import class_of
-from llfsm.runtime.journal import Entry
+from llfsm.runtime.journal import FIELDS, Entry
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
 
@@ -26,12 +26,6 @@ from .writer import ABOUT, EVENTS
 __all__ = ["Recorded", "RecordedSlot", "Recording"]
 
 _WRAP = 1 << 32  # a file counts messages modulo this
-
-
-def _entry(data: bytes) -> Entry:
-    entry = msgspec.json.decode(data, type=dict[str, Any])
-    message = entry.get("message")
-    return entry if message is None else {**entry, "message": a2b_base64(message, strict_mode=True)}
 
 
 class Recorded(NamedTuple):
@@ -176,3 +170,12 @@ class Recording:
 
     def _wrong(self, what: str) -> RecordingFileError:
         return RecordingFileError(f"{self.path}: {what}")
+
+
+def _entry(data: bytes) -> Entry:
+    entry = msgspec.json.decode(data, type=dict[str, Any])
+    kind = entry.get("event")
+    if kind not in FIELDS or not entry.keys() >= {*FIELDS[kind]}:
+        raise ValueError(f"{kind!r} with {', '.join(entry)}")
+    message = entry.get("message")
+    return entry if message is None else {**entry, "message": a2b_base64(message, strict_mode=True)}

@@ -101,11 +101,6 @@ class Memory:
         """What comes next."""
         return self._segments[0]
 
-    @property
-    def empty(self) -> bool:
-        """Whether there is no event at all."""
-        return len(self._segments) < 2
-
     def advance(self, now_ns: int) -> None:
         """Go on to the next segment: the event that ends this one, at `now_ns`, has come."""
         self._segments.popleft()

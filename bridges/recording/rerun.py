@@ -35,13 +35,14 @@ class Difference(NamedTuple):
 
     number: int
     """Of the recording's events and posted messages, from 1."""
-    time_ns: int
+    after_s: float
+    """Seconds since the first event."""
     recorded: Entry | None
     found: Entry | None
 
     def __str__(self) -> str:
         return (
-            f"event {self.number} differs, at {self.time_ns / 1e9:.6f} s:\n"
+            f"event {self.number} differs, after {self.after_s:.6f} s:\n"
             f"  recorded: {_text(self.recorded)}\n"
             f"  now:      {_text(self.found)}"
         )
@@ -60,10 +61,12 @@ class Rerun:
         self._journal.add = lambda entry: self._take(as_entry(entry))
         self._source = source
         self._machines = _loaded(entries)
-        if self._memory.empty:
+        first = self._memory.segment.event
+        if first is None:
             raise NoEventsError(
                 f"{source} holds no events of machines: record them with llfsm run --record"
             )
+        self._begin_ns = first["time_ns"]
         self._difference: Difference | None = None
         self._over = False  # whether the recording, which was cut short, says no more
         self._number = 0
@@ -139,7 +142,8 @@ class Rerun:
     def _differ(self, recorded: Entry, found: Entry | None) -> None:
         if self._difference is None:
             now_ns = recorded.get("time_ns", self._memory.clock.now_ns())
-            self._difference = Difference(self._number + 1, now_ns, recorded, found)
+            after_s = (now_ns - self._begin_ns) / 1e9
+            self._difference = Difference(self._number + 1, after_s, recorded, found)
 
 
 def rerun(

@@ -30,7 +30,7 @@ __all__ = ["recorded"]
 
 _PIPE = 1 << 20  # bytes that the system keeps for the recorder
 _MOST = 64 << 20  # bytes that we keep, too, before the recorder counts as stuck
-_PATIENCE_S = 10.0  # for the rest to be taken and the file to be completed
+_PATIENCE_S = 5.0  # for the rest to be taken and the file to be completed
 
 
 @contextmanager
@@ -69,7 +69,7 @@ class _Recorder:
         assert self._process.stdout is not None
         with self._process.stdout as said:
             if not said.readline():
-                self._close()
+                self._close(time.monotonic() + _PATIENCE_S)
                 raise click.ClickException("the recorder did not start, nothing was run")
         self.journal = Journal(self._write)
 
@@ -82,7 +82,7 @@ class _Recorder:
         while self._works and self._left and time.monotonic() < until:
             select.select([], [self._pipe], [], 0.1)
             self._write_left()
-        self._close()
+        self._close(until)
 
     def _write(self, data: bytes) -> None:
         if self._works:
@@ -103,10 +103,10 @@ class _Recorder:
         self._left.clear()
         logger().warning("the recorder %s: the machines go on unrecorded", why)
 
-    def _close(self) -> None:
+    def _close(self, until: float) -> None:
         os.close(self._pipe)
         try:
-            self._process.wait(_PATIENCE_S)
+            self._process.wait(max(0.1, until - time.monotonic()))
         except subprocess.TimeoutExpired:
             self._process.kill()  # what it has written can be read
             self._process.wait()

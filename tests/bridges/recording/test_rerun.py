@@ -372,9 +372,20 @@ def test_messages_that_are_no_longer_of_the_sensors_type_are_told(file: Path) ->
         rerun(file, [named(Changed)])
 
 
-def test_an_event_that_is_none_is_told(file: Path) -> None:
+POSTED = {"machine": "m", "actuator": "a", "slot": "s", "count": 1}
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"event": "Posted", **POSTED, "message": "?"},
+        {"event": "Posted", **POSTED},
+        {"event": "Dreamt", **POSTED},
+    ],
+)
+def test_an_event_that_is_none_is_told(file: Path, entry: Entry) -> None:
     with RecordingWriter(file, {}) as writer:
-        writer.add_entry({"event": "Posted", "message": "?"})
+        writer.add_entry(entry)
     with pytest.raises(RecordingFileError, match="has an event that is none"):
         Recording(file).entries  # noqa: B018  is read when it is asked for
 

@@ -6,7 +6,13 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
 from mcap.stream_reader import StreamReader
+
+from llfsm.machines import RosPingPong
+from llfsm.runtime.commands import recorded as module
+from llfsm.runtime.plan import Plan
+from llfsm.whiteboard import Whiteboard
 
 from .conftest import Llfsm, alive, children, exists, wait_for, wait_for_line
 
@@ -64,6 +70,28 @@ def test_the_last_events_are_there(llfsm: Llfsm, board: str) -> None:
     assert b'"Plan"' in found[0]
     assert b'"Loaded"' in found[1]
     assert b'"End"' in found[-1]
+
+
+def test_a_recorder_that_stands_still_makes_nobody_wait(
+    board: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(module, "_MOST", 1 << 20)
+    monkeypatch.setattr(module, "_PATIENCE_S", 0.5)
+    with Whiteboard(board) as wb:
+        with module.recorded(tmp_path / FILE, board, Plan()) as make:
+            recorder = children(os.getpid())["record"]
+            os.kill(recorder, signal.SIGSTOP)
+            arrangement = make([RosPingPong], whiteboard=wb)
+            while "has stood still for too long" not in caplog.text:
+                arrangement.journal.add(("Asked", "x" * 100_000, None))
+                arrangement.round()
+                arrangement.journal.flush()
+            arrangement.end()
+        assert not alive(recorder)
+    assert len(caplog.records) == 1
 
 
 def test_nothing_runs_if_nothing_can_be_recorded(llfsm: Llfsm, board: str) -> None:
