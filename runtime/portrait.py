@@ -35,7 +35,7 @@ __all__ = ["definition_of", "table_of", "variables_of"]
 
 _TEXT: Final = 200  # characters of a value that is told
 _VARIABLES: Final = 12 << 10  # bytes of all of a machine's: what is more is left out
-_MOST: Final = {"states": 500, "transitions": 5_000, "characters": 1_000_000}
+_MOST: Final = {"states": 250, "transitions": 800, "characters": 1_000_000}  # drawn in seconds
 
 
 def definition_of(table: Table, *, sections: bool = True) -> MachineDefinition:

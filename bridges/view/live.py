@@ -72,8 +72,8 @@ class LiveSource(Source):
                     else:
                         if sample is not None:
                             samples[name] = sample
-        except WhiteboardError as error:
-            self._trouble = f"{error}; trying again"
+        except Exception as error:  # also what a damaged file makes of the libraries that read it
+            self._trouble = f"the whiteboard cannot be read: {error}; trying again"
             self.close()
         if self._board is not None:
             self._trouble = ""

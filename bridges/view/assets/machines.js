@@ -7,6 +7,7 @@ import { Timeline } from "./timeline.js";
 
 const VARIABLES = "llfsm/variables/";
 const UNFOLDED = 4; // cards that are open at first: of many machines an overview is more use
+const LEAP_S = 1; // in a recording between two drawings: more is no playing, but a leap
 const TIMES_MS = 100; // between two drawings of what only time changes
 const ACTIONS = ["suspend", "resume", "restart", "stop"];
 
@@ -131,10 +132,10 @@ class Card {
     return index >= 0 ? index : this.order.push(state) - 1;
   }
 
-  // The states were told one by one: light what was taken from one to the next.
-  note(changes, known) {
+  // Light what was taken to get to each of these changes: `first` and those after it, up to `now`.
+  note(changes, first, now = Infinity) {
     if (!this.diagram || this.folded) return;
-    for (let i = Math.max(1, known); i < changes.length; i += 1) {
+    for (let i = Math.max(1, first); i < changes.length && changes[i][0] <= now; i += 1) {
       const [, from, wasSuspended] = changes[i - 1];
       const [, to, isSuspended] = changes[i];
       if (from && to && !wasSuspended && !isSuspended) this.diagram.fire(from, to);
@@ -177,8 +178,14 @@ class Card {
   }
 
   drawTimes(machine, model) {
-    setText(this.since, clock(model.now - machine.entered));
-    this.timeline.draw(model.history.get(this.name) ?? [], model.now, this.panel.span);
+    const [changes, { now }] = [model.history.get(this.name) ?? [], model];
+    setText(this.since, clock(now - machine.entered));
+    this.timeline.draw(changes, now, this.panel.span);
+    if (this.panel.span === null) return;
+    // All of a recording is known at once: a change is news when its time has come.
+    const passed = now - (this.then ?? now);
+    if (passed > 0 && passed < LEAP_S) this.note(changes, firstAfter(changes, this.then), now);
+    this.then = now;
   }
 
   draw(machine, model) {
@@ -271,7 +278,7 @@ export class Machines {
       card.stale = true;
       listed ||= card.element.dataset.condition !== this.model.machines.get(name)?.condition;
       const changes = this.model.history.get(name) ?? [];
-      const known = this.known.get(name);
+      const known = this.span === null ? this.known.get(name) : undefined;
       if (known !== undefined && known < changes.length) card.note(changes, known);
       this.known.set(name, changes.length);
     }
@@ -341,4 +348,9 @@ export class Machines {
   redraw() {
     for (const card of this.cards.values()) card.stale = true;
   }
+}
+
+function firstAfter(changes, time) {
+  const first = changes.findIndex(([at]) => at > time);
+  return first < 0 ? changes.length : first;
 }

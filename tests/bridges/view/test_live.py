@@ -152,3 +152,17 @@ def test_machines_tell_their_variables_to_whoever_looks(board: str, source: Live
         arrangement.run(grace_s=0, max_rounds=2000)
         assert "llfsm/variables/Blink" in seen[-1].samples
         assert len(source.history()["Blink"]) > 1
+
+
+def test_a_damaged_board_is_trouble_until_it_is_whole(board: str, source: LiveSource) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        damaged = Slot("damaged", Bool)
+        damaged.schema = json.loads("[" * 200 + "]" * 200)
+        wb.add_message(damaged, Bool(True))
+        assert "cannot be read" in source.look().trouble
+        wb.remove()
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        wait_for(lambda: "lamp" in source.look().samples, "the new board was seen")
+        assert source.look().trouble == ""

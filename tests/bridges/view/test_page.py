@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -232,3 +234,42 @@ def test_the_theme_is_the_systems_until_it_is_chosen(
     expect(root).to_have_attribute("data-theme", other)
     page.reload()
     expect(root).to_have_attribute("data-theme", other)
+
+
+def test_a_recording_has_a_slider_over_all_that_the_page_shows(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    counter = Slot("counter", Reading)
+    start("run", "RosPingPong", "-q", "-b", board)
+    with Whiteboard(board) as wb:
+        wb.add_message(counter, Reading(0, 0.0))
+        record = start("record", "-o", "run.mcap", "-b", board, "--max-time", "2.5")
+        number = 0
+        while record.popen.poll() is None:
+            number += 1
+            wb.add_message(counter, Reading(number, number / 2))
+            time.sleep(0.01)
+    server = start(Server, board, str(tmp_path / "run.mcap"))
+    seen = visit(server.address)
+    page = seen.page
+    page.wait_for_selector(f"{MACHINE} [data-state]")
+    value = page.locator("[data-slot=counter] .short")
+    slider = page.locator("#slider")
+
+    def shown() -> int:
+        return int((value.text_content() or "stamp -1").split()[1])
+
+    end = float(slider.get_attribute("max") or 0)
+    assert end > 1
+    slider.fill(str(end))
+    wait_for(lambda: shown() > number / 2, "the end was shown")
+    slider.fill(str(end / 4))
+    wait_for(lambda: 0 <= shown() < number / 2, "an early moment was shown")
+    expect(page.locator(f"{MACHINE} .current")).to_have_count(1)
+    expect(page.locator("#link")).to_have_text("recording")
+
+    early = shown()
+    page.locator("#play").click()
+    wait_for(lambda: shown() > early + 5, "it played")
+    page.wait_for_selector(f"{MACHINE} .fired")
+    assert seen.errors == []
