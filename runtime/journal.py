@@ -82,9 +82,11 @@ class Journal:
 
     def __call__(self, event: events.Event) -> None:
         """Take an event."""
+        # A signal's handler may come anywhere, and ask for a stop: before this, or after all.
+        outside, self.outside = self.outside, False
         reads = self.reads
         # The last one is the event's own time.
-        inputs = () if self.outside or len(reads) == 1 else tuple(reads[:-1])
+        inputs = () if outside or len(reads) == 1 else tuple(reads[:-1])
         reads.clear()
         kind = type(event)
         if kind is events.RoundEnd:
@@ -92,8 +94,8 @@ class Journal:
             self.add(("RoundEnd", inputs, *event[:-1], self._news(event)))
         else:
             self.add((kind.__name__, inputs, *event))
-        self.outside = kind in _OUTSIDE
-        if self.outside:
+        if kind in _OUTSIDE:
+            self.outside = True
             self._pause(event)
         elif len(self._entries) >= _MOST:
             self.flush()
@@ -107,10 +109,10 @@ class Journal:
 
     def flush(self) -> None:
         """Write what was gathered."""
-        if self._entries:
-            data = _encoder.encode(self._entries)
-            self._entries.clear()
-            self._write(data)
+        entries = self._entries[:]
+        if entries:
+            del self._entries[: len(entries)]  # no more: a signal's handler may have added one
+            self._write(_encoder.encode(entries))
 
     def _news(self, end: events.RoundEnd) -> list[tuple[Any, ...]]:
         """Return the machines that stand elsewhere than after the last round, or are gone."""

@@ -103,8 +103,9 @@ def assemble(
 ) -> Arrangement:
     """Return the arrangement of a plan, everything loaded; `classes` are by name, in order.
 
-    `make` is called as `Arrangement` would be. Suspended machines come after the others, unless a timetable says who has which turn. Raise
-    `LoadError` for a machine that cannot be loaded as planned, `ScheduleError` for turns.
+    `make` is called as `Arrangement` would be. Suspended machines come after the others, unless a
+    timetable says who has which turn. Raise `LoadError` for a machine that cannot be loaded as
+    planned, `ScheduleError` for turns.
     """
     timetable = plan.timetable(classes)
     arrangement = make(

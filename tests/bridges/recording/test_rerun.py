@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from llfsm.runtime import (
     State,
     Timetable,
     Trace,
+    journal,
 )
 from llfsm.runtime.journal import Entry, Journal, entries_of
 from llfsm.runtime.journalled import JournalledArrangement
@@ -40,9 +42,11 @@ from llfsm.runtime.remote import born, host_name
 from llfsm.whiteboard import Board, Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
+from . import machines
 from .conftest import end_of, write
 from .machines import COMMAND, SEEN, Failing, Follower, Keeper, Number
 
+OURS = (str(Path(journal.__file__).parent), str(Path(machines.__file__)))
 MACHINES: list[type[Machine]] = [Keeper, Follower]
 
 
@@ -203,6 +207,41 @@ def test_a_failure_happens_again(on_error: str) -> None:
     assert difference is not None
 
 
+def run_with_stop(at: int) -> tuple[Run, int]:
+    """Run a little, with a stop before line number `at`, as of a signal; return the lines, too."""
+    run = Run([Follower, Follower], clock=JumpingClock(10_001), idle_us=100)
+    run.board.add_message(COMMAND, Number(3))
+    lines = 0
+
+    def trace(frame: Any, event: str, _: object) -> Any:
+        nonlocal lines
+        if not frame.f_code.co_filename.startswith(OURS):
+            return None
+        if event == "line":
+            lines += 1
+            if lines == at:
+                run.arrangement.stop()
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        run.arrangement.run(max_rounds=3)
+    finally:
+        sys.settrace(before)
+    return run, lines
+
+
+def test_a_stop_at_whatever_moment_happens_again() -> None:
+    _, lines = run_with_stop(0)
+    assert lines > 500
+    for at in range(1, lines, 11):
+        run, _ = run_with_stop(at)
+        difference, trace = run.again([Follower, Follower])
+        assert difference is None, at
+        assert repr(trace) == repr(run.trace)
+
+
 def wall(rounds: int) -> Run:
     board, clock = Whiteboard.local(), ManualClock()
     node = TurtlesimNode(Simulator(), board)
@@ -348,9 +387,9 @@ def test_pytest_shows_it(file: Path) -> None:
 
 def test_other_machines_are_refused(file: Path) -> None:
     keep(patrol(), file)
-    for machines in ([], [Follower], [Patrol, Follower]):
+    for wrong in ([], [Follower], [Patrol, Follower]):
         with pytest.raises(OtherMachinesError, match=f"{file}: its machines are Patrol, not "):
-            rerun(file, machines)
+            rerun(file, wrong)
 
 
 def test_a_recording_without_events_says_how_to_make_one(file: Path) -> None:
