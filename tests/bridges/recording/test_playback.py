@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
 
 import msgspec
 import pytest
@@ -15,7 +17,7 @@ from llfsm.runtime import ManualClock
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
-from .conftest import OTHER, READING, Reading
+from .conftest import OTHER, READING, Reading, end_of
 
 MS = 1_000_000
 STATUS = status_slot("Patrol")
@@ -164,3 +166,21 @@ def test_what_is_no_recording_is_told(file: Path) -> None:
     file.write_text("?")
     with pytest.raises(RecordingFileError):
         RecordedSource(file)
+
+
+def test_the_command_shows_a_recording(llfsm: Any, source: RecordedSource, file: Path) -> None:
+    process = llfsm("view", file.name, "--no-open", "--port", "0")
+    said = process.stdout.readline()
+    assert said.startswith("llfsm view: run.mcap at http://127.0.0.1:")
+    with urlopen(said.split()[-1]) as answer:
+        assert b"<html" in answer.read()
+    process.terminate()
+    assert end_of(process)[0] == 0
+
+
+def test_the_command_says_what_is_no_recording(llfsm: Any, file: Path) -> None:
+    file.write_text("?")
+    assert end_of(llfsm("view", file.name, "--no-open")) == (
+        1,
+        "Error: run.mcap: is no recording of llfsm\n",
+    )
