@@ -140,9 +140,10 @@ def replay(
     llfsm replay run.mcap -b again --speed 2
     llfsm replay run.mcap --slots turtle1/pose --loop
     """
+    recording = _open(file, from_s)
     asked: list[str] = []  # the signal by which an end is
     with stop_on_signals(asked.append), Whiteboard(board) as wb:
-        player = Replay(_open(file, from_s), wb, slots)
+        player = Replay(recording, wb, slots)
 
         def is_over() -> bool:
             return bool(asked) or not wb.alive

@@ -18,6 +18,7 @@ from llfsm.runtime.journalled import JournalledArrangement
 from llfsm.whiteboard import Message, Sample, Slot, SlotTypeError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import BELL, Bell, MachineRequest, request_slot
 from llfsm.whiteboard.messages.std_msgs import Bool
+from llfsm.whiteboard.shared import boards
 
 from .conftest import OTHER, READING, Reading, Spy, end_of
 
@@ -232,3 +233,4 @@ def test_wrong_use_is_one_line(llfsm: Any, file: Path, arguments: list[str], why
     assert status in (1, 2)
     assert why in said
     assert "Traceback" not in said
+    assert "test-none" not in {info.name for info in boards()}
