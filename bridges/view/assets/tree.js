@@ -19,7 +19,7 @@ function branch(schema, own, inner) {
     const child = tree(part, value);
     const key = make("span", { class: "key" }, name);
     const item = child.isLeaf
-      ? make("li", {}, key, child.element)
+      ? make("li", { class: "item" }, key, child.element)
       : make("li", {}, make("details", { open: true }, make("summary", {}, key), child.element));
     element.append(item);
     return { ...child, part, place: item };

@@ -158,6 +158,7 @@ def test_a_damaged_board_is_trouble_until_it_is_whole(board: str, source: LiveSo
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
         damaged = Slot("damaged", Bool)
+        damaged.type_name = "Damaged"
         damaged.schema = json.loads("[" * 200 + "]" * 200)
         wb.add_message(damaged, Bool(True))
         assert "cannot be read" in source.look().trouble
