@@ -74,8 +74,8 @@ soak: $(VENV)/.ready-test
 	$(BIN)/python tests/stress/soak.py --seconds $(SOAK_SECONDS)
 
 # One stamp a set of extras; each is made again when what it depends on changes.
-$(VENV)/.ready: EXTRAS = draw,ros
-$(VENV)/.ready-test: EXTRAS = test,draw,ros
+$(VENV)/.ready: EXTRAS = draw,ros,record,view
+$(VENV)/.ready-test: EXTRAS = test,draw,ros,record,view
 $(VENV)/.ready-bench: EXTRAS = bench,draw,ros
 
 $(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-bench: $(SOURCES) $(VENV_MADE)

@@ -39,6 +39,11 @@ _COMMANDS = {
     ),
     "bridge": ("llfsm.bridges.ros2.commands.group:bridge", "Connect a whiteboard with ROS 2."),
     "router": ("llfsm.bridges.ros2.router:router", "Let ROS 2 nodes over Zenoh find each other."),
+    "view": ("llfsm.bridges.view.command:view", "Show a whiteboard and its machines on a page."),
+    "record": ("llfsm.bridges.recording.command:record", "Record a whiteboard to a file."),
+    "replay": ("llfsm.bridges.recording.command:replay", "Replay a recording to a whiteboard."),
+    "rerun": ("llfsm.bridges.recording.command:rerun", "Run machines on what was recorded."),
+    "top": ("llfsm.runtime.commands.top:top", "Show a whiteboard and its machines, live."),
     "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),
     "demo": ("llfsm.runtime.commands.demo:demo", "Watch machines and turtles work together."),
 }

@@ -6,7 +6,7 @@ of `PlannedMachine`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -104,14 +104,16 @@ def assemble(
     *,
     library: Library,
     timed: bool = False,
+    make: Callable[..., Arrangement] = Arrangement,
 ) -> Arrangement:
     """Return the arrangement of a plan, everything loaded; `classes` are by name, in order.
 
-    Suspended machines come after the others, unless a timetable says who has which turn. Raise
-    `LoadError` for a machine that cannot be loaded as planned, `ScheduleError` for turns.
+    `make` is called as `Arrangement` would be. Suspended machines come after the others, unless a
+    timetable says who has which turn. Raise `LoadError` for a machine that cannot be loaded as
+    planned, `ScheduleError` for turns.
     """
     timetable = plan.timetable(classes)
-    arrangement = Arrangement(
+    arrangement = make(
         whiteboard=whiteboard,
         idle_us=plan.idle_us,
         period_us=plan.period_us,

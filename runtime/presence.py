@@ -7,18 +7,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from llfsm.whiteboard.errors import BoardClosedError, WhiteboardError
+from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
+    VIEWER,
     MachineRequest,
     MachineStatus,
+    definition_slot,
     request_slot,
     status_slot,
+    variables_slot,
 )
 
 from . import events
 from .events import Status
 from .failure import logger
+from .machine import Machine
+from .portrait import definition_of, variables_of
 from .remote import born, host_name, is_live
 
 if TYPE_CHECKING:
@@ -30,11 +35,14 @@ __all__ = ["Presence"]
 
 _PAUSE_NS = 20_000_000  # as often as anybody can look
 _BEAT_NS = 250_000_000  # after so long a status is posted again, to tell that it still holds
+_VIEW_NS = 2_000_000_000  # for so long after a viewer has told of itself somebody looks
+_VARIABLES_NS = 100_000_000
 
 
 class _Arrangement(Protocol):
     @property
     def clock(self) -> Clock: ...
+    def machine(self, name: str) -> Machine: ...
     def progress(self, name: str) -> tuple[int, int]: ...
     def standings(self) -> tuple[events.MachineStatus | None, ...]: ...
     def hold(self, name: str) -> None: ...
@@ -55,9 +63,10 @@ class _Told(NamedTuple):
 class _Place:
     """Where one machine is told of. The machine of another process may have its name there."""
 
-    def __init__(self, board: Board, name: str):
+    def __init__(self, board: Board, name: str, machine: Machine):
         self._board = board
         self._name = name
+        self._machine = machine
         self._take()
 
     def _take(self) -> None:
@@ -75,6 +84,21 @@ class _Place:
         self._count = 0
         self.told: _Told | None = None
         self.beat_ns = 0
+        self._variables = variables_slot(names)
+        self._define(names)
+
+    def _define(self, names: str) -> None:
+        """Post what it consists of; without its code, if that is too much or no text at all."""
+        for sections in (True, False):
+            definition = definition_of(type(self._machine).table, sections=sections)
+            with suppress(MessageError):
+                self._board[definition_slot(names)].add(definition)
+                return
+
+    def tell_variables(self) -> None:
+        """Post the machine's variables, if it has any."""
+        if type(self._machine).table.variables:
+            self._board[self._variables].add(variables_of(self._machine))
 
     def keep_name(self) -> None:
         """Find another name if somebody else has had the same idea about this one."""
@@ -117,6 +141,9 @@ class Presence:
         self._places: dict[str, _Place] = {}
         self._bell = board[BELL]
         self._heard = self._bell.count
+        self._viewer = board[VIEWER]
+        self._viewed = self._viewer.count
+        self._view_ends_ns = self._variables_due_ns = self._arrangement.clock.now_ns()
         self._due_ns = 0
         self._works = True
         self.look(idle=True)
@@ -177,7 +204,9 @@ class Presence:
             left.discard(standing.machine)
             place = self._places.get(standing.machine)
             if place is None:
-                place = self._places[standing.machine] = _Place(self._board, standing.machine)
+                place = self._places[standing.machine] = _Place(
+                    self._board, standing.machine, self._arrangement.machine(standing.machine)
+                )
             told = _Told(standing.state, standing.suspended, standing.request or "", place.obeyed)
             if told != place.told or now_ns - place.beat_ns >= _BEAT_NS:
                 place.keep_name()
@@ -185,6 +214,16 @@ class Presence:
                 place.post(told, self._status(standing, told, now_ns), now_ns)
         for name in left:
             self._places.pop(name).leave()
+        self._tell_variables(now_ns)
+
+    def _tell_variables(self, now_ns: int) -> None:
+        if self._viewer.count != self._viewed:
+            self._viewed = self._viewer.count
+            self._view_ends_ns = now_ns + _VIEW_NS
+        if self._variables_due_ns <= now_ns < self._view_ends_ns:
+            self._variables_due_ns = now_ns + _VARIABLES_NS
+            for place in self._places.values():
+                place.tell_variables()
 
     def _status(self, standing: events.MachineStatus, told: _Told, now_ns: int) -> MachineStatus:
         ringlets, overruns = self._arrangement.progress(standing.machine)

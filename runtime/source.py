@@ -10,10 +10,21 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import ast
 
-__all__ = ["EXPRESSION", "body_of", "expression_of", "location_of"]
+__all__ = ["EXPRESSION", "TextOnly", "body_of", "expression_of", "location_of"]
 
 EXPRESSION = "<expression>"
 """The name of a function whose file holds nothing but the expression that it returns."""
+
+
+class TextOnly:
+    """Stand for a section of which only the text is known, as of another process's machine."""
+
+    def __init__(self, text: str):
+        self.text = text
+
+    def __call__(self, machine: Any) -> None:
+        """Raise: there is no code."""
+        raise TypeError("only the text of this section is known: it cannot be run")
 
 
 def location_of(function: Callable[..., Any]) -> tuple[str, int] | None:
@@ -36,6 +47,8 @@ def body_of(function: Callable[..., Any]) -> str | None:
 
     That of a bundle's section is all of its file.
     """
+    if isinstance(function, TextOnly):
+        return function.text
     code = getattr(function, "__code__", None)
     parsed = None if code is None else _parse(code.co_filename)
     if code is None or parsed is None:

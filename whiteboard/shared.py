@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -103,7 +104,7 @@ class Whiteboard(Board):
 
     def _decode_schema(self, slot: str, text: bytes) -> Schema:
         try:
-            return msgspec.json.decode(text, type=Schema)
+            return _schema(text)
         except msgspec.DecodeError as error:
             raise BoardCorruptError(
                 f"{self.path}: the schema of slot {slot!r} is no JSON object: {error}"
@@ -134,6 +135,11 @@ class Whiteboard(Board):
         if self.alive:
             remove_board(self.name, self.path.parent)
         self.close()
+
+
+@lru_cache(maxsize=1024)  # slots are listed again and again, and many have the same type
+def _schema(text: bytes) -> Schema:
+    return msgspec.json.decode(text, type=Schema)
 
 
 class BoardInfo(NamedTuple):

@@ -25,7 +25,7 @@ from llfsm.whiteboard.errors import name_fields
 from llfsm.whiteboard.schema import from_plain, to_plain
 from llfsm.whiteboard.shared import boards, default_name, remove_board
 
-__all__ = ["whiteboard"]
+__all__ = ["board_option", "parse_message", "whiteboard"]
 
 _LOOK_S = 0.02  # how often `watch` looks, a frame of a screen
 
@@ -89,7 +89,7 @@ def add(slot: str, message: str, kind: str | None, board: str) -> None:
     """Add MESSAGE, a JSON object, to SLOT; fields left out are zero. A new slot needs --type."""
     with Whiteboard(board, create=kind is not None) as wb:
         target = wb.find(slot) if kind is None else Slot(slot, _message_class(kind))
-        count = wb.add_message(target, _message(target, message))
+        count = wb.add_message(target, parse_message(target, message))
         click.echo(f"message {count} of {slot}")
 
 
@@ -154,7 +154,11 @@ def _json(message: Message) -> str:
     return json.dumps(to_plain(message), ensure_ascii=False)
 
 
-def _message(slot: Slot[Message], text: str) -> Message:
+def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
+    """Return the message of a slot's type that a JSON object tells; fields left out are zero.
+
+    Raise `MessageFieldError`.
+    """
     try:
         plain = from_plain(json.loads(text), slot.schema)
         return msgspec.convert(plain, slot.type)

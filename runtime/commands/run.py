@@ -17,6 +17,7 @@ from ..plan import Plan, assemble
 from .board import board_option
 from .nonstop import run_nonstop
 from .planned import plan_of
+from .recorded import recorded
 from .report import StateReport, SuspensionReport
 from .supervised import end_with_input, supervised_options
 from .timing import timing_table
@@ -73,6 +74,13 @@ __all__ = ["run"]
     type=click.Choice(["stop", "suspend"]),
     help="When a machine's code raises: stop all (as by default), or suspend that machine.",
 )
+@click.option(
+    "--record",
+    "recording",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record the whiteboard and all that the machines do, to be run again by llfsm rerun.",
+)
 @board_option
 @supervised_options
 def run(
@@ -89,6 +97,7 @@ def run(
     idle_us: int | None,
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
+    recording: Path | None,
     board: str,
     until_eof: bool,
     remove_board: bool,
@@ -106,12 +115,16 @@ def run(
     llfsm run a=my_robot.patrol:Patrol a:rounds=3 a:turtle1/pose:=bob/pose
     llfsm run robot.toml -t
     """
+    if nonstop and recording is not None:
+        raise click.UsageError("--record keeps one run, -n may start several: leave out one")
     planned = plan_of(machines, table, suspended, preloaded)
     plan = _with_options(planned.plan, keep, idle_us, period_us, on_error)
     _log()
-    with Whiteboard(_board(plan, board)) as wb:
+    with Whiteboard(_board(plan, board)) as wb, recorded(recording, wb.name, plan) as make:
         try:
-            arrangement = assemble(plan, planned.classes, wb, library=planned.library, timed=timed)
+            arrangement = assemble(
+                plan, planned.classes, wb, library=planned.library, timed=timed, make=make
+            )
             if verbose:
                 arrangement.attach(StateReport(arrangement, with_path=verbose > 1))
             if report:

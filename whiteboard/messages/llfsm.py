@@ -10,16 +10,31 @@ from ..slots import Slot
 
 __all__ = [
     "BELL",
+    "DEFINITIONS",
     "MACHINES",
+    "VARIABLES",
+    "VIEWER",
     "Action",
     "Bell",
+    "DefinedBox",
+    "DefinedSection",
+    "DefinedState",
+    "DefinedTransition",
+    "MachineDefinition",
     "MachineRequest",
     "MachineStatus",
+    "MachineVariables",
+    "Variable",
+    "Viewer",
+    "definition_slot",
     "request_slot",
     "status_slot",
+    "variables_slot",
 ]
 
 MACHINES = "llfsm/machine/"
+DEFINITIONS = "llfsm/definition/"
+VARIABLES = "llfsm/variables/"
 
 _LONGEST = 230  # bytes of a machine's name that a slot's has room for
 
@@ -62,6 +77,73 @@ class Bell(Message):
 BELL = Slot("llfsm/bell", Bell)
 
 
+class DefinedSection(Message):
+    """The source text of a state's section, as OnEntry."""
+
+    name: str
+    text: str
+
+
+class DefinedTransition(Message):
+    """A transition: its place among those of its state is when it is evaluated.
+
+    `path` is where an editor has drawn it, if one has: x and y of start, end and two controls.
+    """
+
+    target: str
+    label: str
+    path: tuple[float, ...] = ()
+
+
+class DefinedBox(Message):
+    """Where an editor has drawn a state: its centre and its size; `expanded` shows sections."""
+
+    x: float
+    y: float
+    w: float
+    h: float
+    expanded: bool = False
+
+
+class DefinedState(Message):
+    """A state as declared; `sections` are empty where no source can be read."""
+
+    name: str
+    sections: tuple[DefinedSection, ...] = ()
+    transitions: tuple[DefinedTransition, ...] = ()
+    box: DefinedBox | None = None
+
+
+class MachineDefinition(Message):
+    """What a machine consists of, for those who draw it; the first state is the initial one."""
+
+    path: str
+    states: tuple[DefinedState, ...]
+    suspend: str = ""
+
+
+class Variable(Message):
+    """A machine's variable; what is neither number nor text is a text that describes it."""
+
+    name: str
+    value: bool | int | float | str | None
+
+
+class MachineVariables(Message):
+    """A machine's variables between two ringlets; posted ten times a second, if somebody looks."""
+
+    variables: tuple[Variable, ...]
+
+
+class Viewer(Message):
+    """Tell that process `pid` looks at the machines' variables, for the next two seconds."""
+
+    pid: int
+
+
+VIEWER = Slot("llfsm/viewer", Viewer)
+
+
 @lru_cache(maxsize=4096)  # a slot of its own each time would be bound each time
 def status_slot(machine: str) -> Slot[MachineStatus]:
     """Return the slot on which the machine of that name is told of."""
@@ -72,6 +154,18 @@ def status_slot(machine: str) -> Slot[MachineStatus]:
 def request_slot(machine: str) -> Slot[MachineRequest]:
     """Return the slot on which the machine of that name is asked for something."""
     return Slot("llfsm/request/" + _legal(machine), MachineRequest)
+
+
+@lru_cache(maxsize=4096)
+def definition_slot(machine: str) -> Slot[MachineDefinition]:
+    """Return the slot on which it stands what a machine consists of."""
+    return Slot(DEFINITIONS + _legal(machine), MachineDefinition, 32 << 10)
+
+
+@lru_cache(maxsize=4096)
+def variables_slot(machine: str) -> Slot[MachineVariables]:
+    """Return the slot on which a machine's variables are told."""
+    return Slot(VARIABLES + _legal(machine), MachineVariables, 16 << 10)
 
 
 def _legal(machine: str) -> str:

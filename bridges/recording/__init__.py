@@ -1,0 +1,13 @@
+"""Recordings of a whiteboard and its machines, as MCAP files that Foxglove and PlotJuggler open.
+
+Read in this order: :mod:`.exact` (messages as JSON, without loss), :mod:`.writer` and
+:mod:`.reader` (the file), :mod:`.recorder` (from a board into a file), :mod:`.replay` (back onto a
+board), :mod:`.rerun` (the machines once more, compared with what they did).
+"""
+
+from importlib.util import find_spec
+
+from .errors import McapMissingError
+
+if find_spec("mcap") is None:
+    raise McapMissingError("recordings need mcap; install it with: pip install 'llfsm[record]'")

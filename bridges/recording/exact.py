@@ -1,0 +1,58 @@
+"""A slot's messages as JSON for every tool, and back without any loss.
+
+The JSON object is what the slot's schema says: `bytes` are base64, integers have all their digits.
+JSON has no number for NaN and the infinities, which are written as null, and cannot tell the
+members of some unions apart. Only an object for which that matters has a member `$msgpack` more:
+the message as on the whiteboard, MessagePack in base64. No field's name can begin with a `$`.
+"""
+
+from __future__ import annotations
+
+from binascii import a2b_base64, b2a_base64
+from typing import Any
+
+import msgspec
+
+from llfsm.whiteboard import Message, Slot
+from llfsm.whiteboard.schema import from_plain, to_plain
+
+__all__ = ["EXACT", "Codec"]
+
+EXACT = "$msgpack"
+
+
+class Codec:
+    """Write and read the messages of one slot."""
+
+    def __init__(self, slot: Slot[Any]):
+        self.slot = slot
+        self._ambiguous = b"anyOf" in msgspec.json.encode(slot.schema)
+
+    def encode(self, message: Message) -> bytes:
+        """Return the JSON object."""
+        plain = to_plain(message)
+        text = msgspec.json.encode(plain)
+        if (self._ambiguous or b"null" in text) and not self._is_exact(plain, text, message):
+            payload = self.slot.encoder.encode(message)
+            plain[EXACT] = b2a_base64(payload, newline=False).decode()
+            text = msgspec.json.encode(plain)
+        return text
+
+    def decode(self, text: bytes) -> Message:
+        """Return the message; raise ``ValueError`` if the text is none of this slot."""
+        plain = msgspec.json.decode(text)
+        if not isinstance(plain, dict):
+            raise ValueError("no JSON object")
+        if EXACT in plain:
+            message = self.slot.decoder.decode(a2b_base64(plain[EXACT]))
+        else:
+            message = msgspec.convert(from_plain(plain, self.slot.schema), self.slot.type)
+        assert isinstance(message, Message)
+        return message
+
+    def _is_exact(self, plain: Any, text: bytes, message: Message) -> bool:
+        try:
+            back = self.decode(text)
+        except ValueError:  # as of null where a number must be
+            return False
+        return back == message and to_plain(back) == plain

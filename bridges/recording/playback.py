@@ -1,0 +1,137 @@
+"""A recording as a page's source: everything as it was at the moment that the slider shows."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
+from pathlib import Path
+
+from llfsm.bridges.view.source import Change, Look, Player, Source
+from llfsm.runtime import Clock, MonotonicClock
+from llfsm.runtime.remote import SILENT_S
+from llfsm.whiteboard import Message, Sample
+from llfsm.whiteboard.board import SlotInfo
+from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
+
+from .reader import RecordedSlot, Recording
+
+__all__ = ["RecordedPlayer", "RecordedSource"]
+
+_SILENT_NS = round(SILENT_S * 1e9)
+_seen_ns = attrgetter("seen_ns")
+
+
+class RecordedPlayer(Player):
+    """The moment at which a recording is looked at: it stands still until it is told to play."""
+
+    def __init__(self, span_ns: tuple[int, int], clock: Clock):
+        self.span_ns = span_ns
+        self.epoch = 0
+        """Another number after each leap."""
+        self._clock = clock
+        self._from_ns = span_ns[0]  # where it was when it last was told something
+        self._since_ns = clock.now_ns()
+
+    def now_ns(self) -> int:
+        """Return the moment; at the end, pause."""
+        passed_ns = self._clock.now_ns() - self._since_ns
+        now_ns = self._from_ns + round(passed_ns * self.speed)
+        if now_ns >= self.span_ns[1]:
+            self._stay(self.span_ns[1])
+            self.speed = 0.0
+            return self.span_ns[1]
+        return now_ns
+
+    def seek(self, now_ns: int) -> None:
+        """Go to a moment of the span."""
+        self.epoch += 1
+        self._stay(max(now_ns, self.span_ns[0]))
+
+    def play(self, speed: float) -> None:
+        """Let time pass from here, or from the beginning if it is at the end."""
+        if speed and self.now_ns() == self.span_ns[1]:
+            self.seek(self.span_ns[0])
+        self._stay(self.now_ns())
+        self.speed = speed
+
+    def _stay(self, now_ns: int) -> None:
+        self._from_ns, self._since_ns = now_ns, self._clock.now_ns()
+
+
+class RecordedSource(Source):
+    """Show a recording, which is read as a whole; raise `RecordingFileError` if it is none."""
+
+    def __init__(self, path: Path, clock: Clock | None = None):
+        self._recording = recording = Recording(path)
+        self.title = path.name
+        self.player: RecordedPlayer = RecordedPlayer(recording.span_ns, clock or MonotonicClock())
+        self._samples: dict[str, Sample[Message]] = {}  # the latest that were looked at
+        self._now_ns = recording.span_ns[0]
+        self._slots = {
+            name: SlotInfo(name, each.slot.type_name, each.slot.schema, each.slot.capacity)
+            for name, each in recording.slots.items()
+        }
+        self._history = {
+            name.removeprefix(MACHINES): _changes(each, recording.span_ns[1])
+            for name, each in recording.slots.items()
+            if each.slot.type is MachineStatus
+        }
+
+    def look(self) -> Look:
+        """Return how everything was."""
+        self._now_ns = now_ns = self.player.now_ns()
+        samples: dict[str, Sample[Message]] = {}
+        problems: dict[str, str] = {}
+        for name, slot in self._recording.slots.items():
+            number = bisect_right(slot.messages, now_ns, key=_seen_ns)
+            if number == 0:
+                continue
+            recorded, before = slot.messages[number - 1], self._samples.get(name)
+            if before is not None and before.count == recorded.count:
+                samples[name] = before
+                continue
+            try:
+                samples[name] = slot.sample(recorded)
+            except ValueError as error:
+                problems[name] = f"message {recorded.count} in the file is none: {error}"
+        self._samples = samples
+        return Look(now_ns, self.player.epoch, self._slots, samples, problems)
+
+    def is_live(self, sample: Sample[MachineStatus]) -> bool:
+        """Tell whether a machine was loaded, and told of itself no long time before."""
+        return sample.message.loaded and self._now_ns - sample.stamp_ns <= _SILENT_NS
+
+    def history(self) -> Mapping[str, Sequence[Change]]:
+        """Return the states that each machine was in, from the beginning to the end."""
+        return self._history
+
+    def close(self) -> None:
+        """Do nothing: the file was closed when it was read."""
+
+
+def _changes(slot: RecordedSlot, end_ns: int) -> list[Change]:
+    changes = [Change(0, "", False)]
+
+    def note(stamp_ns: int, state: str, suspended: bool) -> None:
+        last = changes[-1]
+        if (state, suspended) != last[1:]:
+            changes.append(Change(max(stamp_ns, last.stamp_ns + 1), state, suspended))
+
+    told_ns = 0
+    for recorded in slot.messages:
+        try:
+            status = slot.sample(recorded).message
+        except ValueError:
+            continue
+        assert isinstance(status, MachineStatus)
+        if told_ns and recorded.stamp_ns - told_ns > _SILENT_NS:
+            note(told_ns + _SILENT_NS, "", False)
+        told_ns = recorded.stamp_ns
+        if status.loaded:
+            note(told_ns - round(status.in_state_s * 1e9), status.state, status.suspended)
+        else:
+            note(told_ns, "", False)
+    if end_ns - told_ns > _SILENT_NS:
+        note(told_ns + _SILENT_NS, "", False)
+    return changes[1:]

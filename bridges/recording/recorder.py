@@ -1,0 +1,158 @@
+"""From a whiteboard, and the journal of an arrangement on it, into a file.
+
+The board is looked at a thousand times a second. Of a slot that changes more often only the newest
+message is recorded; its count tells how many were missed.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+from collections.abc import Callable, Iterator, Sequence
+from fnmatch import fnmatchcase
+from typing import Any, Final
+
+from llfsm.bridges.view.classes import class_of
+from llfsm.runtime.failure import logger
+from llfsm.runtime.journal import Entry, entries_of
+from llfsm.whiteboard import BoardClosedError, BoundSlot, Slot, Whiteboard, WhiteboardError
+from llfsm.whiteboard.messages.llfsm import VARIABLES, VIEWER, Viewer
+
+from .writer import RecordingWriter
+
+__all__ = ["BoardRecorder", "JournalRecorder", "record"]
+
+_LOOK_S: Final = 0.001
+_LIST_NS: Final = 100_000_000  # between two looks for new slots
+_VIEW_NS: Final = 500_000_000  # between two signs that somebody wants the machines' variables
+
+
+class BoardRecorder:
+    """Write what is new in the slots of a board whose names match one of `patterns`, if any."""
+
+    def __init__(self, board: Whiteboard, writer: RecordingWriter, patterns: Sequence[str] = ()):
+        self._board = board
+        self._writer = writer
+        self._patterns = patterns
+        self._slots: dict[str, tuple[Slot[Any], BoundSlot[Any]]] = {}
+        self._counts: dict[str, int] = {}
+        self._new: set[str] = set()  # slots that were made since the recording began
+        self._unreadable: set[str] = set()
+        self._list_ns = self._view_ns = 0  # when that is due
+        self._find_slots()
+        self._new.clear()
+
+    @property
+    def alive(self) -> bool:
+        """Whether anybody may still write to the board."""
+        return self._board.alive
+
+    def look(self, *, last: bool = False) -> None:
+        """Write each message that has come since the last look and is still there."""
+        now_ns = time.monotonic_ns()
+        if last or now_ns >= self._list_ns:
+            self._find_slots()
+            self._list_ns = now_ns + _LIST_NS
+        if now_ns >= self._view_ns and self._wants(VARIABLES):
+            self._view_ns = now_ns + _VIEW_NS
+            self._tell()
+        for name, (slot, bound) in self._slots.items():
+            if bound.count != self._counts[name]:
+                self._take(name, slot, bound)
+
+    def _take(self, name: str, slot: Slot[Any], bound: BoundSlot[Any]) -> None:
+        self._counts[name] = bound.count
+        try:
+            sample = bound.sample()
+        except BoardClosedError:
+            raise
+        except WhiteboardError as error:
+            self._warn(name, error)
+        else:
+            if sample is not None:
+                self._counts[name] = sample.count
+                self._writer.add(slot, sample, new=name in self._new)
+
+    def _find_slots(self) -> None:
+        for info in self._board.slots():
+            if info.name in self._slots or info.name in self._unreadable:
+                continue
+            if not self._wants(info.name):
+                continue
+            try:
+                slot = Slot(info.name, class_of(info), info.capacity)
+                self._slots[info.name] = slot, self._board[slot]
+                self._counts[info.name] = 0
+                self._new.add(info.name)
+            except BoardClosedError:
+                raise
+            except Exception as error:  # whatever a schema that is none makes of a class
+                self._warn(info.name, error)
+
+    def _tell(self) -> None:
+        try:
+            self._board.add_message(VIEWER, Viewer(os.getpid()))
+        except BoardClosedError:
+            raise
+        except WhiteboardError as error:  # a board that is full can be recorded all the same
+            self._warn(VARIABLES + "*", error)
+
+    def _wants(self, name: str) -> bool:
+        return not self._patterns or any(fnmatchcase(name, each) for each in self._patterns)
+
+    def _warn(self, name: str, error: Exception) -> None:
+        if name not in self._unreadable:
+            self._unreadable.add(name)
+            logger().warning("slot %s is not recorded, or not all of it: %s", name, error)
+
+
+class JournalRecorder:
+    """Write the journal of an arrangement that comes through a pipe."""
+
+    def __init__(self, pipe: int, writer: RecordingWriter):
+        self.over = False
+        """Whether the arrangement has ended, or died."""
+        self._pipe = pipe
+        self._writer = writer
+        self._left = bytearray()
+
+    def wait(self, seconds: float) -> None:
+        """Write what comes, waiting for it so long at most."""
+        if self.over or not select.select([self._pipe], [], [], seconds)[0]:
+            return
+        data = os.read(self._pipe, 1 << 20)
+        self.over = not data
+        self._left += data
+        for entry in self._entries():
+            self._writer.add_entry(entry)
+
+    def _entries(self) -> Iterator[Entry]:
+        while len(self._left) >= 4:
+            end = 4 + int.from_bytes(self._left[:4], "little")
+            if len(self._left) < end:
+                return
+            data = bytes(self._left[4:end])
+            del self._left[:end]
+            yield from entries_of(data)
+
+
+def record(
+    board: BoardRecorder,
+    journal: JournalRecorder | None,
+    writer: RecordingWriter,
+    is_over: Callable[[], bool],
+) -> None:
+    """Record until `is_over`; without a journal, also until the board is removed.
+
+    With one it is until the arrangement has ended, which may be after that.
+    """
+    last = False
+    while not last:
+        last = is_over() or (not board.alive if journal is None else journal.over)
+        board.look(last=last)  # once more at the end, for what came meanwhile
+        writer.flush_if_due()
+        if journal is not None:
+            journal.wait(_LOOK_S)
+        elif not last:
+            time.sleep(_LOOK_S)

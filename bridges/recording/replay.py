@@ -1,0 +1,133 @@
+"""From a recording back onto a whiteboard, in time or step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from fnmatch import fnmatchcase
+from typing import Any, Final, NamedTuple
+
+from llfsm.runtime import Clock, MonotonicClock
+from llfsm.whiteboard import Board, BoundSlot, Message
+from llfsm.whiteboard.messages.llfsm import BELL, VIEWER, request_slot
+
+from .errors import RecordingFileError
+from .reader import Recorded, RecordedSlot, Recording
+
+__all__ = ["Posted", "Replay", "Step"]
+
+_NAP_NS: Final = 50_000_000  # a wait is cut into these, to notice that an end is asked for
+_ASKING: Final = (BELL.name, VIEWER.name, request_slot("*").name)
+
+
+class Posted(NamedTuple):
+    """A message that was posted again."""
+
+    slot: str
+    message: Message
+
+
+class Step(NamedTuple):
+    """A ringlet of a machine with what was posted up to its end, or just a message."""
+
+    now_ns: int
+    """Since the recording began."""
+    text: str
+    """Whose ringlet, in which round and state; empty in a recording without events."""
+    posted: Sequence[Posted]
+
+
+class Replay:
+    """Post the messages of a recording to a board, in the order in which they were seen.
+
+    Of the slots only those that match one of `patterns`, if there are any; without patterns all but
+    those by which live machines are asked for something. Raise :class:`.SlotTypeError` if the board
+    has a slot with messages of another type.
+    """
+
+    def __init__(self, recording: Recording, board: Board, patterns: Sequence[str] = ()):
+        self._recording = recording
+        self._begin_ns, self._end_ns = recording.span_ns
+        self._slots: dict[str, BoundSlot[Any]] = {
+            name: board[each.slot]
+            for name, each in recording.slots.items()
+            if _wanted(name, patterns)
+        }
+        self._messages = [pair for pair in recording.messages() if pair[0].slot.name in self._slots]
+
+    def play(
+        self,
+        is_over: Callable[[], bool],
+        *,
+        speed: float = 1.0,
+        from_s: float = 0.0,
+        clock: Clock | None = None,
+    ) -> None:
+        """Post from second `from_s` to the end, `speed` times as fast, or until `is_over`.
+
+        What was on the board then is posted at once.
+        """
+        clock = clock or MonotonicClock()
+        first_ns = self._begin_ns + round(from_s * 1e9)
+        left = self._catch_up(first_ns)
+        start_ns = clock.now_ns()
+        for pair in left:
+            due_ns = start_ns + round((pair[1].seen_ns - first_ns) / speed)
+            if not _wait(clock, due_ns, is_over):
+                return
+            self._post(pair)
+        _wait(clock, start_ns + round((self._end_ns - first_ns) / speed), is_over)
+
+    def steps(self, *, from_s: float = 0.0) -> Iterator[Step]:
+        """Post what belongs to a ringlet, or in a recording without events one message, a step."""
+        first_ns = self._begin_ns + round(from_s * 1e9)
+        left = self._catch_up(first_ns)
+        turns = [e for e in self._recording.entries if e["event"] == "Turn"]
+        turns = [turn for turn in turns if turn["time_ns"] >= first_ns]
+        for number, turn in enumerate(turns):
+            last = number + 1 == len(turns)
+            end_ns = self._end_ns + 1 if last else turns[number + 1]["time_ns"]
+            posted = []
+            while left and left[0][1].seen_ns < end_ns:
+                posted.append(self._post(left.pop(0)))
+            text = f"round {turn['round']}: {turn['machine']} in {turn['state']}"
+            yield Step(turn["time_ns"] - self._begin_ns, text, posted)
+        for pair in left:
+            yield Step(pair[1].seen_ns - self._begin_ns, "", [self._post(pair)])
+
+    def _catch_up(self, first_ns: int) -> list[tuple[RecordedSlot, Recorded]]:
+        """Post the latest message of each slot before a moment; return all the later ones."""
+        latest = {slot.slot.name: (slot, each) for slot, each in self._before(first_ns)}
+        for pair in latest.values():
+            self._post(pair)
+        return [pair for pair in self._messages if pair[1].seen_ns >= first_ns]
+
+    def _before(self, first_ns: int) -> Iterator[tuple[RecordedSlot, Recorded]]:
+        return (pair for pair in self._messages if pair[1].seen_ns < first_ns)
+
+    def _post(self, pair: tuple[RecordedSlot, Recorded]) -> Posted:
+        slot, recorded = pair
+        name = slot.slot.name
+        try:
+            message = slot.sample(recorded).message
+        except ValueError as error:
+            raise RecordingFileError(
+                f"{self._recording.path}: message {recorded.count} of {name!r} is none: {error}"
+            ) from error
+        self._slots[name].add(message)
+        return Posted(name, message)
+
+
+def _wanted(name: str, patterns: Sequence[str]) -> bool:
+    if patterns:
+        return any(fnmatchcase(name, pattern) for pattern in patterns)
+    return not any(fnmatchcase(name, pattern) for pattern in _ASKING)
+
+
+def _wait(clock: Clock, due_ns: int, is_over: Callable[[], bool]) -> bool:
+    """Wait for a moment; return False if it is over before."""
+    while not is_over():
+        now_ns = clock.now_ns()
+        if now_ns >= due_ns:
+            return True
+        clock.sleep_until_ns(min(due_ns, now_ns + _NAP_NS))
+    return False

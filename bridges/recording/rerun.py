@@ -1,0 +1,198 @@
+"""Run machines on what a recording says that they learnt, and compare what they do.
+
+The clock tells what it told then; where the machines now ask it more often than they did it
+stands still until their next event, so that another number of questions is no difference.
+Compared is what the machines do: their events, without times, and the messages that they post.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from llfsm.runtime import Arrangement, ArrangementEndedError, ExecutionError, Reason
+from llfsm.runtime.events import IdleSleep
+from llfsm.runtime.journal import Entry, Journal, as_entry
+from llfsm.runtime.roster import Loadable
+from llfsm.whiteboard import Whiteboard
+
+from .errors import NoEventsError, OtherMachinesError, RecordingFileError, RerunError
+from .reader import Recording
+from .recall import Memory, RecalledArrangement
+
+__all__ = ["Difference", "Rerun", "assert_reruns", "rerun"]
+
+_INPUTS: Final = ("Sensed", "Answered", "Asked", "Loaded")
+_NOT_COMPARED: Final = ("reads", "time_ns", "duration_ns")
+
+
+class Difference(NamedTuple):
+    """The first thing that machines do differently; None where one of the two does nothing."""
+
+    number: int
+    """Of the recording's events and posted messages, from 1."""
+    after_s: float
+    """Seconds since the first event."""
+    recorded: Entry | None
+    found: Entry | None
+
+    def __str__(self) -> str:
+        return (
+            f"event {self.number} differs, after {self.after_s:.6f} s:\n"
+            f"  recorded: {_text(self.recorded)}\n"
+            f"  now:      {_text(self.found)}"
+        )
+
+
+class Rerun:
+    """Run the machines of a journal again, once: `arrange` them, then `compare`.
+
+    `board` is where they post, which is nobody's. Raise `NoEventsError` if nothing was recorded.
+    """
+
+    def __init__(self, entries: Sequence[Entry], source: str = "the recording"):
+        self.board = Whiteboard.local()
+        self._memory = Memory(entries)
+        self._journal = Journal(lambda _: None)
+        self._journal.add = lambda entry: self._take(as_entry(entry))
+        self._source = source
+        self._machines = _loaded(entries)
+        first = self._memory.segment.event
+        if first is None:
+            raise NoEventsError(
+                f"{source} holds no events of machines: record them with llfsm run --record"
+            )
+        self._begin_ns = first["time_ns"]
+        self._difference: Difference | None = None
+        self._over = False  # whether the recording, which was cut short, says no more
+        self._number = 0
+
+    def arrange(self, machines: Iterable[Loadable] = (), **options: Any) -> Arrangement:
+        """Return an arrangement that learns what the journal says; `options` are as for others."""
+        options = {"whiteboard": self.board, **options}
+        return RecalledArrangement(machines, memory=self._memory, journal=self._journal, **options)
+
+    def compare(self) -> Difference | None:
+        """Run it and return the first difference, or None if the machines do all they did.
+
+        Raise `OtherMachinesError` if these are not the machines that were recorded, and
+        `RecordingFileError` if the messages recorded are not of their sensors' types.
+        """
+        memory, arrangement = self._memory, self._memory.arrangement
+        assert arrangement is not None, "arrange() first"
+        names = [machine.name for machine in arrangement.machines]
+        if names != self._machines:
+            raise OtherMachinesError(
+                f"{self._source}: its machines are {', '.join(self._machines)}, "
+                f"not {', '.join(names) or 'none'}; another one must have the name of the first"
+            )
+        while self._difference is None and not self._over:
+            segment = memory.segment
+            if segment.event is None:
+                break
+            memory.ask()
+            self._step(arrangement, segment.event)
+            if memory.error is not None:
+                raise RecordingFileError(f"{self._source}: {memory.error}")
+            if memory.segment is segment:
+                self._differ(segment.event, None)
+        return self._difference
+
+    @property
+    def events(self) -> int:
+        """How many events and posted messages were as recorded."""
+        return self._number
+
+    def _step(self, arrangement: RecalledArrangement, event: Entry) -> None:
+        match event["event"]:
+            case "RoundBegin":
+                # Both are seen in the events, or in that there is none.
+                with suppress(ExecutionError, ArrangementEndedError):
+                    arrangement.round()
+            case "IdleSleep":
+                arrangement.emit(IdleSleep(*arrangement.stamp(), event["duration_ns"]))
+            case "End":
+                arrangement.end(Reason(event["reason"]))
+
+    def _take(self, found: Entry) -> None:
+        """Compare what a machine does with what is next in the journal."""
+        segment = self._memory.segment
+        if self._difference is not None or self._over or found["event"] in _INPUTS:
+            return
+        if segment.posts:
+            self._check(segment.posts.popleft(), found)
+        elif segment.event is None:
+            self._over = True
+        elif found["event"] == "Posted":
+            self._differ(segment.event, found)
+        elif self._check(segment.event, found):
+            self._memory.advance(segment.event["time_ns"])
+
+    def _check(self, recorded: Entry, found: Entry) -> bool:
+        if _compared(recorded) != _compared(found):
+            self._differ(recorded, found)
+            return False
+        self._number += 1
+        return True
+
+    def _differ(self, recorded: Entry, found: Entry | None) -> None:
+        if self._difference is None:
+            now_ns = recorded.get("time_ns", self._memory.clock.now_ns())
+            after_s = (now_ns - self._begin_ns) / 1e9
+            self._difference = Difference(self._number + 1, after_s, recorded, found)
+
+
+def rerun(
+    recording: Path | str | Recording, machines: Iterable[Loadable], **options: Any
+) -> Difference | None:
+    """Run machines on what was recorded; return the first difference, or None.
+
+    They are the recorded ones in their order; `options` are those of the `Arrangement` that are not
+    as usual, as `unload_accepting` and `library`. What it raises, `Rerun.compare` says.
+    """
+    again = _open(recording)
+    again.arrange(machines, **options)
+    return again.compare()
+
+
+def assert_reruns(
+    recording: Path | str | Recording, machines: Iterable[Loadable], **options: Any
+) -> None:
+    """Raise `RerunError`, which shows the first difference, unless machines do as recorded."""
+    difference = rerun(recording, machines, **options)
+    if difference is not None:
+        raise RerunError(str(difference))
+
+
+def _open(recording: Path | str | Recording) -> Rerun:
+    if not isinstance(recording, Recording):
+        recording = Recording(Path(recording))
+    return Rerun(recording.entries, str(recording.path))
+
+
+def _loaded(entries: Iterable[Entry]) -> list[str]:
+    """Return the names of the machines that were there from the beginning."""
+    names = []
+    for entry in entries:
+        if "reads" in entry:
+            break
+        if entry["event"] == "Loaded":
+            names.append(entry["machine"])
+    return names
+
+
+def _compared(entry: Entry) -> Mapping[str, Any]:
+    return {key: value for key, value in entry.items() if key not in _NOT_COMPARED}
+
+
+def _text(entry: Entry | None) -> str:
+    if entry is None:
+        return "nothing"
+    shown = {key: value for key, value in _compared(entry).items() if key != "event"}
+    if entry["event"] == "Posted":
+        shown["message"] = msgspec.msgpack.decode(shown["message"])
+    return f"{entry['event']}({', '.join(f'{key}={value!r}' for key, value in shown.items())})"

@@ -1,0 +1,263 @@
+// A machine's diagram from the server's geometry; it can be lit, zoomed and moved.
+
+import { make, makeSvg } from "./dom.js";
+
+const FADE_MS = 1900; // for which a transition that was taken can be told
+const STEP = 1.25;
+const READABLE = 0.62; // of its own size, below which a diagram is not shown whole at first
+const LARGEST = 1.25; // of its own size, so that a small diagram is not blown up
+const FOLLOWED = 0.95; // of its own size, where the current state is followed
+const GLIDE_MS = 280;
+
+const point = ([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`;
+
+function path(curve) {
+  const [start, ...rest] = curve.map(point);
+  return `M${start} C${rest.join(" ")}`;
+}
+
+function rect([x, y, width, height], attributes) {
+  return makeSvg("rect", { x, y, width: Math.max(0, width), height: Math.max(0, height), ...attributes });
+}
+
+function lines(texts) {
+  return texts.map(([x, y, text, size, face, centred]) =>
+    makeSvg("text", { x, y, "font-size": size, class: centred ? face : `${face} left` }, text),
+  );
+}
+
+function box(told) {
+  const kinds = ["initial", "accepting", "suspend"].filter((kind) => told[kind]);
+  const [x, y, width, height] = told.frame;
+  return makeSvg(
+    "g",
+    { class: ["state", ...kinds].join(" "), "data-state": told.state },
+    rect(told.frame, { class: "halo", rx: 9 }),
+    rect(told.frame, { class: "box", rx: 8 }),
+    ...(told.accepting ? [rect([x + 3.5, y + 3.5, width - 7, height - 7], { class: "rim", rx: 6 })] : []),
+    ...lines(told.lines),
+    makeSvg("title", {}, told.state),
+  );
+}
+
+export class Diagram {
+  constructor(told) {
+    this.frame = told.frame;
+    this.states = new Map();
+    this.places = new Map(told.boxes.map((each) => [each.state, each.frame]));
+    this.current = null;
+    this.isFollowing = false;
+    this.edges = [];
+    const arrows = [];
+    const labels = [];
+    for (const edge of told.edges) {
+      const mark = { class: "transition", "data-transition": `${edge.source}:${edge.number}` };
+      const arrow = makeSvg(
+        "g",
+        mark,
+        makeSvg("path", { d: path(edge.curve) }),
+        makeSvg("polygon", { points: edge.head.map(point).join(" ") }),
+      );
+      const label = makeSvg(
+        "g",
+        { ...mark, class: "transition label" },
+        rect(edge.label.frame, { rx: 4 }),
+        ...lines(edge.label.lines),
+      );
+      arrows.push(arrow);
+      labels.push(label);
+      this.edges.push({ ...edge, elements: [arrow, label], timer: 0 });
+    }
+    const boxes = told.boxes.map((each) => {
+      const element = box(each);
+      this.states.set(each.state, element);
+      return element;
+    });
+    const start = makeSvg(
+      "g",
+      { class: "start" },
+      makeSvg("circle", { cx: told.start.curve[0][0], cy: told.start.curve[0][1], r: 5 }),
+      makeSvg("path", { d: path(told.start.curve) }),
+      makeSvg("polygon", { points: told.start.head.map(point).join(" ") }),
+    );
+    this.svg = makeSvg(
+      "svg",
+      { role: "img", "aria-label": `Diagram of ${told.title}`, preserveAspectRatio: "xMidYMid meet" },
+      start,
+      ...arrows,
+      ...boxes,
+      ...labels,
+    );
+    this.element = make("div", { class: "diagram", tabindex: "0", "aria-label": `Diagram of ${told.title}; + and - zoom, arrows move, 0 fits, . follows` }, this.svg);
+    this.listen();
+    this.fit();
+  }
+
+  // Which state is current, and of a suspended machine the one to which it will resume.
+  light(state, condition, held = null) {
+    const seen = this.states.has(state) ? state : held;
+    if (seen !== this.current) {
+      this.current = seen;
+      if (this.isFollowing) this.centre();
+    }
+    for (const [name, element] of this.states) {
+      element.classList.toggle("current", name === state && condition !== "ended");
+      element.classList.toggle("held", name === held);
+      element.classList.toggle("silent", name === state && condition === "silent");
+    }
+  }
+
+  // Light the transitions that lead from one state to the other; they fade by themselves.
+  fire(from, to) {
+    for (const edge of this.edges) {
+      if (edge.source !== from || edge.target !== to) continue;
+      for (const element of edge.elements) {
+        element.classList.remove("fired");
+        element.getBoundingClientRect(); // so that the fading begins anew
+        element.classList.add("fired");
+      }
+      clearTimeout(edge.timer);
+      edge.timer = setTimeout(() => {
+        for (const element of edge.elements) element.classList.remove("fired");
+      }, FADE_MS);
+    }
+  }
+
+  // Mark the states whose names contain a text; returns how many do.
+  find(text) {
+    const found = [];
+    for (const [name, element] of this.states) {
+      const hit = text !== "" && name.toLowerCase().includes(text);
+      element.classList.toggle("found", hit);
+      if (hit) found.push(name);
+    }
+    if (found.length && text !== this.sought && this.view[2] < this.frame[2]) {
+      this.isFollowing = false;
+      this.centre(GLIDE_MS, found[0]);
+    }
+    if (!text && this.sought) this.begin();
+    this.sought = text;
+    return found.length;
+  }
+
+  // Show it whole if that can be read, else what is around the current state.
+  begin() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (Math.min(width / this.frame[2], height / this.frame[3]) >= READABLE) this.fit();
+    else this.follow();
+  }
+
+  fit() {
+    cancelAnimationFrame(this.gliding);
+    this.isFollowing = false;
+    const [x, y, width, height] = this.frame;
+    const { clientWidth, clientHeight } = this.element;
+    const wide = Math.max(width, clientWidth / LARGEST);
+    const high = Math.max(height, clientHeight / LARGEST);
+    this.view = [x + (width - wide) / 2, y + (height - high) / 2, wide, high];
+    this.show();
+  }
+
+  follow() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    this.view = [this.view[0], this.view[1], width / FOLLOWED, height / FOLLOWED];
+    this.isFollowing = true;
+    this.centre(0);
+  }
+
+  centre(duration = GLIDE_MS, state = this.current) {
+    const frame = this.places.get(state);
+    if (!frame) return;
+    const from = this.view.slice(0, 2);
+    const to = [
+      frame[0] + frame[2] / 2 - this.view[2] / 2,
+      frame[1] + frame[3] / 2 - this.view[3] / 2,
+    ];
+    const begun = performance.now();
+    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const step = (time) => {
+      const part = still || !duration ? 1 : Math.min(1, Math.max(0, (time - begun) / duration));
+      const eased = part * (2 - part);
+      this.view[0] = from[0] + (to[0] - from[0]) * eased;
+      this.view[1] = from[1] + (to[1] - from[1]) * eased;
+      this.show();
+      if (part < 1) this.gliding = requestAnimationFrame(step);
+    };
+    cancelAnimationFrame(this.gliding);
+    step(begun);
+  }
+
+  show() {
+    this.svg.setAttribute("viewBox", this.view.map((value) => value.toFixed(2)).join(" "));
+  }
+
+  // Zoom about a place given as parts of the width and height.
+  zoom(factor, across = 0.5, down = 0.5) {
+    cancelAnimationFrame(this.gliding);
+    const [x, y, width, height] = this.view;
+    const least = 60;
+    const most = 4 * Math.max(this.frame[2], this.frame[3]);
+    const wide = Math.min(Math.max(width / factor, least), most);
+    const high = (height * wide) / width;
+    this.view = [x + (width - wide) * across, y + (height - high) * down, wide, high];
+    this.isFollowing = false;
+    this.show();
+  }
+
+  move(across, down) {
+    cancelAnimationFrame(this.gliding);
+    const [x, y, width, height] = this.view;
+    this.view = [x + across * width, y + down * height, width, height];
+    this.isFollowing = false;
+    this.show();
+  }
+
+  listen() {
+    const { element } = this;
+    element.addEventListener("wheel", (event) => {
+      if (!event.ctrlKey && !element.contains(document.activeElement)) return; // the page scrolls
+      event.preventDefault();
+      const area = this.svg.getBoundingClientRect();
+      const [across, down] = [(event.clientX - area.x) / area.width, (event.clientY - area.y) / area.height];
+      this.zoom(Math.exp(-event.deltaY / 400), across, down);
+    }, { passive: false });
+    let held = null;
+    element.addEventListener("pointerdown", (event) => {
+      held = [event.clientX, event.clientY];
+      element.setPointerCapture(event.pointerId);
+      element.classList.add("moving");
+    });
+    element.addEventListener("pointermove", (event) => {
+      if (!held) return;
+      const scale = this.svg.getScreenCTM()?.a || 1;
+      const [x, y] = [event.clientX - held[0], event.clientY - held[1]];
+      held = [event.clientX, event.clientY];
+      this.move(-x / scale / this.view[2], -y / scale / this.view[3]);
+    });
+    const release = () => {
+      held = null;
+      element.classList.remove("moving");
+    };
+    element.addEventListener("pointerup", release);
+    element.addEventListener("pointercancel", release);
+    element.addEventListener("dblclick", () => this.fit());
+    element.addEventListener("keydown", (event) => {
+      const keys = {
+        "+": () => this.zoom(STEP),
+        "=": () => this.zoom(STEP),
+        "-": () => this.zoom(1 / STEP),
+        0: () => this.fit(),
+        ".": () => this.follow(),
+        ArrowLeft: () => this.move(-0.1, 0),
+        ArrowRight: () => this.move(0.1, 0),
+        ArrowUp: () => this.move(0, -0.1),
+        ArrowDown: () => this.move(0, 0.1),
+      };
+      if (!keys[event.key] || event.ctrlKey || event.metaKey) return;
+      event.preventDefault();
+      event.stopPropagation();
+      keys[event.key]();
+    });
+  }
+}

@@ -1,0 +1,115 @@
+// A form made from a slot's schema, filled with its latest message, to post another one.
+
+import { $, make, setText, toast } from "./dom.js";
+import { actual, isNumber, parts, plain } from "./schema.js";
+
+// Each returns [element, read], where read() gives the value or raises what is wrong.
+function fieldOf(name, schema, value) {
+  if (schema.type === "object" && schema.properties) return group(name, schema, value);
+  if (Array.isArray(schema.enum)) return choice(name, schema, value);
+  if (schema.type === "boolean") return check(name, value);
+  if (isNumber(schema)) return numeric(name, schema, value);
+  if (schema.type === "string") return text(name, schema, value);
+  return json(name, schema, value);
+}
+
+function labelled(name, input, hint = "") {
+  return make("label", {}, make("span", { class: "key" }, name), input, make("small", {}, hint));
+}
+
+function group(name, schema, value) {
+  const inner = Object.entries(schema.properties).map(([key, part], i) => [
+    key,
+    ...fieldOf(key, part, Array.isArray(value) ? value[i] : undefined),
+  ]);
+  const element = make(
+    "fieldset",
+    {},
+    ...(name ? [make("legend", {}, name)] : []),
+    ...inner.map(([, field]) => field),
+  );
+  return [element, () => Object.fromEntries(inner.map(([key, , read]) => [key, read()]))];
+}
+
+function choice(name, schema, value) {
+  const options = schema.enum.map((each, i) => make("option", { value: i }, String(each)));
+  const input = make("select", {}, ...options);
+  input.value = String(Math.max(0, schema.enum.indexOf(value)));
+  return [labelled(name, input), () => schema.enum[Number(input.value)]];
+}
+
+function check(name, value) {
+  const input = make("input", { type: "checkbox" });
+  input.checked = value === true;
+  return [labelled(name, input), () => input.checked];
+}
+
+function numeric(name, schema, value) {
+  const whole = schema.type === "integer";
+  const limits = [schema.minimum, schema.maximum];
+  const input = make("input", {
+    type: "number",
+    step: whole ? "1" : "any",
+    min: limits[0],
+    max: limits[1],
+    required: true,
+  });
+  input.value = String(value ?? 0);
+  const hint = limits.some((limit) => limit !== undefined)
+    ? `${limits[0] ?? "…"} to ${limits[1] ?? "…"}`
+    : "";
+  return [labelled(name, input, hint), () => Number(input.value)];
+}
+
+function text(name, schema, value) {
+  const input = make("input", { type: "text", spellcheck: "false" });
+  input.value = value ?? "";
+  return [labelled(name, input, schema.contentEncoding ?? ""), () => input.value];
+}
+
+function json(name, schema, value) {
+  const input = make("textarea", { rows: "3", spellcheck: "false" });
+  const shown = value === undefined ? null : plain(actual(schema, value), value);
+  input.value = JSON.stringify(shown ?? (schema.type === "array" ? [] : null), null, 1);
+  const read = () => {
+    try {
+      return JSON.parse(input.value);
+    } catch (error) {
+      throw new Error(`${name}: ${error.message}`);
+    }
+  };
+  return [labelled(name, input, "JSON"), read];
+}
+
+export function openForm(slot, post) {
+  const sheet = $("sheet");
+  const [element, read] = fieldOf("", slot.schema, parts(slot.schema, slot.value) && slot.value);
+  const problem = make("p", { class: "problem", role: "alert", hidden: true });
+  const form = make(
+    "form",
+    {
+      onsubmit: async (event) => {
+        event.preventDefault();
+        try {
+          toast(await post(read()));
+          problem.hidden = true;
+        } catch (error) {
+          setText(problem, error.message);
+          problem.hidden = false;
+        }
+      },
+    },
+    make("p", { class: "facts" }, slot.type),
+    element,
+    problem,
+    make(
+      "p",
+      { class: "actions" },
+      make("button", { class: "primary" }, "Post"),
+      make("button", { type: "button", onclick: () => sheet.close() }, "Close"),
+    ),
+  );
+  setText($("sheet-head"), `Post to ${slot.name}`);
+  $("sheet-body").replaceChildren(form);
+  sheet.showModal();
+}

@@ -1,0 +1,39 @@
+// Keys that work everywhere on the page, and the list of all of them.
+
+import { $, make } from "./dom.js";
+
+const LIST = [
+  ["/", "filter the board"],
+  ["m", "find a machine or a state"],
+  ["f", "fold or unfold all machines"],
+  ["t", "light or dark"],
+  ["Space", "play or pause a recording"],
+  ["↑ ↓ Enter", "go through the slots, open one"],
+  ["p  c  s", "pin a slot, copy its value, show its schema"],
+  ["+  −  0  .", "in a diagram: zoom, fit, follow; arrows move it"],
+  ["Enter  Esc", "on a diagram: fill the window, and back"],
+  ["?", "these keys"],
+];
+
+export function listen(actions) {
+  $("keys-list").append(
+    ...LIST.flatMap(([keys, what]) => [
+      make("dt", {}, ...keys.split(/ +/).map((key) => make("kbd", {}, key))),
+      make("dd", {}, what),
+    ]),
+  );
+  $("help").addEventListener("click", () => $("keys").showModal());
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+    const field = event.target.closest("input, textarea, select");
+    if (event.key === "Escape") {
+      if (field) field.blur();
+      return actions.escape();
+    }
+    if (field || (event.key === " " && event.target.closest("button"))) return;
+    const act = { "?": () => $("keys").showModal(), ...actions.keys }[event.key];
+    if (!act) return;
+    event.preventDefault();
+    act();
+  });
+}

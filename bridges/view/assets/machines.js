@@ -1,0 +1,356 @@
+// The machines: a card each, with its diagram, its states over time and its variables.
+
+import { $, Pace, Sight, icon, make, setData, setText, toast } from "./dom.js";
+import { Diagram } from "./diagram.js";
+import { byName, clock, number, short } from "./format.js";
+import { Timeline } from "./timeline.js";
+
+const VARIABLES = "llfsm/variables/";
+const UNFOLDED = 4; // cards that are open at first: of many machines an overview is more use
+const LEAP_S = 1; // in a recording between two drawings: more is no playing, but a leap
+const TIMES_MS = 100; // between two drawings of what only time changes
+const ACTIONS = ["suspend", "resume", "restart", "stop"];
+
+class Card {
+  constructor(name, panel, folded) {
+    this.name = name;
+    this.panel = panel;
+    this.diagram = null;
+    this.definition = undefined; // the count of the one that is drawn
+    this.sections = "auto";
+    this.order = []; // of states, for their colours
+    this.stale = true;
+    this.fold = make("button", {
+      class: "quiet fold",
+      type: "button",
+      "aria-label": `Fold ${name}`,
+      onclick: () => this.setFolded(!this.folded),
+    }, icon("M4 6l4 4 4-4"));
+    this.state = make("span", { class: "now" });
+    this.since = make("span", { class: "since" });
+    this.condition = make("span", { class: "pill" });
+    this.code = make("button", {
+      class: "quiet",
+      type: "button",
+      "aria-pressed": "false",
+      title: "Show or hide the states’ code",
+      onclick: () => this.toggleSections(),
+    }, "Code");
+    this.large = make("button", {
+      class: "quiet",
+      type: "button",
+      title: "Fill the window (Enter), and back (Esc)",
+      "aria-label": `Fill the window with ${name}`,
+      onclick: () => this.setLarge(!this.isLarge),
+    }, icon("M9.5 2.5h4v4M13.5 2.5l-5 5M6.5 13.5h-4v-4M2.5 13.5l5-5"));
+    this.control = make("div", { class: "control" });
+    this.canvas = make("canvas", { class: "timeline", role: "img", "aria-label": `States of ${name} over time` });
+    this.timeline = new Timeline(this.canvas, (state) => this.indexOf(state));
+    this.place = make("div", { class: "place" }, make("p", { class: "waiting" }, "…"));
+    this.variables = make("table", { class: "variables" });
+    this.facts = make("p", { class: "facts" });
+    this.zoom = make(
+      "div",
+      { class: "zoom" },
+      ...[["+", "Zoom in (+)", (d) => d.zoom(1.25)], ["−", "Zoom out (-)", (d) => d.zoom(0.8)], ["Fit", "Fit (0)", (d) => d.fit()], ["Follow", "Follow the current state (.)", (d) => d.follow()]].map(
+        ([text, title, act]) =>
+          make("button", { type: "button", title, "aria-label": title, onclick: () => this.diagram && act(this.diagram) }, text),
+      ),
+    );
+    this.element = make(
+      "article",
+      { class: "card", "data-machine": name },
+      make(
+        "header",
+        {},
+        this.fold,
+        make("h3", { title: name }, name),
+        this.condition,
+        make("span", { class: "where" }, this.state, this.since),
+        this.code,
+        this.large,
+      ),
+      this.canvas,
+      make(
+        "div",
+        { class: "inside" },
+        make("div", { class: "stage" }, this.place, this.zoom),
+        make("aside", {}, this.variables, make("div", { class: "foot" }, this.control, this.facts)),
+      ),
+    );
+    this.element.addEventListener("keydown", (event) => this.key(event));
+    this.setFolded(folded);
+  }
+
+  get folded() {
+    return this.element.dataset.folded === "true";
+  }
+
+  get isLarge() {
+    return this.element.classList.contains("large");
+  }
+
+  setFolded(folded) {
+    setData(this.element, "folded", String(folded));
+    this.fold.setAttribute("aria-expanded", String(!folded));
+    if (folded && this.isLarge) this.setLarge(false);
+    this.stale = true;
+  }
+
+  setLarge(large) {
+    if (large) this.setFolded(false);
+    for (const card of this.panel.cards.values()) card.element.classList.toggle("large", large && card === this);
+    document.body.classList.toggle("covered", large);
+    this.diagram?.begin();
+    this.stale = true;
+  }
+
+  key(event) {
+    if (event.target.closest("button")) return;
+    if (event.key === "Enter") this.setLarge(!this.isLarge);
+  }
+
+  allowControl() {
+    this.buttons = ACTIONS.map((action) =>
+      make("button", {
+        type: "button",
+        "data-action": action,
+        onclick: async () => {
+          try {
+            toast(await this.panel.ask({ type: "ask", machine: this.name, action }));
+          } catch (error) {
+            toast(error.message, "problem");
+          }
+        },
+      }, action[0].toUpperCase() + action.slice(1)),
+    );
+    this.control.replaceChildren(...this.buttons);
+  }
+
+  indexOf(state) {
+    const index = this.order.indexOf(state);
+    return index >= 0 ? index : this.order.push(state) - 1;
+  }
+
+  // Light what was taken to get to each of these changes: `first` and those after it, up to `now`.
+  note(changes, first, now = Infinity) {
+    if (!this.diagram || this.folded) return;
+    for (let i = Math.max(1, first); i < changes.length && changes[i][0] <= now; i += 1) {
+      const [, from, wasSuspended] = changes[i - 1];
+      const [, to, isSuspended] = changes[i];
+      if (from && to && !wasSuspended && !isSuspended) this.diagram.fire(from, to);
+    }
+  }
+
+  toggleSections() {
+    this.sections = this.sections === "shown" ? "hidden" : "shown";
+    this.code.setAttribute("aria-pressed", String(this.sections === "shown"));
+    this.definition = undefined;
+    this.stale = true;
+  }
+
+  async fetchDiagram(machine) {
+    this.definition = machine.definition;
+    let told;
+    try {
+      told = await this.panel.get("/diagram", { machine: this.name, sections: this.sections });
+    } catch {
+      this.definition = undefined; // the connection will be back
+      return;
+    }
+    const text = JSON.stringify(told);
+    if (text === this.text) return; // as after each leap in a recording: it stays as it is
+    this.text = text;
+    if (told.problem) {
+      this.diagram = null;
+      this.place.replaceChildren(make("p", { class: "problem" }, told.problem));
+      return;
+    }
+    this.diagram = new Diagram(told);
+    this.order = told.boxes.map((box) => box.state);
+    const [, , width, height] = told.frame;
+    this.place.style.setProperty("--shape", String(Math.min(2.4, Math.max(0.9, width / height))));
+    this.place.replaceChildren(this.diagram.element);
+    this.light(machine);
+    this.diagram.begin();
+    this.diagram.find(this.panel.words);
+    this.stale = true;
+  }
+
+  drawTimes(machine, model) {
+    const [changes, { now }] = [model.history.get(this.name) ?? [], model];
+    setText(this.since, clock(now - machine.entered));
+    this.timeline.draw(changes, now, this.panel.span);
+    if (this.panel.span === null) return;
+    // All of a recording is known at once: a change is news when its time has come.
+    const passed = now - (this.then ?? now);
+    if (passed > 0 && passed < LEAP_S) this.note(changes, firstAfter(changes, this.then), now);
+    this.then = now;
+  }
+
+  draw(machine, model) {
+    if (!this.folded && this.definition !== machine.definition) this.fetchDiagram(machine);
+    if (!this.folded) this.drawVariables(model.slots.get(VARIABLES + this.name));
+    this.zoom.lastChild.setAttribute("aria-pressed", String(Boolean(this.diagram?.isFollowing)));
+    if (!this.stale) return;
+    this.stale = false;
+    const { condition, state, pending } = machine;
+    setText(this.state, state);
+    setText(this.condition, pending && condition !== "ended" ? `${condition}, ${pending} …` : condition);
+    setData(this.condition, "is", condition);
+    setData(this.element, "condition", condition);
+    const overruns = machine.overruns ? ` · ${number(machine.overruns)} overruns` : "";
+    setText(this.facts, `${number(machine.ringlets)} ringlets${overruns} · process ${machine.pid}`);
+    this.light(machine);
+    for (const button of this.buttons ?? []) {
+      const action = button.dataset.action;
+      button.disabled =
+        condition === "ended" ||
+        (action === "suspend" && machine.suspended) ||
+        (action === "resume" && !machine.suspended);
+    }
+  }
+
+  light(machine) {
+    const changes = this.panel.model.history.get(this.name) ?? [];
+    const before = machine.suspended && changes.findLast(([, state, suspended]) => state && !suspended);
+    this.diagram?.light(machine.state, machine.condition, before ? before[1] : null);
+  }
+
+  drawVariables(slot) {
+    const told = slot?.value?.[0];
+    if (!Array.isArray(told) || this.drawn === slot.count) return;
+    this.drawn = slot.count;
+    if (this.variables.rows.length !== told.length) {
+      this.variables.replaceChildren(
+        ...told.map(() => make("tr", {}, make("th", { scope: "row" }), make("td"))),
+      );
+    }
+    told.forEach(([name, value], i) => {
+      const [key, cell] = this.variables.rows[i].cells;
+      setText(key, name);
+      const text = value === null ? "None" : typeof value === "string" ? value : short(value);
+      setText(cell, text);
+      setData(cell, "is", value === null ? "null" : typeof value);
+      if (cell.title !== text) cell.title = text;
+    });
+  }
+
+  finds(words, machine) {
+    const found = this.diagram?.find(words) ?? 0;
+    const text = `${this.name} ${machine.state} ${this.order.join(" ")}`.toLowerCase();
+    return !words || found > 0 || text.includes(words);
+  }
+}
+
+export class Machines {
+  constructor(model, ask, get) {
+    this.model = model;
+    this.ask = ask;
+    this.get = get;
+    this.span = null;
+    this.canControl = false;
+    this.words = "";
+    this.cards = new Map();
+    this.known = new Map(); // how many changes of its history were seen
+    this.times = new Pace(TIMES_MS);
+    this.sight = new Sight(() => this.times.now());
+    $("machines-search").addEventListener("input", () => this.search());
+    $("machines-fold").addEventListener("click", () => this.foldAll());
+  }
+
+  update(changed) {
+    if (changed.reset) {
+      this.known.clear();
+      for (const card of this.cards.values()) card.definition = card.drawn = undefined;
+    }
+    let listed = changed.reset;
+    for (const name of changed.machines) {
+      let card = this.cards.get(name);
+      if (!card && this.model.machines.has(name)) {
+        card = new Card(name, this, this.cards.size >= UNFOLDED);
+        if (this.canControl) card.allowControl();
+        this.cards.set(name, card);
+        this.sight.watch(card.element);
+        listed = true;
+      }
+      if (!card) continue;
+      card.stale = true;
+      listed ||= card.element.dataset.condition !== this.model.machines.get(name)?.condition;
+      const changes = this.model.history.get(name) ?? [];
+      const known = this.span === null ? this.known.get(name) : undefined;
+      if (known !== undefined && known < changes.length) card.note(changes, known);
+      this.known.set(name, changes.length);
+    }
+    if (listed) this.arrange();
+  }
+
+  arrange() {
+    const { machines } = this.model;
+    for (const [name, card] of this.cards) {
+      if (machines.has(name)) continue;
+      card.element.remove();
+      this.cards.delete(name);
+    }
+    const ended = (name) => machines.get(name).condition === "ended";
+    const names = [...this.cards.keys()].sort(
+      (a, b) => ended(a) - ended(b) || byName(a, b),
+    );
+    const parent = $("cards");
+    names.forEach((name, i) => {
+      const { element } = this.cards.get(name);
+      if (parent.children[i] !== element) parent.insertBefore(element, parent.children[i] ?? null);
+    });
+    setData(parent, "many", String(names.length > 1));
+    this.search();
+  }
+
+  search() {
+    this.words = $("machines-search").value.trim().toLowerCase();
+    let shown = 0;
+    for (const [name, card] of this.cards) {
+      const machine = this.model.machines.get(name);
+      const found = machine !== undefined && card.finds(this.words, machine);
+      card.element.hidden = !found;
+      shown += found;
+    }
+    const total = this.cards.size;
+    setText($("machines-number"), this.words ? `${shown} of ${total}` : String(total));
+    $("machines-empty").hidden = shown > 0;
+    setText(
+      $("machines-empty"),
+      total ? "No machine or state is called so." : "No machine runs on this board yet.",
+    );
+    const open = [...this.cards.values()].some((card) => !card.folded);
+    setText($("machines-fold"), open ? "Fold all" : "Unfold all");
+  }
+
+  foldAll() {
+    const fold = [...this.cards.values()].some((card) => !card.folded);
+    for (const card of this.cards.values()) card.setFolded(fold);
+    this.search();
+  }
+
+  escape() {
+    for (const card of this.cards.values()) if (card.isLarge) card.setLarge(false);
+  }
+
+  draw(time) {
+    const times = this.times.isDue(time);
+    for (const [name, card] of this.cards) {
+      const machine = this.model.machines.get(name);
+      if (!machine || !this.sight.has(card.element)) continue;
+      card.draw(machine, this.model);
+      if (times) card.drawTimes(machine, this.model);
+    }
+  }
+
+  redraw() {
+    for (const card of this.cards.values()) card.stale = true;
+  }
+}
+
+function firstAfter(changes, time) {
+  const first = changes.findIndex(([at]) => at > time);
+  return first < 0 ? changes.length : first;
+}

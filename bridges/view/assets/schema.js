@@ -1,0 +1,63 @@
+// A message comes as its fields' values, in the order of the slot's schema: here they meet again.
+
+function fits(schema, value) {
+  if ("enum" in schema) return schema.enum.includes(value);
+  switch (schema.type) {
+    case "null":
+      return value === null;
+    case "boolean":
+      return typeof value === "boolean";
+    case "integer":
+    case "number":
+      return typeof value === "number" || typeof value === "bigint";
+    case "string":
+      return typeof value === "string";
+    default:
+      return Array.isArray(value);
+  }
+}
+
+// The schema that a value of a union has.
+export function actual(schema, value) {
+  if (!Array.isArray(schema?.anyOf)) return schema ?? {};
+  return schema.anyOf.find((option) => fits(option, value)) ?? {};
+}
+
+// The parts of a value as [name, schema, value], or null if it has none.
+export function parts(schema, value) {
+  if (!Array.isArray(value)) return null;
+  if (schema.type === "object" && schema.properties) {
+    return Object.entries(schema.properties).map(([name, part], i) => [name, part, value[i]]);
+  }
+  return value.map((part, i) => [String(i), schema.prefixItems?.[i] ?? schema.items ?? {}, part]);
+}
+
+// As the programs' own JSON has it: objects with names.
+export function plain(schema, value) {
+  const own = actual(schema, value);
+  const inner = parts(own, value);
+  if (!inner) return typeof value === "bigint" ? String(value) : value;
+  const values = inner.map(([name, part, each]) => [name, plain(part, each)]);
+  return own.type === "object" ? Object.fromEntries(values) : values.map(([, each]) => each);
+}
+
+// Numbers that are none, as NaN, have no JSON.
+export function isNumber(schema) {
+  return schema.type === "number" || schema.type === "integer";
+}
+
+// The way to the first number of a message, as the places in nested arrays; null without one.
+export function firstNumber(schema) {
+  if (isNumber(schema)) return [];
+  const inner = schema.type === "object" && schema.properties ? Object.values(schema.properties) : [];
+  for (const [i, part] of inner.entries()) {
+    const rest = firstNumber(part);
+    if (rest) return [i, ...rest];
+  }
+  return null;
+}
+
+export function at(value, path) {
+  for (const place of path) value = value?.[place];
+  return typeof value === "bigint" ? Number(value) : value;
+}

@@ -1,0 +1,15 @@
+"""What can go wrong with a page.
+
+ViewError
+└── RequestError    what a page has asked for cannot be done
+"""
+
+__all__ = ["RequestError", "ViewError"]
+
+
+class ViewError(Exception):
+    """Everything that showing a whiteboard raises."""
+
+
+class RequestError(ViewError):
+    """What a page has asked for cannot be done; the page shows why."""

@@ -1,0 +1,77 @@
+"""The diagram of a machine as plain data, from which the page draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any, Literal
+
+from llfsm.runtime.drawing import Diagram, arrange
+from llfsm.runtime.drawing.diagram import arrow_head
+from llfsm.runtime.drawing.typeset import TextLine, box_lines, label_lines
+from llfsm.runtime.errors import DefinitionError
+from llfsm.runtime.portrait import table_of
+from llfsm.whiteboard.messages.llfsm import MachineDefinition
+
+from .errors import RequestError
+
+__all__ = ["SECTIONS", "Sections", "picture"]
+
+Sections = Literal["auto", "shown", "hidden"]
+
+SECTIONS: dict[str, bool | None] = {"auto": None, "shown": True, "hidden": False}
+
+
+@lru_cache(maxsize=256)
+def picture(definition: MachineDefinition, title: str, sections: bool | None) -> dict[str, Any]:
+    """Return what `llfsm draw` would draw: boxes, curves and lines of text with their places.
+
+    Raise `RequestError` if the definition cannot be drawn.
+    """
+    try:
+        diagram = arrange(table_of(definition), title=title, sections=sections)
+    except DefinitionError as error:
+        raise RequestError(f"{title} cannot be drawn: {error}") from error
+    return _plain(diagram)
+
+
+def _plain(diagram: Diagram) -> dict[str, Any]:
+    return {
+        "title": diagram.title,
+        "frame": (diagram.left, diagram.top, diagram.width, diagram.height),
+        "start": {"curve": diagram.start, "head": arrow_head(diagram.start)},
+        "boxes": [
+            {
+                "state": box.state,
+                "frame": (box.left, box.top, box.width, box.height),
+                "initial": box.initial,
+                "accepting": box.accepting,
+                "suspend": box.suspend,
+                "lines": _lines(box_lines(box)),
+            }
+            for box in diagram.boxes
+        ],
+        "edges": [
+            {
+                "source": edge.source,
+                "number": edge.number,
+                "target": edge.target,
+                "curve": edge.curve,
+                "head": arrow_head(edge.curve),
+                "label": {
+                    "frame": (
+                        edge.label.x - edge.label.width / 2,
+                        edge.label.y - edge.label.height / 2,
+                        edge.label.width,
+                        edge.label.height,
+                    ),
+                    "lines": _lines(label_lines(edge.label)),
+                },
+            }
+            for edge in diagram.edges
+        ],
+    }
+
+
+def _lines(lines: Iterable[TextLine]) -> list[tuple[float, float, str, float, str, bool]]:
+    return [(line.x, line.y, line.text, line.size, line.face, line.centred) for line in lines]

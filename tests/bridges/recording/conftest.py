@@ -1,0 +1,120 @@
+"""Boards, files and `llfsm` processes for recordings."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import pytest
+
+from llfsm.bridges.recording.writer import RecordingWriter
+from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot, Whiteboard
+from llfsm.whiteboard.local import LocalBoard
+
+PATIENCE_S = 30
+
+
+class Reading(Message):
+    """One field of each kind that matters."""
+
+    number: int = 0
+    real: float = 0.0
+    text: str = ""
+    data: bytes = b""
+    maybe: float | None = None
+    each: tuple[float, ...] = ()
+
+
+READING = Slot("robot/reading", Reading)
+OTHER = Slot("robot/other", Reading)
+
+
+@pytest.fixture
+def board() -> Iterator[Whiteboard]:
+    with Whiteboard(f"test-{os.getpid()}-{uuid4().hex[:8]}") as board:
+        yield board
+        board.remove()
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture
+def llfsm(tmp_path: Path) -> Iterator[Start]:
+    """Start `llfsm` processes in a folder of their own; none outlives the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: object, **options: Any) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "llfsm.runtime", *map(str, arguments)],
+            cwd=tmp_path,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            **options,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
+    said, _ = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, said
+
+
+def wait_for(condition: Callable[[], object], what: str) -> None:
+    until = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until, f"never: {what}"
+        time.sleep(0.005)
+
+
+def write(file: Path, samples: list[tuple[Slot[Any], Sample[Any]]]) -> None:
+    """Make a recording of these samples."""
+    with RecordingWriter(file, {"board": "test"}) as writer:
+        for slot, sample in samples:
+            writer.add(slot, sample)
+
+
+def samples_of(board: Board, slot: Slot[Any], messages: list[Any]) -> list[tuple[Slot[Any], Any]]:
+    found = []
+    for message in messages:
+        board.add_message(slot, message)
+        found.append((slot, board[slot].sample()))
+    return found
+
+
+class Spy(LocalBoard):
+    """A board that remembers every message that was added."""
+
+    def __init__(self, now: Callable[[], int] = time.monotonic_ns) -> None:
+        super().__init__()
+        self.added: list[tuple[int, str, Message]] = []
+        self._now = now
+
+    def _bind(self, slot: Slot[Any]) -> BoundSlot[Any]:
+        bound, add = super()._bind(slot), super()._bind(slot).add
+
+        def remember(message: Any, /) -> int:
+            self.added.append((self._now(), slot.name, message))
+            return add(message)
+
+        bound.add = remember  # type: ignore[method-assign]
+        return bound

@@ -1,0 +1,214 @@
+"""The file: what every MCAP tool finds in it, and what is left of one that was cut or damaged."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import subprocess
+import sys
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+
+from llfsm.bridges.recording.errors import RecordingFileError
+from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.writer import STATISTICS, RecordingWriter
+from llfsm.whiteboard import Sample, Slot, Whiteboard
+from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from llfsm.whiteboard.schema import describe
+
+from .conftest import OTHER, READING, Reading, samples_of, write
+
+READINGS = [Reading(i, i / 7, "ü" * (i % 5), bytes([i % 256])) for i in range(200)]
+
+
+def plain(recording: Recording) -> list[tuple[str, Sample[Any]]]:
+    return [(slot.slot.name, slot.sample(each)) for slot, each in recording.messages()]
+
+
+def same(found: list[Any], written: list[Any]) -> bool:
+    """Compare what has classes made from schemas with what has its own."""
+    encode = msgspec.msgpack.encode
+    return [(n, encode(s.message), *s[1:]) for n, s in found] == [
+        (slot.name, encode(s.message), *s[1:]) for slot, s in written
+    ]
+
+
+def test_what_is_read_is_what_was_written(file: Path) -> None:
+    board = Whiteboard.local()
+    written = samples_of(board, READING, READINGS) + samples_of(board, OTHER, READINGS[:3])
+    write(file, written)
+    recording = Recording(file)
+    assert recording.complete
+    assert same(plain(recording), written)
+    assert recording.about["board"] == "test"
+
+
+def test_the_librarys_own_readers_accept_it(file: Path) -> None:
+    written = samples_of(Whiteboard.local(), READING, READINGS)
+    write(file, written)
+    with file.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == len(READINGS)
+        found = list(reader.iter_messages())
+        names = {metadata.name for metadata in reader.iter_metadata()}
+    assert names == {"llfsm/recording", STATISTICS}
+    for (schema, channel, message), (slot, sample) in zip(found, written, strict=True):
+        assert (channel.topic, channel.message_encoding) == (slot.name, "json")
+        assert channel.metadata["writer"] == str(os.getpid())
+        assert (schema.name, schema.encoding) == (slot.type_name, "jsonschema")
+        assert msgspec.json.decode(schema.data) == describe(Reading)
+        assert msgspec.json.decode(message.data)["number"] == sample.message.number
+        assert message.sequence == sample.count
+
+
+def test_one_without_its_end_is_read_by_the_librarys_stream_reader(file: Path) -> None:
+    with RecordingWriter(file, {}) as writer:
+        for slot, sample in samples_of(Whiteboard.local(), READING, READINGS):
+            writer.add(slot, sample)
+        writer.flush()
+        whole = file.read_bytes()  # as a killed process leaves it
+    with make_cut(file, whole, len(whole)).open("rb") as stream:
+        records = StreamReader(stream, validate_crcs=True).records
+        for number in range(1, len(READINGS) + 1):
+            message = next(record for record in records if isinstance(record, Message))
+            assert message.sequence == number
+        with pytest.raises(EndOfFile):
+            next(record for record in records if isinstance(record, Message))
+
+
+def make_cut(file: Path, data: bytes, length: int) -> Path:
+    cut = file.with_name("cut.mcap")
+    cut.write_bytes(data[:length])
+    return cut
+
+
+def test_wherever_it_is_cut_all_flushed_before_is_there(file: Path) -> None:
+    board, written, flushed = Whiteboard.local(), [], []
+    with RecordingWriter(file, {}) as writer:
+        begun = writer.size
+        for i in range(10):
+            for slot, sample in samples_of(board, READING, READINGS[20 * i : 20 * i + 20]):
+                writer.add(slot, sample)
+                written.append((slot, sample))
+            writer.flush()
+            flushed.append(writer.size)
+    whole = file.read_bytes()
+    for length in random.Random(1).sample(range(begun, len(whole)), 120) + flushed:
+        recording = Recording(make_cut(file, whole, length))
+        found = plain(recording)
+        assert not recording.complete
+        assert same(found, written[: len(found)])
+        assert len(found) >= 20 * sum(size <= length for size in flushed)
+
+
+def test_a_damaged_byte_costs_no_more_than_what_comes_after(file: Path) -> None:
+    write(file, samples_of(Whiteboard.local(), READING, READINGS))
+    whole = bytearray(file.read_bytes())
+    outcomes: Counter[str] = Counter()
+    for position in random.Random(2).sample(range(len(whole)), 300):
+        damaged = bytearray(whole)
+        damaged[position] ^= 0x55
+        try:
+            found = len(plain(Recording(make_cut(file, bytes(damaged), len(damaged)))))
+            outcomes[str(found in (0, len(READINGS)))] += 1
+        except RecordingFileError:
+            outcomes["refused"] += 1
+    assert outcomes["True"] > 100
+
+
+def other_tool(path: Path) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (lambda path: None, "cannot be read: No such file or directory"),
+        (Path.mkdir, "cannot be read: Is a directory"),
+        (Path.touch, "is no recording of llfsm"),
+        (lambda path: path.write_text("hello\n" * 100), "is no recording of llfsm"),
+        (other_tool, "is no recording of llfsm"),
+    ],
+)
+def test_what_is_no_recording_is_said_to_be_none(file: Path, make: Any, why: str) -> None:
+    make(file)
+    with pytest.raises(RecordingFileError, match=f"^{file}: {why}$"):
+        Recording(file)
+
+
+def test_a_recording_is_never_overwritten(file: Path) -> None:
+    write(file, [])
+    before = file.read_bytes()
+    with pytest.raises(RecordingFileError, match="is there already"):
+        write(file, [])
+    assert file.read_bytes() == before
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "no" / "run.mcap"
+    with pytest.raises(RecordingFileError, match=f"^{file}: cannot be written: No such file"):
+        write(file, [])
+
+
+def test_counts_go_on_beyond_what_the_file_can_say(file: Path) -> None:
+    slot = Slot("x", Twist)
+    counts = [2**32 - 2, 2**32 - 1, 2**32, 2**32 + 5]
+    samples = [(slot, Sample(Twist(linear=Vector3(x=math.pi)), c, 10 * c, 7)) for c in counts]
+    write(file, samples)
+    recorded = Recording(file).slots["x"]
+    found = [each.count for each in recorded.messages]
+    assert [after - before for before, after in pairwise(found)] == [1, 1, 5]
+    assert recorded.missed == 4
+
+
+def test_what_was_missed_is_counted(file: Path) -> None:
+    samples = samples_of(Whiteboard.local(), READING, READINGS[:10])
+    with RecordingWriter(file, {}) as writer:
+        for slot, sample in samples[2:4] + samples[7:]:
+            writer.add(slot, sample)
+        assert writer.missed() == {READING.name: 3}
+        assert writer.messages == 5
+    with file.open("rb") as stream:
+        told = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
+    assert told[STATISTICS] == {READING.name: "5 recorded, 3 missed"}
+    assert Recording(file).slots[READING.name].missed == 3
+
+
+def test_a_message_from_before_was_seen_when_the_recording_began(file: Path) -> None:
+    samples = samples_of(Whiteboard.local(), READING, READINGS[:1])
+    write(file, samples)
+    ((_, recorded),) = Recording(file).messages()
+    assert recorded.stamp_ns == samples[0][1].stamp_ns
+    assert recorded.seen_ns == Recording(file).span_ns[0] > recorded.stamp_ns
+
+
+def test_every_writer_is_known(file: Path) -> None:
+    slot = Slot("x", Twist)
+    samples = [(slot, Sample(Twist(), count, count, 100 + count % 3)) for count in range(1, 10)]
+    write(file, samples)
+    assert same(plain(Recording(file)), samples)
+
+
+def test_without_the_library_it_is_said_what_to_install(tmp_path: Path) -> None:
+    hidden = "import sys; sys.modules['mcap'] = None; sys.argv[1:] = ['record', '--help']; "
+    code = f"{hidden}from llfsm.runtime.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == (
+        "Error: recordings need mcap; install it with: pip install 'llfsm[record]'\n"
+    )

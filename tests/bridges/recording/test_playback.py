@@ -1,0 +1,186 @@
+"""A recording as a page sees it, at each moment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import msgspec
+import pytest
+
+from llfsm.bridges.recording.errors import RecordingFileError
+from llfsm.bridges.recording.playback import RecordedSource
+from llfsm.bridges.recording.writer import RecordingWriter
+from llfsm.bridges.view.source import Change
+from llfsm.runtime import ManualClock
+from llfsm.whiteboard import Sample
+from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
+
+from .conftest import OTHER, READING, Reading, end_of
+
+MS = 1_000_000
+STATUS = status_slot("Patrol")
+
+
+@pytest.fixture
+def clock() -> ManualClock:
+    return ManualClock()
+
+
+@pytest.fixture
+def source(file: Path, clock: ManualClock) -> RecordedSource:
+    """A reading each 100 ms for 3 s, another slot from 1 s on, a machine up to 2 s."""
+    with RecordingWriter(file, {}) as writer:
+        begin_ns = writer.begin_ns
+        for i in range(31):
+            stamp_ns = begin_ns + i * 100 * MS
+            writer.add(READING, Sample(Reading(i), i + 1, stamp_ns, 7))
+            if i >= 10:
+                writer.add(OTHER, Sample(Reading(-i), i, stamp_ns, 8))
+            if i <= 20 and i % 2 == 0:
+                state, since = ("wait", i) if i < 8 else ("go", i - 7)
+                told = MachineStatus(state=state, in_state_s=since / 10, suspended=i == 20)
+                writer.add(STATUS, Sample(told, i // 2 + 1, stamp_ns, 9))
+    return RecordedSource(file, clock)
+
+
+def numbers(source: RecordedSource) -> dict[str, int]:
+    return {
+        name: sample.message.number
+        for name, sample in source.look().samples.items()
+        if name != STATUS.name
+    }
+
+
+def test_it_stands_still_at_the_beginning(source: RecordedSource, clock: ManualClock) -> None:
+    assert numbers(source) == {READING.name: 0}
+    clock.advance(s=5)
+    assert numbers(source) == {READING.name: 0}
+    assert [*source.look().slots] == [READING.name, STATUS.name, OTHER.name]
+    assert source.title == "run.mcap"
+    assert source.board() is None
+
+
+def test_a_leap_shows_that_moment_and_a_new_epoch(source: RecordedSource) -> None:
+    first_ns, last_ns = source.player.span_ns
+    assert last_ns - first_ns == 3000 * MS
+    epochs = {source.look().epoch}
+    for ms in (1550, 0, 2999, 1000):
+        source.player.seek(first_ns + ms * MS)
+        look = source.look()
+        assert look.now_ns == first_ns + ms * MS
+        assert look.samples[READING.name].count == ms // 100 + 1
+        assert (OTHER.name in look.samples) == (ms >= 1000)
+        assert look.epoch not in epochs
+        epochs.add(look.epoch)
+
+
+def test_it_plays_as_fast_as_told_and_pauses_at_the_end(
+    source: RecordedSource, clock: ManualClock
+) -> None:
+    player = source.player
+    player.play(2.0)
+    clock.advance(ms=500)
+    assert numbers(source)[READING.name] == 10
+    player.play(0.5)
+    clock.advance(ms=1000)
+    assert numbers(source)[READING.name] == 15
+    player.play(0)
+    clock.advance(s=9)
+    assert numbers(source)[READING.name] == 15
+    epoch = source.look().epoch
+    player.play(100)
+    clock.advance(s=1)
+    assert numbers(source)[READING.name] == 30
+    assert player.speed == 0
+    assert source.look().epoch == epoch
+    player.play(1)  # from the beginning again
+    assert numbers(source)[READING.name] == 0
+    assert source.look().epoch != epoch
+
+
+def test_a_sample_is_what_the_board_had(source: RecordedSource) -> None:
+    first_ns = source.player.span_ns[0]
+    source.player.seek(first_ns + 350 * MS)
+    sample = source.look().samples[READING.name]
+    assert sample[1:] == (4, first_ns + 300 * MS, 7)
+    assert msgspec.structs.astuple(sample.message) == msgspec.structs.astuple(Reading(3))
+
+
+def test_what_machines_were_in_is_known_from_the_beginning(source: RecordedSource) -> None:
+    first_ns = source.player.span_ns[0]
+    assert source.history() == {
+        "Patrol": [
+            Change(first_ns, "wait", False),
+            Change(first_ns + 700 * MS, "go", False),
+            Change(first_ns + 700 * MS + 1, "go", True),
+        ]
+    }
+
+
+@pytest.mark.parametrize(("ms", "live"), [(0, True), (2000, True), (3000, True)])
+def test_a_machine_lives_until_it_was_silent_for_a_second(
+    source: RecordedSource, ms: int, live: bool
+) -> None:
+    source.player.seek(source.player.span_ns[0] + ms * MS)
+    assert source.is_live(source.look().samples[STATUS.name]) is live
+
+
+def test_a_machine_that_dies_is_gone_in_history(file: Path) -> None:
+    with RecordingWriter(file, {}) as writer:
+        begin_ns = writer.begin_ns
+        for count, (ms, status) in enumerate(
+            [
+                (0, MachineStatus(state="a")),
+                (200, MachineStatus(state="a", in_state_s=0.2)),
+                (2000, MachineStatus(state="b")),
+                (2500, MachineStatus(state="b", loaded=False)),
+                (2600, MachineStatus(state="a")),
+            ],
+            1,
+        ):
+            writer.add(STATUS, Sample(status, count, begin_ns + ms * MS, 1))
+        writer.add(READING, Sample(Reading(), 1, begin_ns + 9000 * MS, 1))
+    source = RecordedSource(file)
+    found = [((c.stamp_ns - begin_ns) // MS, c.state) for c in source.history()["Patrol"]]
+    assert found == [(0, "a"), (1200, ""), (2000, "b"), (2500, ""), (2600, "a"), (3600, "")]
+    source.player.seek(begin_ns + 3500 * MS)
+    assert source.is_live(source.look().samples[STATUS.name])
+    source.player.seek(begin_ns + 3700 * MS)
+    assert not source.is_live(source.look().samples[STATUS.name])
+
+
+def test_a_message_that_is_none_is_a_problem_of_its_slot(file: Path) -> None:
+    with RecordingWriter(file, {}) as writer:
+        writer.add(READING, Sample(Reading(1), 1, writer.begin_ns, 1))
+    source = RecordedSource(file)
+    slot = source._recording.slots[READING.name]
+    slot.messages[0] = slot.messages[0]._replace(data=b"{")
+    look = source.look()
+    assert not look.samples
+    assert "message 1" in look.problems[READING.name]
+
+
+def test_what_is_no_recording_is_told(file: Path) -> None:
+    file.write_text("?")
+    with pytest.raises(RecordingFileError):
+        RecordedSource(file)
+
+
+def test_the_command_shows_a_recording(llfsm: Any, source: RecordedSource, file: Path) -> None:
+    process = llfsm("view", file.name, "--no-open", "--port", "0")
+    said = process.stdout.readline()
+    assert said.startswith("llfsm view: run.mcap at http://127.0.0.1:")
+    with urlopen(said.split()[-1]) as answer:
+        assert b"<html" in answer.read()
+    process.terminate()
+    assert end_of(process)[0] == 0
+
+
+def test_the_command_says_what_is_no_recording(llfsm: Any, file: Path) -> None:
+    file.write_text("?")
+    assert end_of(llfsm("view", file.name, "--no-open")) == (
+        1,
+        "Error: run.mcap: is no recording of llfsm\n",
+    )

@@ -1,0 +1,168 @@
+"""Real `llfsm view` servers on boards and ports of their own, and a real browser."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import httpx
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+from websockets.sync.client import ClientConnection, connect
+
+from llfsm.whiteboard import BoardNotFoundError
+from llfsm.whiteboard.shared import remove_board
+
+PATIENCE_S = 30  # how long a condition may take on a busy machine before it counts as failed
+
+
+def wait_for(condition: Callable[[], object], what: str) -> None:
+    until = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until, f"never: {what}"
+        time.sleep(0.01)
+
+
+class Process:
+    """An `llfsm` command that runs until it is ended."""
+
+    def __init__(self, *arguments: str, cwd: Path, **environment: str) -> None:
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", "llfsm.runtime", *arguments],
+            cwd=cwd,
+            env={**os.environ, **environment},
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+
+    def line(self) -> str:
+        assert self.popen.stdout is not None
+        return self.popen.stdout.readline()
+
+    def end(self, how: int = signal.SIGTERM) -> tuple[int, str]:
+        """Return the exit status and what was said since the last line that was read."""
+        if self.popen.poll() is None:
+            self.popen.send_signal(how)
+        try:
+            said, _ = self.popen.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self.popen.kill()
+            said, _ = self.popen.communicate()
+        return self.popen.returncode, said
+
+
+class Server(Process):
+    """`llfsm view` on a free port, or one that is given."""
+
+    def __init__(self, board: str, *options: str, cwd: Path, port: int = 0) -> None:
+        super().__init__("view", "-b", board, "--no-open", "--port", str(port), *options, cwd=cwd)
+        said = self.line()
+        found = re.search(r"at (http://[^/]+:(\d+)/(?:\?token=(\S+))?)", said)
+        assert found, said + self.end()[1]
+        self.address, self.port, self.token = found[1], int(found[2]), found[3]
+        self.root = f"http://127.0.0.1:{self.port}"
+
+    def get(self, path: str, **options: Any) -> httpx.Response:
+        return httpx.get(self.root + path, trust_env=False, timeout=PATIENCE_S, **options)
+
+    def live(self, query: str = "", origin: str | None = "", **options: Any) -> ClientConnection:
+        """Connect as the page does; `origin` is its own unless given."""
+        return connect(
+            f"ws://127.0.0.1:{self.port}/live{query}",
+            origin=self.root if origin == "" else origin,  # type: ignore[arg-type]
+            max_size=None,
+            proxy=None,
+            **options,
+        )
+
+
+@pytest.fixture
+def board() -> Iterator[str]:
+    """Give a name that no other board has, and see that none is left."""
+    name = f"view-{os.getpid()}-{uuid4().hex[:8]}"
+    yield name
+    with suppress(BoardNotFoundError):
+        remove_board(name)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., Any]]:
+    """Start processes and see that all have ended: `start(Server, board)`, `start("run", ...)`."""
+    started: list[Process] = []
+
+    def start(*arguments: Any, **options: Any) -> Process:
+        kind = Process if isinstance(arguments[0], str) else arguments[0]
+        rest = arguments if kind is Process else arguments[1:]
+        started.append(kind(*rest, cwd=tmp_path, **options))
+        return started[-1]
+
+    yield start
+    for process in reversed(started):
+        process.end()
+
+
+def chromium() -> str:
+    """Return the browser's path. Where it must be there, its absence is an error, no skip."""
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        text = "no chromium: sudo apt-get install -y chromium"
+        if os.environ.get("LLFSM_NEEDS_CHROMIUM"):
+            pytest.fail(text)
+        pytest.skip(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    path = chromium()
+    with sync_playwright() as playwright:
+        # As root, and in most containers, it has no sandbox of its own.
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class Visit:
+    """A page that was opened, and what it complained of."""
+
+    def __init__(self, page: Page, address: str) -> None:
+        self.page = page
+        self.errors: list[str] = []
+        page.set_default_timeout(PATIENCE_S * 1000)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", self._hear)
+        page.goto(address)
+
+    def _hear(self, message: Any) -> None:
+        if message.type in ("error", "warning"):
+            self.errors.append(message.text)
+
+    def wait(self, script: str) -> None:
+        """Wait until a JavaScript expression holds."""
+        self.page.wait_for_function(script)
+
+
+@pytest.fixture
+def visit(browser: Browser) -> Iterator[Callable[..., Visit]]:
+    """Open an address in a page with nothing remembered."""
+    contexts = []
+
+    def visit(address: str, **options: Any) -> Visit:
+        context = browser.new_context(viewport={"width": 1280, "height": 900}, **options)
+        contexts.append(context)
+        return Visit(context.new_page(), address)
+
+    yield visit
+    for context in contexts:
+        context.close()

@@ -1,0 +1,169 @@
+"""A live board as a source: looked at, whatever happens to it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from llfsm.bridges.view.history import History
+from llfsm.bridges.view.live import LiveSource
+from llfsm.runtime import Arrangement, Machine, State
+from llfsm.runtime.remote import born, host_name
+from llfsm.whiteboard import Sample, Slot, Whiteboard
+from llfsm.whiteboard.messages.llfsm import VIEWER, MachineStatus, status_slot
+from llfsm.whiteboard.messages.std_msgs import Bool
+
+from .conftest import Server, wait_for
+
+LAMP = Slot("lamp", Bool)
+
+
+class Blink(Machine):
+    n: int = 0
+    on = State()
+    off = State()
+    on.to(off, after_ms=20)
+    off.to(on, after_ms=20)
+
+
+@pytest.fixture
+def source(board: str) -> Iterator[LiveSource]:
+    source = LiveSource(board)
+    yield source
+    source.close()
+
+
+def test_it_waits_for_a_board_and_notices_its_end(board: str, source: LiveSource) -> None:
+    look = source.look()
+    assert "no whiteboard" in look.trouble
+    assert board in look.trouble
+    assert source.board() is None
+    epochs = []
+    for value in (True, False):
+        with Whiteboard(board) as wb:
+            wb.add_message(LAMP, Bool(value))
+            wait_for(lambda: "lamp" in source.look().samples, "the slot was seen")
+            look = source.look()
+            assert look.trouble == ""
+            assert look.samples["lamp"].message.data is value  # type: ignore[attr-defined]
+            epochs.append(look.epoch)
+            wb.remove()
+        assert "was removed" in source.look().trouble
+        assert source.look().samples == {}
+    assert epochs[0] < epochs[1]
+
+
+def test_looking_makes_nothing_but_the_sign_that_somebody_looks(
+    board: str, source: LiveSource
+) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        source.look()
+        assert [info.name for info in wb.slots()] == ["lamp", VIEWER.name]
+        viewer = wb.get_message(VIEWER)
+        assert viewer is not None
+        assert viewer.pid == os.getpid()
+
+
+def test_the_slots_are_the_same_object_while_there_is_no_new_one(
+    board: str, source: LiveSource
+) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        wait_for(lambda: len(source.look().slots) == 2, "both slots were seen")
+        assert source.look().slots is source.look().slots
+
+
+def test_the_history_is_of_the_states_that_were_seen() -> None:
+    history, pid = History(), os.getpid()
+
+    def note(now_ms: int, state: str, *, in_ms: int, suspended: bool = False) -> None:
+        status = MachineStatus(
+            state, suspended, in_state_s=in_ms / 1e3, pid=pid, born=born(pid), host=host_name()
+        )
+        sample = Sample(status, 1, now_ms * 1_000_000, pid)
+        history.note({status_slot("M").name: sample}, now_ms * 1_000_000, lambda _: alive)
+
+    alive = True
+    note(1000, "a", in_ms=400)
+    note(1100, "a", in_ms=500)
+    note(1200, "b", in_ms=50)
+    note(1300, "b", in_ms=10, suspended=True)
+    alive = False
+    note(1400, "b", in_ms=0)
+    alive = True
+    note(9000, "c", in_ms=100)  # nobody has looked for long
+    note(20_000, "c", in_ms=11_100)
+    assert [(c.stamp_ns // 1_000_000, c.state, c.suspended) for c in history.changes["M"]] == [
+        (600, "a", False),
+        (1150, "b", False),
+        (1290, "b", True),
+        (1400, "", False),
+        (8900, "c", False),
+        (9000, "", False),
+        (9000, "c", False),
+    ]
+    stamps = [c.stamp_ns for c in history.changes["M"]]
+    assert stamps == sorted(set(stamps))
+
+
+def test_a_page_that_never_answers_is_sent_two_frames_and_then_the_newest(
+    board: str, start: Callable[..., Any]
+) -> None:
+    with Whiteboard(board) as wb:
+        counter = Slot("count", VIEWER.type)
+        add = wb[counter].add
+        add(VIEWER.type(0))
+        server = start(Server, board)
+        with server.live() as live:
+            frames = [json.loads(live.recv(10))]
+            until = 0
+            while len(frames) < 2:
+                until += 1
+                add(VIEWER.type(until))
+                try:
+                    frames.append(json.loads(live.recv(0.02)))
+                except TimeoutError:
+                    continue
+            for number in range(until + 1, until + 200):
+                add(VIEWER.type(number))
+            with pytest.raises(TimeoutError):
+                live.recv(0.3)
+            live.send('{"type": "seen"}')
+            newest = json.loads(live.recv(10))
+            assert [s[4] for s in newest["samples"] if s[1] > 100] == [[until + 199]]
+
+
+def test_machines_tell_their_variables_to_whoever_looks(board: str, source: LiveSource) -> None:
+    with Whiteboard(board) as wb:
+        arrangement = Arrangement([Blink], whiteboard=wb)
+        seen = []
+
+        def look(_: object) -> None:
+            seen.append(source.look())
+            if any(name.startswith("llfsm/variables/") for name in seen[-1].samples):
+                arrangement.stop()
+
+        arrangement.attach(look)
+        arrangement.run(grace_s=0, max_rounds=2000)
+        assert "llfsm/variables/Blink" in seen[-1].samples
+        assert len(source.history()["Blink"]) > 1
+
+
+def test_a_damaged_board_is_trouble_until_it_is_whole(board: str, source: LiveSource) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        damaged = Slot("damaged", Bool)
+        damaged.type_name = "Damaged"
+        damaged.schema = json.loads("[" * 200 + "]" * 200)
+        wb.add_message(damaged, Bool(True))
+        assert "cannot be read" in source.look().trouble
+        wb.remove()
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        wait_for(lambda: "lamp" in source.look().samples, "the new board was seen")
+        assert source.look().trouble == ""
