@@ -1,6 +1,11 @@
 """What all tests need of the process that runs them."""
 
 import signal
+from collections.abc import Iterator
+
+import pytest
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def pytest_configure() -> None:
@@ -9,3 +14,12 @@ def pytest_configure() -> None:
     There it is ignored, and every process that a test starts would inherit that.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True)
+def _signal_handlers() -> Iterator[None]:
+    """Give back the handlers that a command called in this process, not in its own, has taken."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
