@@ -164,8 +164,9 @@ static int port_refresh(Port *self)
     PyObject *message = PyObject_CallOneArg(self->decode, data);
     Py_DECREF(data);
     if (!message) {
-        fail(UNREADABLE, self->name, Py_BuildValue("ONK", self->type, take_error(),
-                                                   (unsigned long long)meta.process));
+        fail(UNREADABLE, self->name, Py_BuildValue("ONKK", self->type, take_error(),
+                                                   (unsigned long long)meta.process,
+                                                   (unsigned long long)meta.count));
         return -1;
     }
     if (meta.count > self->meta.count) { /* else another thread was faster */
@@ -291,11 +292,29 @@ static PyObject *look_up(const char *module_name, const char *name)
     return result;
 }
 
+/* What every board's bound slots do in the same way, in Python: a port has it, too, although it
+ * cannot inherit it, being final. A dictionary of these, before the type is made ready. */
+static PyObject *shared_methods(void)
+{
+    PyObject *bound_slot = look_up("llfsm.whiteboard.board", "BoundSlot");
+    PyObject *methods = bound_slot ? PyDict_New() : NULL;
+    const char *const names[] = {"subscribe", "stream"};
+    for (size_t i = 0; methods && i < sizeof names / sizeof *names; i++) {
+        PyObject *method = PyObject_GetAttrString(bound_slot, names[i]);
+        if (!method || PyDict_SetItemString(methods, names[i], method))
+            Py_CLEAR(methods);
+        Py_XDECREF(method);
+    }
+    Py_XDECREF(bound_slot);
+    return methods;
+}
+
 PyMODINIT_FUNC PyInit__shm(void)
 {
     if (!(sample_type = look_up("llfsm.whiteboard.board", "Sample")) ||
         !(raise_status = look_up("llfsm.whiteboard.errors", "raise_status")) ||
-        PyType_Ready(&BoardType) || PyType_Ready(&PortType))
+        !(PortType.tp_dict = shared_methods()) || PyType_Ready(&BoardType) ||
+        PyType_Ready(&PortType))
         return NULL;
     PyObject *m = PyModule_Create(&module);
     if (m && (PyModule_AddObjectRef(m, "Board", (PyObject *)&BoardType) ||

@@ -127,7 +127,11 @@ class MessageTooLargeError(MessageError, ValueError):
 
 
 class MessageUnreadableError(MessageError):
-    """Tell that a slot's latest message does not decode to its type, and who wrote it."""
+    """Tell that a slot's latest message, number ``count``, does not decode, and who wrote it."""
+
+    def __init__(self, text: str, *, count: int) -> None:
+        super().__init__(text)
+        self.count = count
 
 
 def too_large(slot: str, length: int, capacity: int) -> MessageTooLargeError:
@@ -190,10 +194,11 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
             raise wrong_type(str(where), wanted, message)
         case -3, (type() as kind, BaseException() as cause):
             raise wrong_field(str(where), kind, cause) from cause
-        case -4, (type() as kind, BaseException() as cause, int(process)):
+        case -4, (type() as kind, BaseException() as cause, int(process), int(count)):
             raise MessageUnreadableError(
                 f"slot {where!r}: what process {process} wrote is no {kind.__qualname__}: "
-                f"{name_fields(kind, cause)}"
+                f"{name_fields(kind, cause)}",
+                count=count,
             ) from cause
         case 3, _:
             raise BoardNotFoundError(

@@ -21,7 +21,7 @@ SECONDS = 3  # most fail within milliseconds; those that hang are given up after
 ZERO = "    atomic_store_explicit(&buffer->count, 0, memory_order_release);\n"
 TIME = "    clock_gettime(CLOCK_MONOTONIC, &now);\n"
 WAKE = "    lwb_wake(s);\n"
-FILL = "    const unsigned char *from = data;\n"
+FILL = "    const unsigned char *from = (const unsigned char *)data;\n"
 WAITING = "atomic_compare_exchange_strong(waiting, &now, now + 1)"
 SKIP = """        s->next = (s->next + 1) % LWB_BUFFERS; /* readers are at the published one */"""
 COUNT = """        atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
