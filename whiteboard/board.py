@@ -67,6 +67,13 @@ class BoundSlot(ABC, Generic[M]):
         """
 
     @abstractmethod
+    def add_after(self, message: M, count: int, /) -> int:
+        """Add the message if the slot's count is `count`, else return 0: someone was faster.
+
+        So what is based on a message replaces no newer one. Raise as :meth:`add` does.
+        """
+
+    @abstractmethod
     def get(self) -> M | None:
         """Return the latest message, or None before the first.
 
@@ -166,6 +173,20 @@ class Board(ABC):
     @abstractmethod
     def slots(self) -> list[SlotInfo]:
         """Describe the slots on the board, in the order in which they were made."""
+
+    @abstractmethod
+    def find(self, name: str) -> Slot[Any]:
+        """Return the slot of that name, for those who do not have its class.
+
+        Raise :class:`.SlotNotFoundError`.
+        """
+
+    @abstractmethod
+    def watcher(self) -> Callable[[float], list[str]]:
+        """Return a function that waits, so many seconds at most, until any slot has news.
+
+        It returns the names of the slots with messages added since it was called last.
+        """
 
     @property
     @abstractmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +39,7 @@ __all__ = ["BoardInfo", "Whiteboard", "boards", "default_name", "remove_board"]
 
 _DIRECTORY = Path("/dev/shm")
 _PREFIX = "llfsm."
+_MOST_SLOTS = 4096
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 
 Field = tuple[str, int, int, int, Any, tuple["Field", ...]]
@@ -119,6 +121,19 @@ class Whiteboard(Board):
                 return Slot(name, type_from_schema(info.schema), info.capacity)
         there = ", ".join(info.name for info in self.slots()) or "none"
         raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}; its slots: {there}")
+
+    def watcher(self) -> Callable[[float], list[str]]:
+        """Return a function that waits until any slot has news."""
+        words = bytearray(8 * _MOST_SLOTS)
+        names: list[str] = []
+
+        def wait(timeout: float) -> list[str]:
+            changed = self._core.watch(words, timeout)
+            if changed and changed[-1] >= len(names):
+                names[:] = [name for name, *_ in self._core.slots()]
+            return [names[index] for index in changed]
+
+        return wait
 
     @property
     def alive(self) -> bool:

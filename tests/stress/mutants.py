@@ -36,7 +36,7 @@ TABLE = "atomic_compare_exchange_strong(&lwb_head(b)->slots[i], &none, mine)"
 RELAXED = "memory_order_relaxed, memory_order_relaxed"
 END = "*offset = atomic_fetch_add(&lwb_head(b)->end, length);"
 TAKE = "meta->length < room ? meta->length : room;"
-ANNOUNCE = "    uint32_t odd = atomic_fetch_or(waiting, 1) | 1;\n"
+ANNOUNCE = "    uint32_t odd = lwb_announce(waiting);\n"
 LOOK = "    if (lwb_count_of(atomic_load(&s->record->word)) <= after)\n"
 
 MUTANTS: dict[str, list[tuple[str, str]]] = {

@@ -87,7 +87,8 @@ enum lwb_status {
     LWB_VERSIONED, /* a whiteboard of another version or kind of machine */
     LWB_CORRUPT,   /* the file is damaged */
     LWB_INVALID,   /* an argument is out of range */
-    LWB_SYSTEM     /* a system call failed: errno tells */
+    LWB_SYSTEM,    /* a system call failed: errno tells */
+    LWB_PASSED     /* another message was added to the slot first */
 };
 
 /* ---- What the file holds -------------------------------------------------------------------
@@ -110,7 +111,9 @@ struct lwb_header {
     uint32_t max_slots, max_writers, buffers, header_size;
     uint64_t checksum;            /* of all above */
     lwb_atomic64 end;         /* where the next record goes; only grows */
-    uint64_t unused[10];
+    lwb_atomic32 watching;        /* odd if somebody may be waiting for any slot's word to change */
+    uint32_t unused0;
+    uint64_t unused[9];
     unsigned char locks[LWB_MAX_WRITERS + 64]; /* never read: see lwb_claim and lwb_attach */
     lwb_atomic64 slots[LWB_MAX_SLOTS];     /* offsets of slot records, filled in order */
 };
@@ -176,8 +179,8 @@ static inline const char *lwb_describe(int status)
         "no space left for the board", "the board's table of slots is full",
         "too many processes write to the board", "not a whiteboard of this user",
         "a whiteboard of another version", "the board's file is damaged",
-        "an argument is out of range", "a system call failed"};
-    return status >= 0 && status <= LWB_SYSTEM ? texts[status] : "unknown status";
+        "an argument is out of range", "a system call failed", "another message was added first"};
+    return status >= 0 && status <= LWB_PASSED ? texts[status] : "unknown status";
 }
 
 /* ---- Small parts --------------------------------------------------------------------------- */
@@ -674,9 +677,8 @@ static inline int lwb_own(struct lwb_slot *s)
 /* Wake who waits, after the swap. It makes `waiting` even, and another number: who was about to
  * sleep on the odd one does not, but looks at the word again. (With a mere flag, its owner would
  * sleep with the flag down, and the next writer not wake it.) */
-static inline void lwb_wake(struct lwb_slot *s)
+static inline void lwb_ring(lwb_atomic32 *waiting)
 {
-    lwb_atomic32 *waiting = &s->record->waiting;
     uint32_t now = atomic_load(waiting);
     if (now % 2) {
         atomic_compare_exchange_strong(waiting, &now, now + 1); /* else another writer did */
@@ -684,8 +686,18 @@ static inline void lwb_wake(struct lwb_slot *s)
     }
 }
 
-/* Add a message. Never blocks. */
-static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, uint64_t *count)
+static inline void lwb_wake(struct lwb_slot *s)
+{
+    lwb_ring(&s->record->waiting);
+    lwb_ring(&lwb_head(s->board)->watching);
+}
+
+#define LWB_ANY UINT64_MAX
+
+/* Add a message if the slot's count still is `after`, or whatever it is if that is LWB_ANY; else
+ * LWB_PASSED. Never blocks. */
+static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t length,
+                                uint64_t after, uint64_t *count)
 {
     if (length > s->capacity)
         return LWB_TOO_LARGE;
@@ -726,6 +738,8 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
     atomic_store_explicit(&buffer->stamp, stamp, memory_order_relaxed);
     uint64_t place = (uint64_t)s->writer << 4 | (uint64_t)s->next, mine;
     do {
+        if (after != LWB_ANY && lwb_count_of(word) != after)
+            return LWB_PASSED; /* the buffer is nobody's: the word does not name it */
         mine = (lwb_count_of(word) + 1) << 16 | place;
         atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
         /* Sequentially consistent, as the load in lwb_wake and both steps of lwb_wait: either
@@ -737,6 +751,12 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
         *count = lwb_count_of(mine);
     lwb_wake(s);
     return LWB_OK;
+}
+
+/* Add a message. Never blocks. */
+static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, uint64_t *count)
+{
+    return lwb_add_after(s, data, length, LWB_ANY, count);
 }
 
 /* ---- Getting ------------------------------------------------------------------------------- */
@@ -791,19 +811,54 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
     }
 }
 
+/* Say that somebody is about to wait. */
+static inline uint32_t lwb_announce(lwb_atomic32 *waiting)
+{
+    return atomic_fetch_or(waiting, 1) | 1;
+}
+
+/* Sleep while `waiting` is `odd`, for `ns` or 50 ms at most: a look that covers a writer that died
+ * between its swap and its wake. */
+static inline void lwb_sleep(lwb_atomic32 *waiting, uint32_t odd, uint64_t ns)
+{
+    struct timespec look = {0, ns < 50000000 ? (long)ns : 50000000};
+    syscall(SYS_futex, waiting, FUTEX_WAIT, odd, &look, NULL, 0);
+}
+
 /* Wait until the count exceeds `after`, for `ns` at most. LWB_TIMEOUT may come early, after a
- * signal or 50 ms (a look that covers a writer that died between its swap and its wake): call
- * again while there is time left. */
+ * signal or 50 ms: call again while there is time left. */
 static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
 {
     if (lwb_count(s) > after)
         return LWB_OK;
-    struct timespec look = {0, ns < 50000000 ? (long)ns : 50000000};
     lwb_atomic32 *waiting = &s->record->waiting;
-    uint32_t odd = atomic_fetch_or(waiting, 1) | 1;
+    uint32_t odd = lwb_announce(waiting);
     if (lwb_count_of(atomic_load(&s->record->word)) <= after)
-        syscall(SYS_futex, waiting, FUTEX_WAIT, odd, &look, NULL, 0);
+        lwb_sleep(waiting, odd, ns);
     return lwb_count(s) > after ? LWB_OK : LWB_TIMEOUT;
+}
+
+/* ---- Watching all slots --------------------------------------------------------------------
+ * To wait for any: look with lwb_changed, announce it, look again, then lwb_sleep on what was
+ * announced; and so on. Only the sleep may go on beside other uses of the board. */
+
+/* Write the numbers of the slots whose word is another than in `words` to `which`, and their
+ * words to `words`; both have room for LWB_MAX_SLOTS. */
+static inline int lwb_changed(struct lwb_board *b, uint64_t *words, uint32_t *which, int *number)
+{
+    uint64_t offset;
+    int status = LWB_OK;
+    *number = 0;
+    for (int i = 0;; i++) {
+        struct lwb_record *r = lwb_slot_at(b, i, &offset, &status);
+        if (!r)
+            return status == LWB_MISSING ? LWB_OK : status;
+        uint64_t word = atomic_load(&r->word);
+        if (word != words[i]) {
+            words[i] = word;
+            which[(*number)++] = (uint32_t)i;
+        }
+    }
 }
 
 #endif
