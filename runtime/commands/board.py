@@ -25,7 +25,7 @@ from llfsm.whiteboard.errors import name_fields
 from llfsm.whiteboard.schema import from_plain, to_plain
 from llfsm.whiteboard.shared import boards, default_name, remove_board
 
-__all__ = ["whiteboard"]
+__all__ = ["board_option", "message_class", "whiteboard"]
 
 _LOOK_S = 0.02  # how often `watch` looks, a frame of a screen
 
@@ -88,7 +88,7 @@ def get(slot: str, board: str) -> None:
 def add(slot: str, message: str, kind: str | None, board: str) -> None:
     """Add MESSAGE, a JSON object, to SLOT; fields left out are zero. A new slot needs --type."""
     with Whiteboard(board, create=kind is not None) as wb:
-        target = wb.find(slot) if kind is None else Slot(slot, _message_class(kind))
+        target = wb.find(slot) if kind is None else Slot(slot, message_class(kind))
         count = wb.add_message(target, _message(target, message))
         click.echo(f"message {count} of {slot}")
 
@@ -163,7 +163,11 @@ def _message(slot: Slot[Message], text: str) -> Message:
         raise MessageFieldError(f"no message for {slot.name!r}: {what}") from error
 
 
-def _message_class(name: str) -> type[Message]:
+def message_class(name: str) -> type[Message]:
+    """Return the class of ``package.module:Class``, or of a shipped type, ``geometry_msgs/Twist``.
+
+    Raise `SlotNotFoundError`.
+    """
     module, colon, attribute = name.partition(":")
     if not colon:
         package, _, attribute = name.partition("/")
