@@ -420,7 +420,7 @@ static inline void lwb_close(struct lwb_board *b)
  * crash leaves no file. Where the file system cannot do that, a file with a name of its own. */
 static inline int lwb_create(const char *path)
 {
-    char directory[PATH_MAX], temporary[PATH_MAX] = "";
+    char directory[PATH_MAX], temporary[PATH_MAX + 8] = "";
     snprintf(directory, sizeof directory, "%s", path);
     char *slash = strrchr(directory, '/');
     *(slash ? slash + 1 : directory) = 0;
