@@ -10,7 +10,9 @@
     │   ├── BoardVersionError              made by another version: remove it
     │   ├── BoardCorruptError              damaged: remove it
     │   ├── BoardFullError                 no memory, or no room for a slot or a writer
-    │   └── BoardClosedError               closed by this process, or removed under a wait
+    │   ├── BoardClosedError               closed by this process, or removed under a wait
+    │   ├── BoardMirroredError             another daemon mirrors it
+    │   └── NetworkError                   no Zenoh, or an endpoint that cannot be used
     ├── SlotError                     one slot of it
     │   ├── SlotNotFoundError              no slot of that name
     │   ├── SlotNameError                  not a possible name
@@ -33,6 +35,7 @@ __all__ = [
     "BoardCorruptError",
     "BoardError",
     "BoardFullError",
+    "BoardMirroredError",
     "BoardNotFoundError",
     "BoardPermissionError",
     "BoardVersionError",
@@ -41,6 +44,7 @@ __all__ = [
     "MessageTooLargeError",
     "MessageTypeError",
     "MessageUnreadableError",
+    "NetworkError",
     "SharedMemoryUnavailableError",
     "SlotError",
     "SlotNameError",
@@ -84,6 +88,14 @@ class BoardFullError(BoardError):
 
 class BoardClosedError(BoardError):
     """Tell that this process has closed the board, or that it was removed under a wait."""
+
+
+class BoardMirroredError(BoardError):
+    """Tell that another daemon mirrors the board."""
+
+
+class NetworkError(BoardError):
+    """Tell that a board cannot be mirrored or reached as asked, and why."""
 
 
 class SlotError(WhiteboardError):

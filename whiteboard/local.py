@@ -112,6 +112,7 @@ class LocalBoard(Board):
         self.changed = threading.Condition()
         self._cells: dict[str, _Cell] = {}
         self._open = True
+        self._calls = 0
 
     def check_open(self) -> None:
         """Raise :class:`.BoardClosedError` if the board was closed."""
@@ -141,6 +142,7 @@ class LocalBoard(Board):
     def watcher(self) -> Callable[[float], list[str]]:
         """Return a function that waits until any slot has news."""
         counts: dict[str, int] = {}
+        heard = self._calls
 
         def news() -> list[str]:
             self.check_open()
@@ -148,12 +150,20 @@ class LocalBoard(Board):
             return [name for name, cell in cells if cell.count != counts.get(name, 0)]
 
         def wait(timeout: float) -> list[str]:
+            nonlocal heard
             with self.changed:
-                found = self.changed.wait_for(news, timeout)
+                self.changed.wait_for(lambda: news() or self._calls != heard, timeout)
+                heard, found = self._calls, news()
                 counts.update((name, self._cells[name].count) for name in found)
                 return found
 
         return wait
+
+    def call_watchers(self) -> None:
+        """Let each watcher return, news or not."""
+        with self.changed:
+            self._calls += 1
+            self.changed.notify_all()
 
     @property
     def alive(self) -> bool:

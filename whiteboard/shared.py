@@ -35,7 +35,7 @@ else:
     _MISSING = None
     BoundSlot.register(_shm.Port)
 
-__all__ = ["BoardInfo", "Whiteboard", "boards", "default_name", "remove_board"]
+__all__ = ["BoardInfo", "Whiteboard", "boards", "default_name", "journal_path", "remove_board"]
 
 _DIRECTORY = Path("/dev/shm")
 _PREFIX = "llfsm."
@@ -78,6 +78,22 @@ class Whiteboard(Board):
     def local(name: str = "local") -> LocalBoard:
         """Return a new, empty board for this process only, with the same interface."""
         return LocalBoard(name)
+
+    @staticmethod
+    def connect(endpoint: str, name: str | None = None, *, zenoh: str | None = None) -> Board:
+        """Return a board of other hosts, for a process without shared memory or a daemon.
+
+        Args:
+            endpoint: where a daemon listens, in Zenoh's words: ``tcp/robot:7447``.
+            name: of the board; by default as that of one in shared memory.
+            zenoh: a file of Zenoh's configuration, for TLS.
+
+        Raise :class:`.NetworkError` if no daemon of such a board answers within five seconds.
+
+        """
+        from .mirror.client import RemoteBoard
+
+        return RemoteBoard(endpoint, default_name() if name is None else name, zenoh)
 
     def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
         try:
@@ -185,12 +201,18 @@ def remove_board(name: str, directory: str | os.PathLike[str] = _DIRECTORY) -> N
     path = _path(name, directory)
     try:
         path.unlink()
+        journal_path(path).unlink(missing_ok=True)
     except FileNotFoundError:
         raise BoardNotFoundError(
             f"{path}: no such whiteboard; see `llfsm whiteboard list`"
         ) from None
     except OSError as error:
         raise from_errno(error.errno or 0, str(path)) from error
+
+
+def journal_path(board: Path) -> Path:
+    """Return where a daemon keeps what it knows of a board: by a name that is no board's."""
+    return board.with_name("llfsm-mirror." + board.name.removeprefix(_PREFIX))
 
 
 def default_name() -> str:

@@ -23,19 +23,14 @@ from llfsm.whiteboard import (
 )
 from llfsm.whiteboard.errors import name_fields
 from llfsm.whiteboard.schema import from_plain, to_plain
-from llfsm.whiteboard.shared import boards, default_name, remove_board
+from llfsm.whiteboard.shared import boards, remove_board
 
-__all__ = ["board_option", "message_class", "whiteboard"]
+from .mirroring import daemon, status
+from .options import board_option
+
+__all__ = ["message_class", "whiteboard"]
 
 _LOOK_S = 0.02  # how often `watch` looks, a frame of a screen
-
-board_option = click.option(
-    "-b",
-    "--board",
-    metavar="NAME",
-    default=default_name,
-    help="The whiteboard; by default $WHITEBOARD_NAME, else `whiteboard`.",
-)
 
 
 @click.group()
@@ -47,6 +42,10 @@ def whiteboard() -> None:
     llfsm whiteboard get turtle1/pose -b demo
     llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 1}}' -b demo
     """
+
+
+whiteboard.add_command(daemon)
+whiteboard.add_command(status)
 
 
 @whiteboard.command("list")
