@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -20,6 +21,11 @@ from llfsm.whiteboard.shared import remove_board
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+INCLUDE = ROOT / "whiteboard" / "include"
+COMPILERS = {
+    "c": [*shlex.split(os.environ.get("CC", "cc")), "-std=c11"],
+    "cpp": [*shlex.split(os.environ.get("CXX", "c++")), "-std=c++17"],
+}
 FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -35,7 +41,7 @@ def blocks(document: Path) -> list[Block]:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_every_block_is_of_a_kind_that_is_executed(document: Path) -> None:
-    known = {"python", "console", "text", "c", "toml"}
+    known = {"python", "console", "text", "c", "cpp", "toml"}
     assert {block.language for block in blocks(document)} <= known
 
 
@@ -54,7 +60,7 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
 
     ``python FILE`` and ``toml FILE`` blocks are files, kept for the blocks after them; ``console``
     blocks are commands after ``$`` with the output that they must give, in which ``...`` stands
-    for anything.
+    for anything. ``c FILE`` and ``cpp FILE`` blocks are programs, which are compiled and run.
     """
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
@@ -66,6 +72,9 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
             path = tmp_path / (block.file or f"block{number}.py")
             path.write_text(block.text)
             run([sys.executable, str(path)], tmp_path, environment)
+        elif block.language in COMPILERS:
+            program = compiled(block, tmp_path, environment)
+            run([program], tmp_path, environment)
         elif block.language == "toml":
             (tmp_path / block.file).write_text(block.text)
         elif block.language == "console":
@@ -77,6 +86,16 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
                     said = run(["bash", "-c", command], tmp_path, environment, failure)
                     expected = output.replace("[", "[[]").replace("...", "*")
                     assert not output or fnmatch.fnmatchcase(said, expected), said
+
+
+def compiled(block: Block, folder: Path, environment: dict[str, str]) -> str:
+    """Return the program, beside its source and called like it, that a block makes."""
+    path = folder / block.file
+    path.write_text(block.text)
+    program = str(path.with_suffix(""))
+    strict = ["-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-I", str(INCLUDE)]
+    run([*COMPILERS[block.language], *strict, str(path), "-o", program], folder, environment)
+    return program
 
 
 def commands(text: str) -> list[tuple[str, str]]:
