@@ -181,10 +181,25 @@ def test_aclose_ends_the_thread_and_the_iteration(board: Board) -> None:
         waiting = asyncio.ensure_future(anext(stream))
         await asyncio.sleep(0)
         await stream.aclose()
+        assert stream._backlog.ended
         await stream.aclose()
         number.add(Number())
         with pytest.raises(StopAsyncIteration):
             await waiting
+        assert [sample async for sample in stream] == []
+
+    asyncio.run(main())
+
+
+def test_what_was_not_taken_is_not_given_after_aclose(board: Board) -> None:
+    number = board[NUMBER]
+    number.add(Number())
+
+    async def main() -> None:
+        stream = number.stream()
+        while not stream._backlog._kept:
+            await asyncio.sleep(0)
+        await stream.aclose()
         assert [sample async for sample in stream] == []
 
     asyncio.run(main())
