@@ -10,7 +10,8 @@ import importlib
 import re
 import struct
 from collections.abc import Sequence
-from typing import Protocol
+from operator import attrgetter
+from typing import Any, NamedTuple, Protocol
 
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.schema import Schema
@@ -73,56 +74,61 @@ class StructLayout:
         except struct.error as error:
             raise LayoutError(f"{text!r} is no struct format: {error}") from error
         self.size = self._struct.size
-        self._paths = list(_leaves(schema)) if fields is None else list(fields)
-        codes = list(_codes(text))
-        if len(codes) != len(self._paths):
+        paths = _leaves(schema) if fields is None else list(fields)
+        codes = _codes(text)
+        if len(codes) != len(paths):
             raise LayoutError(
-                f"{text!r} has {len(codes)} values for {len(self._paths)} fields: "
-                f"{', '.join(self._paths)}"
+                f"{text!r} has {len(codes)} values for {len(paths)} fields: {', '.join(paths)}"
             )
-        self._widths: list[int | None] = []  # of texts
-        self._is_text: list[bool] = []  # else raw bytes
-        for path, (code, width) in zip(self._paths, codes, strict=True):
-            leaf = _leaf(schema, path)
-            if code not in _CODES.get(leaf.get("type", ""), code):
-                raise LayoutError(
-                    f"{text!r}: {code!r} cannot hold {path}, which is of type {leaf['type']}"
-                )
-            self._widths.append(width)
-            self._is_text.append("contentEncoding" not in leaf)
+        self._values = [
+            _value(text, path, code, width, schema)
+            for path, (code, width) in zip(paths, codes, strict=True)
+        ]
 
     def encode(self, message: Message) -> bytes:
         """Lay a message out."""
-        values: list[object] = []
-        for path, width in zip(self._paths, self._widths, strict=True):
-            value: object = message
-            for name in path.split("."):
-                value = getattr(value, name)
-            value = raw(value)
+        laid: list[object] = []
+        for path, width, _ in self._values:
+            value = raw(attrgetter(path)(message))
             if width is not None and isinstance(value, bytes) and len(value) > width:
                 # which pack would cut short
                 raise MisfitError(f"{path}: {len(value)} bytes do not fit into {width}")
-            values.append(value)
+            laid.append(value)
         try:
-            return self._struct.pack(*values)
+            return self._struct.pack(*laid)
         except (struct.error, OverflowError) as error:
             raise MisfitError(f"{self._struct.format}: {error}") from error
 
     def decode(self, data: bytes) -> dict[str, object]:
         """Return the fields that lie in bytes."""
-        plain: dict[str, object] = {}
-        values = self._struct.unpack(data)
-        for path, value, is_text in zip(self._paths, values, self._is_text, strict=True):
+        plain: dict[str, Any] = {}
+        for (path, _, is_text), value in zip(self._values, self._struct.unpack(data), strict=True):
             *outer, name = path.split(".")
             inner = plain
             for each in outer:
-                inner = inner.setdefault(each, {})  # type: ignore[assignment]
+                inner = inner.setdefault(each, {})
             inner[name] = text_of(value, path) if is_text else value
         return plain
 
 
+class _Value(NamedTuple):
+    path: str
+    """The field, as ``linear.x``."""
+    width: int | None
+    """Bytes, of a text or raw ones."""
+    is_text: bool
+
+
+def _value(text: str, path: str, code: str, width: int | None, schema: Schema) -> _Value:
+    leaf = _leaf(schema, path)
+    kind = leaf.get("type", "")
+    if code not in _CODES.get(kind, code):
+        raise LayoutError(f"{text!r}: {code!r} cannot hold {path}, which is of type {kind}")
+    return _Value(path, width, width is not None and "contentEncoding" not in leaf)
+
+
 def _codes(text: str) -> list[tuple[str, int | None]]:
-    """Return each value's code, and its width if it is a text."""
+    """Return each value's code, and its width if it is one of bytes."""
     codes: list[tuple[str, int | None]] = []
     for number, code in _VALUE.findall(text):
         if code in "pP":
