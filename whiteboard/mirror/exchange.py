@@ -32,7 +32,7 @@ _READ_BATCH = decoder(Batch)
 _READ_BEAT = decoder(Beat)
 _READ_ASK = decoder(Ask)
 _FLOOD = 2  # times the rate of a slot: what comes more often is held back
-_PUZZLES = 4096
+_PUZZLES = 4096  # types of senders that are kept in mind
 
 
 class Question(NamedTuple):
@@ -268,7 +268,7 @@ class Exchange:
             store.declare(declaration)
         if store.agrees(value):
             return True
-        if declaration is not None:
+        if declaration is not None and len(self._clashes) < _PUZZLES:
             self._puzzling.discard(name)
             self._clashes[name, value.kind] = store.clash(declaration)
         clash = self._clashes.get((name, value.kind))

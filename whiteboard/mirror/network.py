@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -23,7 +24,14 @@ _ANSWER_S = 5.0
 # second after it. (A connection that outlived a cut would wait for TCP's own, doubling pauses.)
 _LEASE_MS = 1500
 _OPEN_MS = 500
+_CONNECT_MS = 3000
 _RETRY = {"period_init_ms": 100, "period_max_ms": 250, "period_increase_factor": 1.5}
+
+
+# Zenoh closes a connection by waiting up to ten seconds in one of its threads for what the other
+# side has not received (eclipse-zenoh/zenoh#2350). With its default of one or two threads, a host
+# that is cut off would silence all others for so long.
+_THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8), net: (worker_threads: 4))"
 
 
 class Part(Protocol):
@@ -62,6 +70,7 @@ class Network:
     def __init__(
         self, board: str, host: int, settings: Settings, part: Part, mode: str = "router"
     ) -> None:
+        os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # looked at when its first session opens
         try:
             import zenoh
         except ImportError as error:
@@ -164,8 +173,8 @@ def _config(zenoh: Any, settings: Settings, mode: str) -> Any:
         "mode": mode,
         "scouting/delay": 1,
         "scouting/gossip/autoconnect": {"router": ["router"], "peer": [], "client": []},
-        "connect/exit_on_failure": False,
-        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": mode == "client",
+        "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
         "connect/retry": _RETRY,
         "transport/link/tx/lease": _LEASE_MS,
         "transport/unicast/open_timeout": _OPEN_MS,
