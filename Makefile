@@ -10,7 +10,7 @@ UNDER_ASAN = ASAN_OPTIONS=detect_leaks=0 PYTHONMALLOC=malloc LLFSM_STRESS=0.1 \
 STRESS_FLAGS := -std=c11 -O1 -g -Wall -Wextra -Werror -I whiteboard/include -pthread
 THREAD := -fsanitize=thread -Wno-tsan # which does not know fences; the header argues them
 
-.PHONY: help setup demo test check bench sanitize clean
+.PHONY: help setup demo test check bench soak sanitize clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
@@ -18,6 +18,7 @@ help:
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
 	@echo "make bench     measure us and the peers in one run"
+	@echo "make soak      three mirrored whiteboards under load for a minute"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make clean     remove .venv and what was built"
 
@@ -55,6 +56,9 @@ sanitize: $(VENV)/.ready-test
 bench: $(VENV)/.ready-bench
 	@mkdir -p out
 	$(BIN)/python tests/bench/run.py --json out/bench.json
+
+soak: $(VENV)/.ready-test
+	$(BIN)/python tests/soak/soak.py
 
 # One stamp a set of extras; each is made again when what it depends on changes.
 $(VENV)/.ready: EXTRAS = draw

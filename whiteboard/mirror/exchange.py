@@ -76,6 +76,7 @@ class Exchange:
         self._settings = settings
         self._now_ns = now_ns
         self._wall_ns = wall_ns
+        self._pause_ns = settings.pause_ns()
         self._leaves = matcher(settings.leave)
         self._enters = matcher(() if settings.read_only else settings.enter)
         self._lock = threading.RLock()
@@ -111,6 +112,8 @@ class Exchange:
         With `all_of_it`, also of those that have left just now.
         """
         with self._lock:
+            if not self._changed:
+                return []
             now_ns, values, news = self._now_ns(), [], []
             for slot in list(self._changed):
                 sent_ns, sent = self._sent.get(slot, (0, None))
@@ -126,9 +129,6 @@ class Exchange:
                 values.append(value)
             self._totals.left += len(values)
             return self._pack(values, news) if values else []
-
-    def _pause_ns(self, slot: str) -> int:
-        return int(1e9 / self._settings.rate_of(slot))
 
     def _latest(self, slot: str) -> Value | None:
         try:
@@ -297,6 +297,8 @@ class Exchange:
 
     def enter_held(self) -> None:
         """Let those enter that were held back long enough."""
+        if not self._held:
+            return
         with self._lock:
             now_ns = self._now_ns()
             for slot, (due_ns, value) in list(self._held.items()):
@@ -312,6 +314,8 @@ class Exchange:
     def due_ns(self) -> int | None:
         """Return when something may leave or enter that may not now; None if there is nothing."""
         with self._lock:
+            if not (self._changed or self._held or self._flood_ns):
+                return None
             changed = (
                 self._sent[slot][0] + self._pause_ns(slot) if slot in self._sent else 0
                 for slot in self._changed
@@ -319,6 +323,8 @@ class Exchange:
             held = [due_ns for due_ns, _ in self._held.values()]
             if self._now_ns() < self._flood_ns:
                 held.append(self._flood_ns)
+            else:
+                self._flood_ns = 0
             return min((*changed, *held), default=None)
 
     def status(self) -> MirrorStatus:

@@ -23,7 +23,8 @@ __all__ = ["FileJournal", "Journal", "NoJournal"]
 
 _HEAD = struct.Struct("<8sQQQ")  # magic, the board's device and inode, the host's id
 _NAME = struct.Struct("<H254s")
-_ENTRY = struct.Struct("<QQQQI4x")  # count, writer, time, host, checksum of these
+_FIELDS = struct.Struct("<QQQQ")  # count, writer, time, host
+_ENTRY = struct.Struct("<QQQQQ")  # and their checksum
 _RECORD = 256 + 2 * _ENTRY.size
 _RECORDS = 4096
 _START = 64
@@ -74,6 +75,7 @@ class FileJournal:
         os.posix_fallocate(self._file, 0, _SIZE)
         self._map = mmap.mmap(self._file, _SIZE)
         self._places: dict[str, int] = {}
+        self._next: dict[str, list[int]] = {}
         found = os.stat(board)
         magic, *of_board, host = _HEAD.unpack_from(self._map)
         if magic != _MAGIC or of_board != [found.st_dev, found.st_ino]:  # of a board that is gone
@@ -89,14 +91,18 @@ class FileJournal:
 
     def note(self, slot: str, count: int, writer: int, version: Version) -> None:
         """Keep the version of the message of that number which that process has added."""
-        place = self._places.get(slot)
-        if place is None:
-            place = self._make(slot)
-        older = min(range(2), key=lambda index: self._entry(place, index)[0])
-        fields = struct.pack("<QQQQ", count, writer, *version)
-        self._map[(at := _at(place, older)) : at + _ENTRY.size] = _ENTRY.pack(
-            count, writer, *version, crc32(fields)
-        )
+        places = self._next.get(slot) or self._find(slot)
+        fields = _FIELDS.pack(count, writer, *version)
+        at = places[0]
+        self._map[at : at + _ENTRY.size] = fields + crc32(fields).to_bytes(8, "little")
+        places.reverse()
+
+    def _find(self, slot: str) -> list[int]:
+        """Return where the entries of a slot are, the older one first."""
+        place = self._places.get(slot) or self._make(slot)
+        entries = sorted(range(2), key=lambda index: self._entry(place, index)[0])
+        places = self._next[slot] = [_at(place, index) for index in entries]
+        return places
 
     def _make(self, slot: str) -> int:
         place = self._places[slot] = _START + len(self._places) * _RECORD
@@ -107,7 +113,7 @@ class FileJournal:
     def _entry(self, place: int, index: int) -> tuple[int, int, int, int]:
         """Return an entry; of zeros if there is none, or its writer was killed at it."""
         count, writer, time, host, checksum = _ENTRY.unpack_from(self._map, _at(place, index))
-        whole = crc32(struct.pack("<QQQQ", count, writer, time, host)) == checksum
+        whole = crc32(_FIELDS.pack(count, writer, time, host)) == checksum
         return (count, writer, time, host) if whole else (0, 0, 0, 0)
 
     def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:

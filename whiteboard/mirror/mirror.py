@@ -66,11 +66,11 @@ class Mirror:
                 told = now + 1
                 look(self._exchange.status())
             self._exchange.enter_held()
-            if self._send():
-                self._stop.wait(_TICK_S)
             due_ns = self._exchange.due_ns()
             due = beat if due_ns is None else min(beat, due_ns / 1e9)
             self._exchange.change(self._watch(max(0, due - time.monotonic())))
+            if self._send():
+                self._stop.wait(_TICK_S)
         self._exchange.change(self._watch(0))
         self._send(all_of_it=True)
 

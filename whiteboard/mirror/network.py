@@ -31,7 +31,7 @@ _RETRY = {"period_init_ms": 100, "period_max_ms": 250, "period_increase_factor":
 # Zenoh closes a connection by waiting up to ten seconds in one of its threads for what the other
 # side has not received (eclipse-zenoh/zenoh#2350). With its default of one or two threads, a host
 # that is cut off would silence all others for so long.
-_THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8), net: (worker_threads: 4))"
+_THREADS = "(rx: (worker_threads: 4), tx: (worker_threads: 4))"
 
 
 class Part(Protocol):

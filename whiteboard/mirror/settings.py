@@ -43,12 +43,16 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     zenoh: str | None = None
     """A file for Zenoh itself, in JSON5: TLS, access control, queues."""
 
-    def rate_of(self, slot: str) -> float:
-        """Return how often a slot leaves, a second, at most."""
-        for glob, rate in self.rates.items():
-            if re.match(translate(glob), slot):
-                return rate
-        return self.rate
+    def pause_ns(self) -> Callable[[str], int]:
+        """Return what tells how long a slot that has left stays, in nanoseconds."""
+        rates = [(re.compile(translate(glob)), rate) for glob, rate in self.rates.items()]
+
+        @lru_cache(maxsize=8192)
+        def pause_ns(slot: str) -> int:
+            found = (rate for pattern, rate in rates if pattern.match(slot))
+            return int(1e9 / next(found, self.rate))
+
+        return pause_ns
 
 
 def matcher(globs: tuple[str, ...]) -> Callable[[str], bool]:

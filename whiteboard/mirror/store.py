@@ -66,9 +66,7 @@ class Store:
 
     def look(self, name: str) -> None:
         """See whether somebody here has added to a slot. Raise `Refused` as :meth:`latest`."""
-        cell = self._cell(name)
-        if cell.bound.count != cell.count:
-            self._settle(cell)
+        self._settle(self._cell(name))
 
     def take_news(self) -> list[str]:
         """Return the slots to which somebody here has added since the last call."""

@@ -85,6 +85,8 @@ decoder = msgspec.msgpack.Decoder
 
 def batches(values: list[Value]) -> list[list[Value]]:
     """Divide messages into what travels together; at least one batch, if only an empty one."""
+    if len(values) == 1:
+        return [values]
     found: list[list[Value]] = [[]]
     room = _CHUNK
     for value in sorted(values, key=lambda value: len(value.payload)):

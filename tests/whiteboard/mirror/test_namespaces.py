@@ -1,4 +1,4 @@
-"""Three hosts, each in a network namespace of its own, and a switch between them that can be cut."""
+"""Three hosts, each in a network namespace, and a switch between them that can be cut."""
 
 from __future__ import annotations
 
