@@ -41,7 +41,7 @@ def blocks(document: Path) -> list[Block]:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_every_block_is_of_a_kind_that_is_executed(document: Path) -> None:
-    known = {"python", "console", "text", "c", "cpp", "toml"}
+    known = {"python", "console", "text", "c", "cpp", "toml", "json5"}
     assert {block.language for block in blocks(document)} <= known
 
 
@@ -58,9 +58,10 @@ def board() -> Iterator[str]:
 def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> None:
     """Run a document's blocks in order, in one folder.
 
-    ``python FILE`` and ``toml FILE`` blocks are files, kept for the blocks after them; ``console``
-    blocks are commands after ``$`` with the output that they must give, in which ``...`` stands
-    for anything. ``c FILE`` and ``cpp FILE`` blocks are programs, which are compiled and run.
+    ``python FILE``, ``toml FILE`` and ``json5 FILE`` blocks are files, kept for the blocks after
+    them; ``console`` blocks are commands after ``$`` with the output that they must give, in which
+    ``...`` stands for anything. ``c FILE`` and ``cpp FILE`` blocks are programs, which are
+    compiled and run.
     """
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
@@ -75,7 +76,7 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
         elif block.language in COMPILERS:
             program = compiled(block, tmp_path, environment)
             run([program], tmp_path, environment)
-        elif block.language == "toml":
+        elif block.language in ("toml", "json5"):
             (tmp_path / block.file).write_text(block.text)
         elif block.language == "console":
             for command, output in commands(block.text):

@@ -176,6 +176,7 @@ def _config(zenoh: Any, settings: Settings, mode: str) -> Any:
         "connect/exit_on_failure": mode == "client",
         "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
         "connect/retry": _RETRY,
+        "transport/shared_memory/enabled": False,  # not used, and left behind when killed
         "transport/link/tx/lease": _LEASE_MS,
         "transport/unicast/open_timeout": _OPEN_MS,
         "transport/unicast/accept_timeout": _OPEN_MS,
