@@ -29,7 +29,7 @@ help:
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
 	@echo "make bench     measure us and the peers in one run"
-	@echo "make soak      run the bridge for ten minutes while its processes are killed"
+	@echo "make soak      the bridge for ten minutes while its processes are killed; three hosts for one"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make clean     remove .venv and what was built"
 
@@ -72,11 +72,12 @@ bench: $(VENV)/.ready-bench
 SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
 	$(BIN)/python tests/stress/soak.py --seconds $(SOAK_SECONDS)
+	$(BIN)/python tests/soak/soak.py
 
 # One stamp a set of extras; each is made again when what it depends on changes.
-$(VENV)/.ready: EXTRAS = draw,ros,record,view
-$(VENV)/.ready-test: EXTRAS = test,draw,ros,record,view
-$(VENV)/.ready-bench: EXTRAS = bench,draw,ros
+$(VENV)/.ready: EXTRAS = draw,ros,hosts,record,view
+$(VENV)/.ready-test: EXTRAS = test,draw,ros,hosts,record,view
+$(VENV)/.ready-bench: EXTRAS = bench,draw,ros,hosts
 
 $(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-bench: $(SOURCES) $(VENV_MADE)
 	@sh .ci/prerequisites >/dev/null

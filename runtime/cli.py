@@ -1,15 +1,15 @@
 """The command line's root: ``llfsm``, and ``clfsm`` as another name for ``llfsm run``.
 
-Commands are imported when they are called, so that ``llfsm --help`` answers at once, and by
-name, so that those of the bridges are found without depending on them.
+Commands are imported when they are called, and found by name; see :mod:`.commands.lazy`.
 """
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 import click
+
+from .commands.lazy import LazyGroup
 
 __all__ = ["clfsm", "main"]
 
@@ -37,7 +37,6 @@ _COMMANDS = {
         "llfsm.bridges.turtlesim.command:turtlesim",
         "Simulate turtles, on a whiteboard or as a ROS 2 node.",
     ),
-    "bridge": ("llfsm.bridges.ros2.commands.group:bridge", "Connect a whiteboard with ROS 2."),
     "router": ("llfsm.bridges.ros2.router:router", "Let ROS 2 nodes over Zenoh find each other."),
     "view": ("llfsm.bridges.view.command:view", "Show a whiteboard and its machines on a page."),
     "record": ("llfsm.bridges.recording.command:record", "Record a whiteboard to a file."),
@@ -45,21 +44,12 @@ _COMMANDS = {
     "rerun": ("llfsm.bridges.recording.command:rerun", "Run machines on what was recorded."),
     "top": ("llfsm.runtime.commands.top:top", "Show a whiteboard and its machines, live."),
     "whiteboard": ("llfsm.runtime.commands.board:whiteboard", "List, read and write whiteboards."),
+    "bridge": ("llfsm.runtime.commands.bridge:bridge", "Connect a whiteboard with another world."),
     "demo": ("llfsm.runtime.commands.demo:demo", "Watch machines and turtles work together."),
 }
 
 
-class _Root(click.Group):
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        return _load(name) if name in _COMMANDS else None
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
-
+class _Root(LazyGroup):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
@@ -67,13 +57,6 @@ class _Root(click.Group):
             if ctx.params["debug"] or not isinstance(error, _ours()):
                 raise
             raise click.ClickException(str(error)) from error
-
-
-def _load(name: str) -> click.Command:
-    module, _, attribute = _COMMANDS[name][0].partition(":")
-    command = getattr(importlib.import_module(module), attribute)
-    assert isinstance(command, click.Command)
-    return command
 
 
 def _ours() -> tuple[type[Exception], ...]:
@@ -85,7 +68,7 @@ def _ours() -> tuple[type[Exception], ...]:
     return WhiteboardError, FsmError
 
 
-@click.group(cls=_Root, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Root, table=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 @click.version_option(package_name="llfsm")
 def main(debug: bool) -> None:

@@ -144,11 +144,66 @@ static PyObject *board_slots(Board *self, PyObject *unused)
     return list;
 }
 
+/* watch(words, timeout): the numbers of the slots whose word is another than in `words`, a
+ * bytearray that is brought up to date; waits for one, `timeout` seconds at most. */
+static PyObject *board_watch(Board *self, PyObject *args)
+{
+    PyObject *seen;
+    double seconds;
+    uint32_t which[LWB_MAX_SLOTS];
+    int number = 0, status;
+    if (!PyArg_ParseTuple(args, "O!d", &PyByteArray_Type, &seen, &seconds))
+        return NULL;
+    struct timespec start, now;
+    clock_gettime(CLOCK_MONOTONIC, &start);
+    for (;;) {
+        if (!is_open(self, self->path))
+            return NULL;
+        if (PyByteArray_GET_SIZE(seen) != LWB_MAX_SLOTS * (Py_ssize_t)sizeof(uint64_t)) {
+            PyErr_SetString(PyExc_ValueError, "watch() needs 8 bytes for each possible slot");
+            return NULL;
+        }
+        lwb_atomic32 *watching = &lwb_head(&self->board)->watching;
+        uint64_t *words = (uint64_t *)(void *)PyByteArray_AS_STRING(seen);
+        uint32_t odd = 0;
+        status = lwb_changed(&self->board, words, which, &number);
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        double left = seconds - (double)(now.tv_sec - start.tv_sec) -
+                      (double)(now.tv_nsec - start.tv_nsec) * 1e-9;
+        bool over = !(left > 0);
+        if (!status && !number && !over) {
+            odd = lwb_announce(watching);
+            status = lwb_changed(&self->board, words, which, &number);
+        }
+        if (status)
+            return fail(status, self->path, NULL);
+        if (number || over)
+            break;
+        self->users++;
+        Py_BEGIN_ALLOW_THREADS
+        lwb_sleep(watching, odd, left > 1 ? 1000000000u : (uint64_t)(left * 1e9));
+        Py_END_ALLOW_THREADS
+        board_leave(self);
+        if (PyErr_CheckSignals())
+            return NULL;
+    }
+    PyObject *list = PyList_New(number);
+    for (int i = 0; list && i < number; i++) {
+        PyObject *index = PyLong_FromUnsignedLong(which[i]);
+        if (!index)
+            Py_CLEAR(list);
+        else
+            PyList_SET_ITEM(list, i, index);
+    }
+    return list;
+}
+
 static PyMethodDef board_methods[] = {
     {"close", (PyCFunction)board_close, METH_NOARGS, NULL},
     {"linked", (PyCFunction)board_linked, METH_NOARGS, NULL},
     {"shared", (PyCFunction)board_shared, METH_NOARGS, NULL},
     {"slots", (PyCFunction)board_slots, METH_NOARGS, NULL},
+    {"watch", (PyCFunction)board_watch, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL}};
 
 static PyTypeObject BoardType = {

@@ -86,7 +86,8 @@ static void port_dealloc(Port *self)
     Py_TYPE(self)->tp_free((PyObject *)self);
 }
 
-static PyObject *port_add(Port *self, PyObject *message)
+/* Add if the slot's count is `after`, or any if that is LWB_ANY. */
+static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
 {
     if (!is_open(self->board, self->name))
         return NULL;
@@ -105,7 +106,7 @@ static PyObject *port_add(Port *self, PyObject *message)
     size_t length = (size_t)PyByteArray_GET_SIZE(scratch);
     int status = !done ? WRONG_FIELD
                : self->board->closed ? CLOSED
-               : lwb_add(&self->slot, PyByteArray_AS_STRING(scratch), length, &count);
+               : lwb_add_after(&self->slot, PyByteArray_AS_STRING(scratch), length, after, &count);
     if (self->scratch || length > 1 << 20) /* one is enough, and no huge one for ever */
         Py_DECREF(scratch);
     else
@@ -113,10 +114,27 @@ static PyObject *port_add(Port *self, PyObject *message)
     Py_XDECREF(done);
     if (status == WRONG_FIELD)
         return fail(status, self->name, Py_BuildValue("ON", self->type, take_error()));
-    if (status)
+    if (status && status != LWB_PASSED)
         return fail(status, self->name, Py_BuildValue("nK", (Py_ssize_t)length,
                                                       (unsigned long long)self->slot.capacity));
     return PyLong_FromUnsignedLongLong(count);
+}
+
+static PyObject *port_add(Port *self, PyObject *message)
+{
+    return port_put(self, message, LWB_ANY);
+}
+
+/* add_after(message, count): 0 if another message was added after that count. */
+static PyObject *port_add_after(Port *self, PyObject *args)
+{
+    PyObject *message, *number;
+    if (!PyArg_ParseTuple(args, "OO!", &message, &PyLong_Type, &number))
+        return NULL;
+    unsigned long long after = PyLong_AsUnsignedLongLong(number);
+    if (PyErr_Occurred())
+        return NULL;
+    return port_put(self, message, after);
 }
 
 /* Is self->message the latest? The whole cost of a get while nothing was added. */
@@ -164,8 +182,9 @@ static int port_refresh(Port *self)
     PyObject *message = PyObject_CallOneArg(self->decode, data);
     Py_DECREF(data);
     if (!message) {
-        fail(UNREADABLE, self->name, Py_BuildValue("ONK", self->type, take_error(),
-                                                   (unsigned long long)meta.process));
+        fail(UNREADABLE, self->name, Py_BuildValue("ONKK", self->type, take_error(),
+                                                   (unsigned long long)meta.process,
+                                                   (unsigned long long)meta.count));
         return -1;
     }
     if (meta.count > self->meta.count) { /* else another thread was faster */
@@ -259,6 +278,7 @@ static PyObject *port_capacity(Port *self, void *unused)
 
 static PyMethodDef port_methods[] = {
     {"add", (PyCFunction)port_add, METH_O, NULL},
+    {"add_after", (PyCFunction)port_add_after, METH_VARARGS, NULL},
     {"get", (PyCFunction)port_get, METH_NOARGS, NULL},
     {"sample", (PyCFunction)port_sample, METH_NOARGS, NULL},
     {"wait", (PyCFunction)(void (*)(void))port_wait, METH_VARARGS | METH_KEYWORDS, NULL},
@@ -291,11 +311,29 @@ static PyObject *look_up(const char *module_name, const char *name)
     return result;
 }
 
+/* What every board's bound slots do in the same way, in Python: a port has it, too, although it
+ * cannot inherit it, being final. A dictionary of these, before the type is made ready. */
+static PyObject *shared_methods(void)
+{
+    PyObject *bound_slot = look_up("llfsm.whiteboard.board", "BoundSlot");
+    PyObject *methods = bound_slot ? PyDict_New() : NULL;
+    const char *const names[] = {"subscribe", "stream"};
+    for (size_t i = 0; methods && i < sizeof names / sizeof *names; i++) {
+        PyObject *method = PyObject_GetAttrString(bound_slot, names[i]);
+        if (!method || PyDict_SetItemString(methods, names[i], method))
+            Py_CLEAR(methods);
+        Py_XDECREF(method);
+    }
+    Py_XDECREF(bound_slot);
+    return methods;
+}
+
 PyMODINIT_FUNC PyInit__shm(void)
 {
     if (!(sample_type = look_up("llfsm.whiteboard.board", "Sample")) ||
         !(raise_status = look_up("llfsm.whiteboard.errors", "raise_status")) ||
-        PyType_Ready(&BoardType) || PyType_Ready(&PortType))
+        !(PortType.tp_dict = shared_methods()) || PyType_Ready(&BoardType) ||
+        PyType_Ready(&PortType))
         return NULL;
     PyObject *m = PyModule_Create(&module);
     if (m && (PyModule_AddObjectRef(m, "Board", (PyObject *)&BoardType) ||

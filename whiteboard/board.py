@@ -7,11 +7,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self
 
 from .message import M
 from .schema import Schema
 from .slots import Slot
+
+if TYPE_CHECKING:
+    from .stream import Stream
+    from .subscription import Subscription
 
 __all__ = ["Board", "BoundSlot", "Sample", "SlotInfo"]
 
@@ -63,6 +67,13 @@ class BoundSlot(ABC, Generic[M]):
         """
 
     @abstractmethod
+    def add_after(self, message: M, count: int, /) -> int:
+        """Add the message if the slot's count is `count`, else return 0: someone was faster.
+
+        So what is based on a message replaces no newer one. Raise as :meth:`add` does.
+        """
+
+    @abstractmethod
     def get(self) -> M | None:
         """Return the latest message, or None before the first.
 
@@ -80,6 +91,40 @@ class BoundSlot(ABC, Generic[M]):
         ``timeout`` is in seconds, None for ever; None is returned when it has passed. Raise
         :class:`.BoardClosedError` if the board is closed or removed meanwhile.
         """
+
+    # Every board does what follows in the same way; imported when used, as few programs do.
+
+    def subscribe(
+        self,
+        callback: Callable[[Sample[M]], object],
+        *,
+        after: int | None = None,
+        backlog: int = 1,
+        on_error: Callable[[Exception], object] | None = None,
+    ) -> Subscription[M]:
+        """Call ``callback`` with each newer sample, in a thread of its own, until closed.
+
+        It begins with the latest message if there is one, or with the first one newer than number
+        ``after``. Writers never wait for it: while it runs, messages wait in a ``backlog`` of at
+        most so many, and the oldest one makes room. With 1, the newest alone waits; with more,
+        every message that could be observed does. What it was never told of is counted as
+        ``missed``; a gap between two samples' counts tells where.
+
+        What it raises is logged and given to ``on_error``, as is a message that cannot be read,
+        and the subscription goes on. It ends with the board, and does not keep the process alive.
+        """
+        from .subscription import Subscription
+
+        return Subscription(self, callback, after=after, backlog=backlog, on_error=on_error)
+
+    def stream(self, *, after: int | None = None, backlog: int = 1) -> Stream[M]:
+        """Return an asynchronous iterator over newer samples: ``async for sample in ...``.
+
+        ``after`` and ``backlog`` are as for :meth:`subscribe`. Needs a running event loop.
+        """
+        from .stream import Stream
+
+        return Stream(self, after=after, backlog=backlog)
 
 
 class _Bound(dict[Slot[Any], BoundSlot[Any]]):
@@ -128,6 +173,20 @@ class Board(ABC):
     @abstractmethod
     def slots(self) -> list[SlotInfo]:
         """Describe the slots on the board, in the order in which they were made."""
+
+    @abstractmethod
+    def find(self, name: str) -> Slot[Any]:
+        """Return the slot of that name, for those who do not have its class.
+
+        Raise :class:`.SlotNotFoundError`.
+        """
+
+    @abstractmethod
+    def watcher(self) -> Callable[[float], list[str]]:
+        """Return a function that waits, so many seconds at most, until any slot has news.
+
+        It returns the names of the slots with messages added since it was called last.
+        """
 
     @property
     @abstractmethod

@@ -10,7 +10,9 @@
     │   ├── BoardVersionError              made by another version: remove it
     │   ├── BoardCorruptError              damaged: remove it
     │   ├── BoardFullError                 no memory, or no room for a slot or a writer
-    │   └── BoardClosedError               closed by this process, or removed under a wait
+    │   ├── BoardClosedError               closed by this process, or removed under a wait
+    │   ├── BoardMirroredError             another daemon mirrors it
+    │   └── NetworkError                   no Zenoh, or an endpoint that cannot be used
     ├── SlotError                     one slot of it
     │   ├── SlotNotFoundError              no slot of that name
     │   ├── SlotNameError                  not a possible name
@@ -33,6 +35,7 @@ __all__ = [
     "BoardCorruptError",
     "BoardError",
     "BoardFullError",
+    "BoardMirroredError",
     "BoardNotFoundError",
     "BoardPermissionError",
     "BoardVersionError",
@@ -41,6 +44,7 @@ __all__ = [
     "MessageTooLargeError",
     "MessageTypeError",
     "MessageUnreadableError",
+    "NetworkError",
     "SharedMemoryUnavailableError",
     "SlotError",
     "SlotNameError",
@@ -86,6 +90,14 @@ class BoardClosedError(BoardError):
     """Tell that this process has closed the board, or that it was removed under a wait."""
 
 
+class BoardMirroredError(BoardError):
+    """Tell that another daemon mirrors the board."""
+
+
+class NetworkError(BoardError):
+    """Tell that a board cannot be mirrored or reached as asked, and why."""
+
+
 class SlotError(WhiteboardError):
     """Tell that a slot cannot be used as asked."""
 
@@ -127,7 +139,11 @@ class MessageTooLargeError(MessageError, ValueError):
 
 
 class MessageUnreadableError(MessageError):
-    """Tell that a slot's latest message does not decode to its type, and who wrote it."""
+    """Tell that a slot's latest message, number ``count``, does not decode, and who wrote it."""
+
+    def __init__(self, text: str, *, count: int) -> None:
+        super().__init__(text)
+        self.count = count
 
 
 def too_large(slot: str, length: int, capacity: int) -> MessageTooLargeError:
@@ -190,10 +206,11 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
             raise wrong_type(str(where), wanted, message)
         case -3, (type() as kind, BaseException() as cause):
             raise wrong_field(str(where), kind, cause) from cause
-        case -4, (type() as kind, BaseException() as cause, int(process)):
+        case -4, (type() as kind, BaseException() as cause, int(process), int(count)):
             raise MessageUnreadableError(
                 f"slot {where!r}: what process {process} wrote is no {kind.__qualname__}: "
-                f"{name_fields(kind, cause)}"
+                f"{name_fields(kind, cause)}",
+                count=count,
             ) from cause
         case 3, _:
             raise BoardNotFoundError(

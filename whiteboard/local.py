@@ -5,33 +5,61 @@ from __future__ import annotations
 import os
 import threading
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from .board import Board, BoundSlot, Sample, SlotInfo
-from .errors import BoardClosedError, too_large, wrong_field, wrong_type
+from .errors import BoardClosedError, SlotNotFoundError, too_large, wrong_field, wrong_type
 from .message import M
 from .slots import Slot
 
 __all__ = ["LocalBoard"]
 
 
-class _LocalSlot(BoundSlot[M]):
-    def __init__(self, board: LocalBoard, slot: Slot[M]) -> None:
-        self._board = board
-        self._slot = slot
-        self._latest: Sample[M] | None = None
-        self._changed = threading.Condition()
+class _Added(NamedTuple):
+    """A message as it was added: encoded, because slots of one name may have other classes."""
+
+    data: bytes
+    number: int
+    stamp_ns: int
+    writer: int
+
+
+class _Cell:
+    """A slot as the board has it."""
+
+    def __init__(self, slot: Slot[Any]) -> None:
+        self.slot = slot
+        self.latest: _Added | None = None
 
     @property
     def count(self) -> int:
-        latest = self.sample()
-        return 0 if latest is None else latest.count
+        return 0 if self.latest is None else self.latest.number
+
+
+class _LocalSlot(BoundSlot[M]):
+    def __init__(self, board: LocalBoard, slot: Slot[M], cell: _Cell) -> None:
+        self._board = board
+        self._slot = slot
+        self._cell = cell
+        self._read: tuple[_Added, Sample[M]] | None = None
+
+    @property
+    def count(self) -> int:
+        self._board.check_open()
+        return self._cell.count
 
     @property
     def capacity(self) -> int:
-        return self._slot.capacity
+        return self._cell.slot.capacity
 
     def add(self, message: M, /) -> int:
+        return self._add(message, None)
+
+    def add_after(self, message: M, count: int, /) -> int:
+        return self._add(message, count)
+
+    def _add(self, message: M, after: int | None) -> int:
         self._board.check_open()
         slot = self._slot
         if type(message) is not slot.type:
@@ -41,62 +69,101 @@ class _LocalSlot(BoundSlot[M]):
             message = slot.decoder.decode(data)
         except Exception as error:  # whatever the encoder or a field's own code raises
             raise wrong_field(slot.name, slot.type, error) from error
-        if len(data) > slot.capacity:
-            raise too_large(slot.name, len(data), slot.capacity)
-        with self._changed:
-            count = self.count + 1
-            self._latest = Sample(message, count, time.monotonic_ns(), os.getpid())
-            self._changed.notify_all()
-        return count
+        if len(data) > self.capacity:
+            raise too_large(slot.name, len(data), self.capacity)
+        with self._board.changed:
+            count = self._cell.count
+            if after is not None and after != count:
+                return 0
+            added = _Added(data, count + 1, self._board.now_ns(), os.getpid())
+            self._read = added, Sample(message, *added[1:])
+            self._cell.latest = added
+            self._board.changed.notify_all()
+        return added.number
 
     def get(self) -> M | None:
-        latest = self.sample()
-        return None if latest is None else latest[0]
+        sample = self.sample()
+        return None if sample is None else sample[0]
 
     def sample(self) -> Sample[M] | None:
         self._board.check_open()
-        return self._latest
+        latest, read = self._cell.latest, self._read
+        if latest is None:
+            return None
+        if read is None or read[0] is not latest:
+            message = self._slot.decoder.decode(latest.data)
+            read = self._read = latest, Sample(message, *latest[1:])
+        return read[1]
 
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
         if timeout is not None:
             timeout = min(timeout, threading.TIMEOUT_MAX)
-        with self._changed:
-            newer = self._changed.wait_for(lambda: self.count > after, timeout)
+        with self._board.changed:
+            newer = self._board.changed.wait_for(lambda: self.count > after, timeout)
             return self.sample() if newer else None
-
-    def wake(self) -> None:
-        """Let those who wait see that the board was closed."""
-        with self._changed:
-            self._changed.notify_all()
 
 
 class LocalBoard(Board):
     """A whiteboard for the threads of one process; every new one is empty."""
 
-    def __init__(self, name: str = "local") -> None:
+    def __init__(self, name: str = "local", now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         super().__init__(name)
-        self._slots: dict[str, tuple[Slot[Any], _LocalSlot[Any]]] = {}
+        self.now_ns = now_ns
+        self.changed = threading.Condition()
+        self._cells: dict[str, _Cell] = {}
         self._open = True
+        self._calls = 0
 
     def check_open(self) -> None:
         """Raise :class:`.BoardClosedError` if the board was closed."""
         if not self._open:
             raise BoardClosedError(f"{self.name}: this whiteboard was closed")
 
-    def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
+    def _bind(self, slot: Slot[M]) -> _LocalSlot[M]:
         self.check_open()
-        made, bound = self._slots.setdefault(slot.name, (slot, _LocalSlot(self, slot)))
-        if made.fingerprint != slot.fingerprint:
-            raise slot.clash(made.schema)
-        return bound
+        cell = self._cells.setdefault(slot.name, _Cell(slot))
+        if cell.slot.fingerprint != slot.fingerprint:
+            raise slot.clash(cell.slot.schema)
+        return _LocalSlot(self, slot, cell)
 
     def slots(self) -> list[SlotInfo]:
         """Describe the slots."""
         self.check_open()
-        return [
-            SlotInfo(slot.name, slot.type_name, slot.schema, slot.capacity)
-            for slot, _ in self._slots.values()
-        ]
+        slots = [cell.slot for cell in self._cells.values()]
+        return [SlotInfo(slot.name, slot.type_name, slot.schema, slot.capacity) for slot in slots]
+
+    def find(self, name: str) -> Slot[Any]:
+        """Return the slot of that name, as it was first used."""
+        self.check_open()
+        if name not in self._cells:
+            raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}")
+        return self._cells[name].slot
+
+    def watcher(self) -> Callable[[float], list[str]]:
+        """Return a function that waits until any slot has news."""
+        counts: dict[str, int] = {}
+        heard = self._calls
+
+        def news() -> list[str]:
+            self.check_open()
+            cells = list(self._cells.items())
+            return [name for name, cell in cells if cell.count != counts.get(name, 0)]
+
+        def wait(timeout: float) -> list[str]:
+            nonlocal heard
+            with self.changed:
+                self.changed.wait_for(lambda: news() or self._calls != heard, timeout)
+                heard, found = self._calls, news()
+                counts.update((name, self._cells[name].count) for name in found)
+                return found
+
+        return wait
+
+    def call_watchers(self) -> None:
+        """Let each watcher return, news or not."""
+        with self.changed:
+            self._calls += 1
+            self.changed.notify_all()
 
     @property
     def alive(self) -> bool:
@@ -106,7 +173,9 @@ class LocalBoard(Board):
     def close(self) -> None:
         """Close the board, and with it forget every message."""
         self._open = False
-        for _, bound in list(self._slots.values()):
-            bound.wake()
+        with self.changed:  # let those who wait see it
+            self.changed.notify_all()
 
-    remove = close
+    def remove(self) -> None:
+        """Close the board."""
+        self.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -35,10 +36,11 @@ else:
     _MISSING = None
     BoundSlot.register(_shm.Port)
 
-__all__ = ["BoardInfo", "Whiteboard", "boards", "default_name", "remove_board"]
+__all__ = ["BoardInfo", "Whiteboard", "boards", "default_name", "journal_path", "remove_board"]
 
 _DIRECTORY = Path("/dev/shm")
 _PREFIX = "llfsm."
+_MOST_SLOTS = 4096
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 
 Field = tuple[str, int, int, int, Any, tuple["Field", ...]]
@@ -77,6 +79,22 @@ class Whiteboard(Board):
     def local(name: str = "local") -> LocalBoard:
         """Return a new, empty board for this process only, with the same interface."""
         return LocalBoard(name)
+
+    @staticmethod
+    def connect(endpoint: str, name: str | None = None, *, zenoh: str | None = None) -> Board:
+        """Return a board of other hosts, for a process without shared memory or a daemon.
+
+        Args:
+            endpoint: where a daemon listens, in Zenoh's words: ``tcp/robot:7447``.
+            name: of the board; by default as that of one in shared memory.
+            zenoh: a file of Zenoh's configuration, for TLS.
+
+        Raise :class:`.NetworkError` if no daemon of such a board answers within five seconds.
+
+        """
+        from .mirror.client import RemoteBoard
+
+        return RemoteBoard(endpoint, default_name() if name is None else name, zenoh)
 
     def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
         try:
@@ -120,6 +138,19 @@ class Whiteboard(Board):
                 return Slot(name, type_from_schema(info.schema), info.capacity)
         there = ", ".join(info.name for info in self.slots()) or "none"
         raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}; its slots: {there}")
+
+    def watcher(self) -> Callable[[float], list[str]]:
+        """Return a function that waits until any slot has news."""
+        words = bytearray(8 * _MOST_SLOTS)
+        names: list[str] = []
+
+        def wait(timeout: float) -> list[str]:
+            changed = self._core.watch(words, timeout)
+            if changed and changed[-1] >= len(names):
+                names[:] = [name for name, *_ in self._core.slots()]
+            return [names[index] for index in changed]
+
+        return wait
 
     @property
     def alive(self) -> bool:
@@ -176,12 +207,18 @@ def remove_board(name: str, directory: str | os.PathLike[str] = _DIRECTORY) -> N
     path = _path(name, directory)
     try:
         path.unlink()
+        journal_path(path).unlink(missing_ok=True)
     except FileNotFoundError:
         raise BoardNotFoundError(
             f"{path}: no such whiteboard; see `llfsm whiteboard list`"
         ) from None
     except OSError as error:
         raise from_errno(error.errno or 0, str(path)) from error
+
+
+def journal_path(board: Path) -> Path:
+    """Return where a daemon keeps what it knows of a board: by a name that is no board's."""
+    return board.with_name("llfsm-mirror." + board.name.removeprefix(_PREFIX))
 
 
 def default_name() -> str:

@@ -14,7 +14,7 @@ import click
 import msgspec
 from msgspec.structs import replace
 
-from llfsm.runtime.commands.board import board_option
+from llfsm.runtime.commands.options import board_option
 from llfsm.runtime.commands.planned import Planned, plan_of
 from llfsm.runtime.dispatch import DispatchTable
 from llfsm.runtime.plan import Plan, PlannedMachine, assemble

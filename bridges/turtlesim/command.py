@@ -16,7 +16,7 @@ from click.core import ParameterSource
 from llfsm.bridges.ros2.commands.options import open_way, ros_options
 from llfsm.bridges.ros2.errors import Ros2Error
 from llfsm.bridges.ros2.port import Port
-from llfsm.runtime.commands.board import board_option
+from llfsm.runtime.commands.options import board_option
 from llfsm.runtime.commands.supervised import end_with_input, supervised_options
 from llfsm.whiteboard import Whiteboard
 

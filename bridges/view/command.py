@@ -15,7 +15,7 @@ from types import FrameType
 
 import click
 
-from llfsm.runtime.commands.board import board_option
+from llfsm.runtime.commands.options import board_option
 from llfsm.runtime.commands.supervised import end_with_input, until_eof_option
 
 from .source import Source

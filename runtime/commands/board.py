@@ -23,19 +23,14 @@ from llfsm.whiteboard import (
 )
 from llfsm.whiteboard.errors import name_fields
 from llfsm.whiteboard.schema import from_plain, to_plain
-from llfsm.whiteboard.shared import boards, default_name, remove_board
+from llfsm.whiteboard.shared import boards, remove_board
 
-__all__ = ["board_option", "parse_message", "whiteboard"]
+from .mirroring import daemon, status
+from .options import board_option
+
+__all__ = ["message_class", "parse_message", "whiteboard"]
 
 _LOOK_S = 0.02  # how often `watch` looks, a frame of a screen
-
-board_option = click.option(
-    "-b",
-    "--board",
-    metavar="NAME",
-    default=default_name,
-    help="The whiteboard; by default $WHITEBOARD_NAME, else `whiteboard`.",
-)
 
 
 @click.group()
@@ -47,6 +42,10 @@ def whiteboard() -> None:
     llfsm whiteboard get turtle1/pose -b demo
     llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 1}}' -b demo
     """
+
+
+whiteboard.add_command(daemon)
+whiteboard.add_command(status)
 
 
 @whiteboard.command("list")
@@ -88,7 +87,7 @@ def get(slot: str, board: str) -> None:
 def add(slot: str, message: str, kind: str | None, board: str) -> None:
     """Add MESSAGE, a JSON object, to SLOT; fields left out are zero. A new slot needs --type."""
     with Whiteboard(board, create=kind is not None) as wb:
-        target = wb.find(slot) if kind is None else Slot(slot, _message_class(kind))
+        target = wb.find(slot) if kind is None else Slot(slot, message_class(kind))
         count = wb.add_message(target, parse_message(target, message))
         click.echo(f"message {count} of {slot}")
 
@@ -167,7 +166,11 @@ def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
         raise MessageFieldError(f"no message for {slot.name!r}: {what}") from error
 
 
-def _message_class(name: str) -> type[Message]:
+def message_class(name: str) -> type[Message]:
+    """Return the class of ``package.module:Class``, or of a shipped type, ``geometry_msgs/Twist``.
+
+    Raise `SlotNotFoundError`.
+    """
     module, colon, attribute = name.partition(":")
     if not colon:
         package, _, attribute = name.partition("/")

@@ -14,7 +14,7 @@ from llfsm.whiteboard.shared import boards
 
 from ..events import Status
 from ..remote import SILENT_S, Directory, RemoteMachine, is_live
-from .board import board_option
+from .options import board_option
 
 __all__ = ["ps", "restart", "resume", "stop", "suspend"]
 

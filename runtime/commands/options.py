@@ -8,7 +8,25 @@ from typing import Any
 
 import click
 
-__all__ = ["output_option"]
+from llfsm.whiteboard.shared import default_name
+
+__all__ = ["board_option", "directory_option", "output_option"]
+
+board_option = click.option(
+    "-b",
+    "--board",
+    metavar="NAME",
+    default=default_name,
+    help="The whiteboard; by default $WHITEBOARD_NAME, else `whiteboard`.",
+)
+
+directory_option = click.option(
+    "--directory",
+    metavar="DIR",
+    type=click.Path(file_okay=False),
+    default="/dev/shm",
+    help="Where the whiteboard's file is; by default /dev/shm.",
+)
 
 
 def output_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

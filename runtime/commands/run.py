@@ -14,8 +14,8 @@ from msgspec.structs import replace
 from llfsm.whiteboard import Whiteboard
 
 from ..plan import Plan, assemble
-from .board import board_option
 from .nonstop import run_nonstop
+from .options import board_option
 from .planned import plan_of
 from .recorded import recorded
 from .report import StateReport, SuspensionReport

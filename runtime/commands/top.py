@@ -11,7 +11,7 @@ import click
 from llfsm.whiteboard import Whiteboard
 
 from ..signals import stop_on_signals
-from .board import board_option
+from .options import board_option
 from .watching import Watcher, machine_table, slot_table
 
 if TYPE_CHECKING:

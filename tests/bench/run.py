@@ -18,6 +18,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import bridge
+import mirror
 import ours
 from measure import Meter, Pace, Side, in_turns, process, statement
 from peers import PEERS, open_peer, version_of
@@ -27,6 +28,7 @@ from table import (
     ALONE_MS,
     FASTER,
     HEAD,
+    MEDIANS,
     PERCENT,
     PERIODS,
     SLOWER,
@@ -59,6 +61,7 @@ def rows(pace: Pace) -> Iterator[Row]:
     yield from _processes(pace)
     yield from _schedule(pace)
     yield from bridge.rows(*pace.bridge)
+    yield from _mirror(pace)
 
 
 def _calls(pace: Pace) -> Iterator[Row]:
@@ -111,6 +114,17 @@ def _schedule(pace: Pace) -> Iterator[Row]:
     yield Row(
         f"  drift after {pace.schedule_s:g} s", [Side("llfsm", call, [ours["drift"]])], PERIODS, 1
     )
+
+
+def _mirror(pace: Pace) -> Iterator[Row]:
+    """Send one message at a time to another host's board, and through Zenoh alone."""
+    with mirror.samplers() as (ours_, theirs):
+        meters = [
+            Meter("llfsm", "add to get, two daemons between", ours_),
+            Meter("Zenoh alone", "put to callback", theirs),
+        ]
+        sides = in_turns(meters, 10 * pace.processes)
+    yield Row("an add here, there on the board", sides, MEDIANS, 1.5)
 
 
 def _times_kept(what: str, seconds: float) -> dict[str, float]:

@@ -15,6 +15,7 @@ __all__ = [
     "ALONE_MS",
     "FASTER",
     "HEAD",
+    "MEDIANS",
     "PERCENT",
     "PERIODS",
     "SLOWER",
@@ -37,6 +38,7 @@ class Score(NamedTuple):
 # the same, and others only ever add to its time: what it costs itself is the minimum.
 FASTER = Score(lambda ours, its: median(map(truediv, its, ours)), "x", more_is_better=True)
 SLOWER = Score(lambda ours, its: median(map(truediv, ours, its)), "x")
+MEDIANS = Score(lambda ours, its: median(ours) / median(its), "x")
 ADDED_MS = Score(lambda ours, its: (min(ours) - min(its)) / 1e6, " ms", shown=min)
 ALONE_MS = Score(lambda ours: min(ours) / 1e6, " ms", shown=min)
 ALONE_MIB = Score(lambda ours: median(ours) / 2**20, " MiB", sampled="bytes")

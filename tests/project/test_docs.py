@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 import os
 import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -23,6 +24,11 @@ from llfsm.whiteboard.shared import remove_board
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 PORT = "17447"
+INCLUDE = ROOT / "whiteboard" / "include"
+COMPILERS = {
+    "c": [*shlex.split(os.environ.get("CC", "cc")), "-std=c11"],
+    "cpp": [*shlex.split(os.environ.get("CXX", "c++")), "-std=c++17"],
+}
 FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -38,7 +44,7 @@ def blocks(document: Path) -> list[Block]:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_every_block_is_of_a_kind_that_is_executed(document: Path) -> None:
-    known = {"python", "console", "text", "c", "toml"}
+    known = {"python", "console", "text", "c", "cpp", "toml", "json5"}
     assert {block.language for block in blocks(document)} <= known
 
 
@@ -65,9 +71,10 @@ def free_port() -> str:
 def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> None:
     """Run a document's blocks in order, in one folder.
 
-    ``python FILE`` and ``toml FILE`` blocks are files, kept for the blocks after them; ``console``
-    blocks are commands after ``$`` with the output that they must give, in which ``...`` stands
-    for anything. The port that they use, `PORT`, is exchanged for one that is free.
+    ``python FILE``, ``toml FILE`` and ``json5 FILE`` blocks are files, kept for the blocks after
+    them; ``console`` blocks are commands after ``$`` with the output that they must give, in which
+    ``...`` stands for anything. ``c FILE`` and ``cpp FILE`` blocks are programs, which are
+    compiled and run. The port that they use, `PORT`, is exchanged for one that is free.
     """
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
@@ -81,7 +88,10 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
             path = tmp_path / (block.file or f"block{number}.py")
             path.write_text(text)
             run([sys.executable, str(path)], tmp_path, environment)
-        elif block.language == "toml":
+        elif block.language in COMPILERS:
+            program = compiled(block, tmp_path, environment)
+            run([program], tmp_path, environment)
+        elif block.language in ("toml", "json5"):
             (tmp_path / block.file).write_text(text)
         elif block.language == "console":
             for command, output in commands(text):
@@ -92,6 +102,16 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
                     said = run(["bash", "-c", command], tmp_path, environment, failure)
                     expected = output.replace("[", "[[]").replace("...", "*")
                     assert not output or fnmatch.fnmatchcase(said, expected), said
+
+
+def compiled(block: Block, folder: Path, environment: dict[str, str]) -> str:
+    """Return the program, beside its source and called like it, that a block makes."""
+    path = folder / block.file
+    path.write_text(block.text)
+    program = str(path.with_suffix(""))
+    strict = ["-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-I", str(INCLUDE)]
+    run([*COMPILERS[block.language], *strict, str(path), "-o", program], folder, environment)
+    return program
 
 
 def commands(text: str) -> list[tuple[str, str]]:

@@ -21,7 +21,7 @@ SECONDS = 3  # most fail within milliseconds; those that hang are given up after
 ZERO = "    atomic_store_explicit(&buffer->count, 0, memory_order_release);\n"
 TIME = "    clock_gettime(CLOCK_MONOTONIC, &now);\n"
 WAKE = "    lwb_wake(s);\n"
-FILL = "    const unsigned char *from = data;\n"
+FILL = "    const unsigned char *from = (const unsigned char *)data;\n"
 WAITING = "atomic_compare_exchange_strong(waiting, &now, now + 1)"
 SKIP = """        s->next = (s->next + 1) % LWB_BUFFERS; /* readers are at the published one */"""
 COUNT = """        atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
@@ -36,7 +36,7 @@ TABLE = "atomic_compare_exchange_strong(&lwb_head(b)->slots[i], &none, mine)"
 RELAXED = "memory_order_relaxed, memory_order_relaxed"
 END = "*offset = atomic_fetch_add(&lwb_head(b)->end, length);"
 TAKE = "meta->length < room ? meta->length : room;"
-ANNOUNCE = "    uint32_t odd = atomic_fetch_or(waiting, 1) | 1;\n"
+ANNOUNCE = "    uint32_t odd = lwb_announce(waiting);\n"
 LOOK = "    if (lwb_count_of(atomic_load(&s->record->word)) <= after)\n"
 
 MUTANTS: dict[str, list[tuple[str, str]]] = {

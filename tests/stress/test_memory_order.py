@@ -33,7 +33,7 @@ class Event(NamedTuple):
     thread: int = -1
 
 
-# The orders in lwb_add and lwb_read, by the names that the tests use. The swap is more than a
+# The orders in lwb_add_after and lwb_read, by the names that the tests use. The swap is more than a
 # release for the sake of those who wait.
 ADD = {"zero": "release", "fence": "release", "swap": "release"}
 READ = {"word": "acquire", "check": "acquire", "look": "acquire"}
@@ -176,6 +176,6 @@ def test_these_are_the_orders_in_the_header() -> None:
         found = re.findall(r"memory_order_(\w+)", body[: body.index("\n}\n")])
         return [order for order in found if order != "relaxed"]
 
-    assert orders("lwb_add") == ["release", "release", "seq_cst"]
+    assert orders("lwb_add_after") == ["release", "release", "seq_cst"]
     assert orders("lwb_word") == ["acquire"]
     assert orders("lwb_read") == ["acquire", "acquire", "acquire"]  # the first of a block's place

@@ -1,20 +1,25 @@
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
 from llfsm.whiteboard import Board, Whiteboard
+from llfsm.whiteboard.messages.llfsm import BELL, Bell
+from llfsm.whiteboard.mirror.daemon import daemon
+from llfsm.whiteboard.mirror.settings import Settings
 
 OpenBoard = Callable[[], Board]
 RunPython = Callable[..., str]
 
 
-@pytest.fixture(params=["shared", "local"])
+@pytest.fixture(params=["shared", "local", "connected"])
 def open_board(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[OpenBoard]:
     """Open the test's board of each kind: every call is one more handle on the same board.
 
@@ -23,9 +28,28 @@ def open_board(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[OpenB
     with ExitStack() as handles:
         if request.param == "shared":
             yield lambda: handles.enter_context(Whiteboard("board", directory=tmp_path))
+        elif request.param == "connected":
+            endpoint = handles.enter_context(mirrored(tmp_path))
+            connected = handles.enter_context(Whiteboard.connect(endpoint, "board"))
+            yield lambda: connected
         else:
             board = handles.enter_context(Whiteboard.local("board"))
             yield lambda: board
+
+
+@contextmanager
+def mirrored(directory: Path) -> Iterator[str]:
+    """Mirror a board in that folder from a thread; yield where it listens."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    settings = Settings(listen=(endpoint,))
+    with Whiteboard("board", directory=directory) as board, daemon(board, settings) as mirror:
+        thread = threading.Thread(target=mirror.run)
+        thread.start()
+        yield endpoint
+        mirror.stop()
+        board.add_message(BELL, Bell())  # which wakes it
+        thread.join()
 
 
 @pytest.fixture

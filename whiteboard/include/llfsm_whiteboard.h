@@ -1,4 +1,4 @@
-/* The whiteboard's shared-memory protocol, whole, in header-only C11.
+/* The whiteboard's shared-memory protocol, whole, in header-only C11 that is C++17, too.
  *
  * A board is one file (in /dev/shm by default) that every process maps. It holds slots; a slot
  * holds the latest message and counts the messages added. Guarantees:
@@ -29,12 +29,12 @@
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE 1 /* O_TMPFILE, F_OFD_SETLK, MADV_WIPEONFORK, mkostemp */
 #endif
+#include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
 #include <linux/futex.h>
 #include <signal.h>
-#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -46,6 +46,22 @@
 #include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
+
+#ifdef __cplusplus /* the functions on atomics are found by their arguments, the orders are not */
+#include <atomic>
+using std::memory_order_acquire;
+using std::memory_order_relaxed;
+using std::memory_order_release;
+using std::memory_order_seq_cst;
+typedef std::atomic<uint32_t> lwb_atomic32;
+typedef std::atomic<uint64_t> lwb_atomic64;
+#define LWB_ZERO {}
+#else
+#include <stdatomic.h>
+typedef _Atomic uint32_t lwb_atomic32;
+typedef _Atomic uint64_t lwb_atomic64;
+#define LWB_ZERO {0}
+#endif
 
 enum {
     LWB_VERSION = 1,
@@ -71,7 +87,8 @@ enum lwb_status {
     LWB_VERSIONED, /* a whiteboard of another version or kind of machine */
     LWB_CORRUPT,   /* the file is damaged */
     LWB_INVALID,   /* an argument is out of range */
-    LWB_SYSTEM     /* a system call failed: errno tells */
+    LWB_SYSTEM,    /* a system call failed: errno tells */
+    LWB_PASSED     /* another message was added to the slot first */
 };
 
 /* ---- What the file holds -------------------------------------------------------------------
@@ -84,19 +101,21 @@ enum lwb_status {
 
 #define LWB_FURTHEST ((uint64_t)1 << 46)      /* no offset is beyond */
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && ATOMIC_LLONG_LOCK_FREE == 2 &&
-                   sizeof(size_t) == 8,
-               "the protocol needs a little-endian 64-bit machine with lock-free 64-bit atomics");
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && ATOMIC_LLONG_LOCK_FREE == 2 &&
+                  sizeof(size_t) == 8 && sizeof(lwb_atomic32) == 4 && sizeof(lwb_atomic64) == 8,
+              "the protocol needs a little-endian 64-bit machine with lock-free 64-bit atomics");
 
 struct lwb_header {
     uint64_t magic;
     uint32_t version, byte_order; /* byte_order is 0x01020304 in the writer's own order */
     uint32_t max_slots, max_writers, buffers, header_size;
     uint64_t checksum;            /* of all above */
-    _Atomic uint64_t end;         /* where the next record goes; only grows */
-    uint64_t unused[10];
+    lwb_atomic64 end;         /* where the next record goes; only grows */
+    lwb_atomic32 watching;        /* odd if somebody may be waiting for any slot's word to change */
+    uint32_t unused0;
+    uint64_t unused[9];
     unsigned char locks[LWB_MAX_WRITERS + 64]; /* never read: see lwb_claim and lwb_attach */
-    _Atomic uint64_t slots[LWB_MAX_SLOTS];     /* offsets of slot records, filled in order */
+    lwb_atomic64 slots[LWB_MAX_SLOTS];     /* offsets of slot records, filled in order */
 };
 
 struct lwb_record { /* a slot, followed by its name, type name and schema */
@@ -104,10 +123,10 @@ struct lwb_record { /* a slot, followed by its name, type name and schema */
     uint32_t name_length, type_length, schema_length, unused;
     uint64_t checksum; /* of all above and the three texts */
     uint64_t unused2;
-    _Atomic uint64_t word; /* count << 16 | writer << 4 | buffer */
-    _Atomic uint32_t waiting; /* odd if somebody may be waiting for the word to change */
+    lwb_atomic64 word; /* count << 16 | writer << 4 | buffer */
+    lwb_atomic32 waiting; /* odd if somebody may be waiting for the word to change */
     uint32_t unused3[13];
-    _Atomic uint64_t blocks[LWB_MAX_WRITERS]; /* each writer's buffers; only that writer sets it */
+    lwb_atomic64 blocks[LWB_MAX_WRITERS]; /* each writer's buffers; only that writer sets it */
 };
 
 struct lwb_block { /* a writer's buffers in one slot */
@@ -115,8 +134,8 @@ struct lwb_block { /* a writer's buffers in one slot */
 };
 
 struct lwb_buffer { /* atomic words, because a reader may look while the owner writes */
-    _Atomic uint64_t count, length, stamp, process;
-    _Atomic uint64_t payload[];
+    lwb_atomic64 count, length, stamp, process;
+    __extension__ lwb_atomic64 payload[];
 };
 
 /* ---- What a process holds ------------------------------------------------------------------ */
@@ -160,15 +179,15 @@ static inline const char *lwb_describe(int status)
         "no space left for the board", "the board's table of slots is full",
         "too many processes write to the board", "not a whiteboard of this user",
         "a whiteboard of another version", "the board's file is damaged",
-        "an argument is out of range", "a system call failed"};
-    return status >= 0 && status <= LWB_SYSTEM ? texts[status] : "unknown status";
+        "an argument is out of range", "a system call failed", "another message was added first"};
+    return status >= 0 && status <= LWB_PASSED ? texts[status] : "unknown status";
 }
 
 /* ---- Small parts --------------------------------------------------------------------------- */
 
 static inline uint64_t lwb_hash(uint64_t hash, const void *data, size_t length)
 { /* FNV-1a; start with 0 */
-    const unsigned char *bytes = data;
+    const unsigned char *bytes = (const unsigned char *)data;
     hash ^= 0xcbf29ce484222325ull;
     for (size_t i = 0; i < length; i++)
         hash = (hash ^ bytes[i]) * 0x100000001b3ull;
@@ -236,7 +255,7 @@ static inline void *lwb_at(struct lwb_board *b, uint64_t offset, size_t length)
             return NULL;
         b->maps[b->map_count].at = map;
         b->maps[b->map_count++].length = want;
-        b->map = map;
+        b->map = (unsigned char *)map;
         b->mapped = want;
     }
     return b->map + offset;
@@ -286,8 +305,11 @@ static inline int lwb_allocate(struct lwb_board *b, size_t length, uint64_t *off
  * dies, in whatever way. -1 if it failed; F_OFD_GETLK gives 0 if nobody would, else 1. */
 static inline int lwb_lock(int fd, int command, short type, int index)
 {
-    struct flock lock = {.l_type = type, .l_whence = SEEK_SET, .l_len = 1,
-                         .l_start = (off_t)offsetof(struct lwb_header, locks) + index};
+    struct flock lock = LWB_ZERO;
+    lock.l_type = type;
+    lock.l_whence = SEEK_SET;
+    lock.l_start = (off_t)offsetof(struct lwb_header, locks) + index;
+    lock.l_len = 1;
     if (fcntl(fd, command, &lock))
         return -1;
     return lock.l_type == F_UNLCK ? 0 : 1;
@@ -305,20 +327,21 @@ static inline bool lwb_is_sound(const struct lwb_record *r)
  * of it than its name asks lwb_is_sound, which costs reading all of it. */
 static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t offset)
 {
-    struct lwb_record *r = lwb_at(b, offset, sizeof *r);
+    struct lwb_record *r = (struct lwb_record *)lwb_at(b, offset, sizeof *r);
     if (!r || r->magic != LWB_SLOT_MAGIC || r->capacity > LWB_MAX_CAPACITY ||
         r->name_length > LWB_MAX_NAME || r->type_length > LWB_MAX_NAME ||
         r->schema_length > LWB_MAX_SCHEMA)
         return NULL;
     size_t texts = (size_t)r->name_length + r->type_length + r->schema_length;
-    return r->size == sizeof *r + texts ? lwb_at(b, offset, r->size) : NULL;
+    return r->size == sizeof *r + texts ? (struct lwb_record *)lwb_at(b, offset, r->size) : NULL;
 }
 
 /* The buffers of `writer` in a slot, checked, or NULL. */
 static inline struct lwb_block *lwb_block_at(struct lwb_board *b, uint64_t offset, uint64_t slot,
                                              unsigned writer, uint64_t capacity)
 {
-    struct lwb_block *block = lwb_at(b, offset, lwb_block_size(capacity));
+    size_t size = lwb_block_size(capacity);
+    struct lwb_block *block = (struct lwb_block *)lwb_at(b, offset, size);
     return block && block->magic == LWB_BLOCK_MAGIC && block->slot == slot &&
            block->writer == writer && block->checksum == lwb_block_sum(block) ? block : NULL;
 }
@@ -357,7 +380,7 @@ static inline int lwb_check(struct lwb_board *b)
         return LWB_SYSTEM;
     if (!S_ISREG(st.st_mode) || st.st_uid != geteuid())
         return LWB_FOREIGN;
-    struct lwb_header *h = lwb_at(b, 0, sizeof *h);
+    struct lwb_header *h = (struct lwb_header *)lwb_at(b, 0, sizeof *h);
     uint64_t magic = 0;
     if (!h && errno)
         return LWB_SYSTEM;
@@ -374,6 +397,12 @@ static inline int lwb_check(struct lwb_board *b)
     return lwb_end_is_sound(b) ? LWB_OK : lwb_why();
 }
 
+static inline void lwb_reset(struct lwb_board *b) /* to a board that is not open */
+{
+    memset(b, 0, sizeof *b);
+    b->fd = b->writer = -1;
+}
+
 static inline void lwb_close(struct lwb_board *b)
 {
     int saved = errno;
@@ -383,7 +412,7 @@ static inline void lwb_close(struct lwb_board *b)
         munmap((void *)b->same, 4096);
     if (b->fd >= 0)
         close(b->fd); /* never unlock: a forked child may still write under the same lock */
-    *b = (struct lwb_board){.fd = -1, .writer = -1};
+    lwb_reset(b);
     errno = saved;
 }
 
@@ -391,7 +420,7 @@ static inline void lwb_close(struct lwb_board *b)
  * crash leaves no file. Where the file system cannot do that, a file with a name of its own. */
 static inline int lwb_create(const char *path)
 {
-    char directory[PATH_MAX], temporary[PATH_MAX] = "";
+    char directory[PATH_MAX], temporary[PATH_MAX + 8] = "";
     snprintf(directory, sizeof directory, "%s", path);
     char *slash = strrchr(directory, '/');
     *(slash ? slash + 1 : directory) = 0;
@@ -402,11 +431,16 @@ static inline int lwb_create(const char *path)
     }
     if (fd < 0)
         return errno == ENOSPC ? LWB_NO_SPACE : LWB_SYSTEM;
-    struct lwb_header h = {.magic = LWB_MAGIC, .version = LWB_VERSION, .byte_order = 0x01020304,
-                           .max_slots = LWB_MAX_SLOTS, .max_writers = LWB_MAX_WRITERS,
-                           .buffers = LWB_BUFFERS, .header_size = sizeof h};
+    struct lwb_header h = LWB_ZERO;
+    h.magic = LWB_MAGIC;
+    h.version = LWB_VERSION;
+    h.byte_order = 0x01020304;
+    h.max_slots = LWB_MAX_SLOTS;
+    h.max_writers = LWB_MAX_WRITERS;
+    h.buffers = LWB_BUFFERS;
+    h.header_size = sizeof h;
     h.checksum = lwb_header_sum(&h);
-    atomic_init(&h.end, lwb_round(sizeof h, 64));
+    atomic_store(&h.end, lwb_round(sizeof h, 64));
     int status = lwb_reserve(fd, 0, lwb_round(sizeof h, 4096));
     if (!status && pwrite(fd, &h, sizeof h, 0) != (ssize_t)sizeof h)
         status = LWB_SYSTEM;
@@ -433,7 +467,7 @@ static inline int lwb_attach(struct lwb_board *b)
         void *page = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
         if (page == MAP_FAILED)
             return LWB_SYSTEM;
-        b->same = page;
+        b->same = (unsigned char *)page;
         if (madvise(page, 4096, MADV_WIPEONFORK))
             return LWB_SYSTEM;
     }
@@ -448,7 +482,7 @@ static inline int lwb_attach(struct lwb_board *b)
  * closed. Everything the file says is checked here once. */
 static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
 {
-    *b = (struct lwb_board){.fd = -1, .writer = -1};
+    lwb_reset(b);
     for (int tries = 0;; tries++) { /* again if it was removed right after it was made */
         b->fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
         if (b->fd >= 0)
@@ -519,7 +553,7 @@ static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema 
     int status = lwb_allocate(b, sizeof(struct lwb_record) + n + t + x, offset, &at);
     if (status)
         return status;
-    struct lwb_record *r = at; /* fresh room is zero: word 0 says that nothing was added */
+    struct lwb_record *r = (struct lwb_record *)at; /* fresh room is zero: word 0 says that nothing was added */
     r->magic = LWB_SLOT_MAGIC;
     r->size = sizeof *r + n + t + x;
     r->capacity = s->capacity;
@@ -564,8 +598,13 @@ static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const str
     }
     if (!lwb_is_sound(r))
         return LWB_CORRUPT;
-    *slot = (struct lwb_slot){.board = b, .record = r, .offset = offset, .capacity = r->capacity,
-                              .stride = lwb_stride(r->capacity), .writer = -1};
+    memset(slot, 0, sizeof *slot);
+    slot->board = b;
+    slot->record = r;
+    slot->offset = offset;
+    slot->capacity = r->capacity;
+    slot->stride = lwb_stride(r->capacity);
+    slot->writer = -1;
     return r->fingerprint == s->fingerprint ? LWB_OK : LWB_DIFFERS;
 }
 
@@ -615,15 +654,17 @@ static inline int lwb_own(struct lwb_slot *s)
             return status;
     }
     unsigned id = (unsigned)b->writer;
-    _Atomic uint64_t *entry = &s->record->blocks[id];
+    lwb_atomic64 *entry = &s->record->blocks[id];
     uint64_t offset = atomic_load_explicit(entry, memory_order_acquire);
     if (!offset) {
         void *at;
         int status = lwb_allocate(b, lwb_block_size(s->capacity), &offset, &at);
         if (status)
             return status;
-        struct lwb_block *block = at;
-        *block = (struct lwb_block){LWB_BLOCK_MAGIC, s->offset, id, 0};
+        struct lwb_block *block = (struct lwb_block *)at;
+        block->magic = LWB_BLOCK_MAGIC;
+        block->slot = s->offset;
+        block->writer = id;
         block->checksum = lwb_block_sum(block);
         atomic_store_explicit(entry, offset, memory_order_release);
     }
@@ -636,9 +677,8 @@ static inline int lwb_own(struct lwb_slot *s)
 /* Wake who waits, after the swap. It makes `waiting` even, and another number: who was about to
  * sleep on the odd one does not, but looks at the word again. (With a mere flag, its owner would
  * sleep with the flag down, and the next writer not wake it.) */
-static inline void lwb_wake(struct lwb_slot *s)
+static inline void lwb_ring(lwb_atomic32 *waiting)
 {
-    _Atomic uint32_t *waiting = &s->record->waiting;
     uint32_t now = atomic_load(waiting);
     if (now % 2) {
         atomic_compare_exchange_strong(waiting, &now, now + 1); /* else another writer did */
@@ -646,8 +686,18 @@ static inline void lwb_wake(struct lwb_slot *s)
     }
 }
 
-/* Add a message. Never blocks. */
-static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, uint64_t *count)
+static inline void lwb_wake(struct lwb_slot *s)
+{
+    lwb_ring(&s->record->waiting);
+    lwb_ring(&lwb_head(s->board)->watching);
+}
+
+#define LWB_ANY UINT64_MAX
+
+/* Add a message if the slot's count still is `after`, or whatever it is if that is LWB_ANY; else
+ * LWB_PASSED. Never blocks. */
+static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t length,
+                                uint64_t after, uint64_t *count)
 {
     if (length > s->capacity)
         return LWB_TOO_LARGE;
@@ -657,7 +707,7 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
         if (status)
             return status;
     }
-    _Atomic uint64_t *slot_word = &s->record->word;
+    lwb_atomic64 *slot_word = &s->record->word;
     uint64_t word = atomic_load_explicit(slot_word, memory_order_relaxed);
     if (lwb_writer_of(word) == (unsigned)s->writer && lwb_buffer_of(word) == (unsigned)s->next)
         s->next = (s->next + 1) % LWB_BUFFERS; /* readers are at the published one */
@@ -668,7 +718,7 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
      * release so that a reader that sees it also sees the word as we saw it (lwb_read). */
     atomic_store_explicit(&buffer->count, 0, memory_order_release);
     atomic_thread_fence(memory_order_release);
-    const unsigned char *from = data;
+    const unsigned char *from = (const unsigned char *)data;
     size_t words = length / 8, rest = length % 8;
     for (size_t i = 0; i < words; i++) {
         uint64_t w;
@@ -688,6 +738,8 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
     atomic_store_explicit(&buffer->stamp, stamp, memory_order_relaxed);
     uint64_t place = (uint64_t)s->writer << 4 | (uint64_t)s->next, mine;
     do {
+        if (after != LWB_ANY && lwb_count_of(word) != after)
+            return LWB_PASSED; /* the buffer is nobody's: the word does not name it */
         mine = (lwb_count_of(word) + 1) << 16 | place;
         atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
         /* Sequentially consistent, as the load in lwb_wake and both steps of lwb_wait: either
@@ -699,6 +751,12 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
         *count = lwb_count_of(mine);
     lwb_wake(s);
     return LWB_OK;
+}
+
+/* Add a message. Never blocks. */
+static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, uint64_t *count)
+{
+    return lwb_add_after(s, data, length, LWB_ANY, count);
 }
 
 /* ---- Getting ------------------------------------------------------------------------------- */
@@ -731,7 +789,7 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
         size_t take = meta->length < room ? meta->length : room;
         if (take > s->capacity)
             take = s->capacity;
-        unsigned char *to = data;
+        unsigned char *to = (unsigned char *)data;
         size_t words = take / 8, rest = take % 8;
         for (size_t i = 0; i < words; i++) {
             uint64_t w = atomic_load_explicit(&buffer->payload[i], memory_order_relaxed);
@@ -753,19 +811,54 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
     }
 }
 
+/* Say that somebody is about to wait. */
+static inline uint32_t lwb_announce(lwb_atomic32 *waiting)
+{
+    return atomic_fetch_or(waiting, 1) | 1;
+}
+
+/* Sleep while `waiting` is `odd`, for `ns` or 50 ms at most: a look that covers a writer that died
+ * between its swap and its wake. */
+static inline void lwb_sleep(lwb_atomic32 *waiting, uint32_t odd, uint64_t ns)
+{
+    struct timespec look = {0, ns < 50000000 ? (long)ns : 50000000};
+    syscall(SYS_futex, waiting, FUTEX_WAIT, odd, &look, NULL, 0);
+}
+
 /* Wait until the count exceeds `after`, for `ns` at most. LWB_TIMEOUT may come early, after a
- * signal or 50 ms (a look that covers a writer that died between its swap and its wake): call
- * again while there is time left. */
+ * signal or 50 ms: call again while there is time left. */
 static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
 {
     if (lwb_count(s) > after)
         return LWB_OK;
-    struct timespec look = {.tv_nsec = ns < 50000000 ? (long)ns : 50000000};
-    _Atomic uint32_t *waiting = &s->record->waiting;
-    uint32_t odd = atomic_fetch_or(waiting, 1) | 1;
+    lwb_atomic32 *waiting = &s->record->waiting;
+    uint32_t odd = lwb_announce(waiting);
     if (lwb_count_of(atomic_load(&s->record->word)) <= after)
-        syscall(SYS_futex, waiting, FUTEX_WAIT, odd, &look, NULL, 0);
+        lwb_sleep(waiting, odd, ns);
     return lwb_count(s) > after ? LWB_OK : LWB_TIMEOUT;
+}
+
+/* ---- Watching all slots --------------------------------------------------------------------
+ * To wait for any: look with lwb_changed, announce it, look again, then lwb_sleep on what was
+ * announced; and so on. Only the sleep may go on beside other uses of the board. */
+
+/* Write the numbers of the slots whose word is another than in `words` to `which`, and their
+ * words to `words`; both have room for LWB_MAX_SLOTS. */
+static inline int lwb_changed(struct lwb_board *b, uint64_t *words, uint32_t *which, int *number)
+{
+    uint64_t offset;
+    int status = LWB_OK;
+    *number = 0;
+    for (int i = 0;; i++) {
+        struct lwb_record *r = lwb_slot_at(b, i, &offset, &status);
+        if (!r)
+            return status == LWB_MISSING ? LWB_OK : status;
+        uint64_t word = atomic_load(&r->word);
+        if (word != words[i]) {
+            words[i] = word;
+            which[(*number)++] = (uint32_t)i;
+        }
+    }
 }
 
 #endif

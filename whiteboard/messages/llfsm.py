@@ -12,6 +12,8 @@ __all__ = [
     "BELL",
     "DEFINITIONS",
     "MACHINES",
+    "MIRROR",
+    "REQUESTS",
     "VARIABLES",
     "VIEWER",
     "Action",
@@ -24,6 +26,9 @@ __all__ = [
     "MachineRequest",
     "MachineStatus",
     "MachineVariables",
+    "MirrorStatus",
+    "PeerStatus",
+    "Refusal",
     "Variable",
     "Viewer",
     "definition_slot",
@@ -35,6 +40,7 @@ __all__ = [
 MACHINES = "llfsm/machine/"
 DEFINITIONS = "llfsm/definition/"
 VARIABLES = "llfsm/variables/"
+REQUESTS = "llfsm/request/"
 
 _LONGEST = 230  # bytes of a machine's name that a slot's has room for
 
@@ -144,6 +150,47 @@ class Viewer(Message):
 VIEWER = Slot("llfsm/viewer", Viewer)
 
 
+class PeerStatus(Message):
+    """Another host, as the daemon of a board sees it."""
+
+    name: str
+    host: str
+    silent_s: float
+    lag_ms: float  # from its sending a batch to our having it; as wrong as the clocks
+    received: int  # batches
+    lost: int  # batches that did not arrive
+
+
+class Refusal(Message):
+    """Something that did not enter the board, and how often."""
+
+    what: str
+    count: int
+
+
+class MirrorStatus(Message):
+    """How the daemon that mirrors a board is, once a second.
+
+    Rates are slots a second since the last status. A conflict is a message that came from another
+    host after a newer one of a third or of this host.
+    """
+
+    host: str = ""
+    pid: int = 0
+    slots: int = 0
+    left: int = 0
+    entered: int = 0
+    leave_rate: float = 0.0
+    enter_rate: float = 0.0
+    conflicts: int = 0
+    held_back: int = 0  # messages of slots that come too often, of which the newest enters later
+    peers: tuple[PeerStatus, ...] = ()
+    refused: tuple[Refusal, ...] = ()
+
+
+MIRROR = Slot("llfsm/mirror", MirrorStatus, capacity=1 << 16)
+
+
 @lru_cache(maxsize=4096)  # a slot of its own each time would be bound each time
 def status_slot(machine: str) -> Slot[MachineStatus]:
     """Return the slot on which the machine of that name is told of."""
@@ -153,7 +200,7 @@ def status_slot(machine: str) -> Slot[MachineStatus]:
 @lru_cache(maxsize=4096)
 def request_slot(machine: str) -> Slot[MachineRequest]:
     """Return the slot on which the machine of that name is asked for something."""
-    return Slot("llfsm/request/" + _legal(machine), MachineRequest)
+    return Slot(REQUESTS + _legal(machine), MachineRequest)
 
 
 @lru_cache(maxsize=4096)

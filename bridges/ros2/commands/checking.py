@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from llfsm.runtime.commands.board import board_option
+from llfsm.runtime.commands.options import board_option
 
 from .configured import Configured, slots_on
 

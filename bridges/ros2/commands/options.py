@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from llfsm.runtime.commands.board import board_option
+from llfsm.runtime.commands.options import board_option
 from llfsm.runtime.commands.supervised import supervised_options
 
 from ..opening import WAYS, open_port

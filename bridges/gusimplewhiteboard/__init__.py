@@ -1,0 +1,21 @@
+"""A gusimplewhiteboard, the shared memory of clfsm's machines, beside a whiteboard.
+
+Read :mod:`.file` (where its bytes are), :mod:`.layouts` and :mod:`.structures` (what they mean),
+:mod:`.relay` (what is passed on and when), :mod:`.configuration` and :mod:`.command`.
+"""
+
+from .errors import GuFileError, GuFormatError, GuWhiteboardError, LayoutError, MisfitError
+from .file import GuWhiteboard
+from .layouts import find_layout
+from .relay import Relay
+
+__all__ = [
+    "GuFileError",
+    "GuFormatError",
+    "GuWhiteboard",
+    "GuWhiteboardError",
+    "LayoutError",
+    "MisfitError",
+    "Relay",
+    "find_layout",
+]

@@ -1,0 +1,155 @@
+"""From an add on one host to a get on another, beside Zenoh alone from a put to its callback.
+
+Both have two processes with a connection by TCP on this machine between them. The end is when the
+message is on the other board, by its stamp there, or when the callback begins: nobody looks on,
+because who looks all the time takes a processor from those who work. One message at a time, of 256
+bytes, on an idle board.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from llfsm.whiteboard import Message, Slot, Whiteboard
+
+__all__ = ["samplers"]
+
+_PAUSE_S = 0.01  # longer than a daemon's tick, so that each message is alone
+_PATIENCE_S = 10.0
+
+
+class Bulk(Message):
+    """A message of some size."""
+
+    number: int = 0
+    data: bytes = bytes(250)
+
+
+_BULK = Slot("bulk", Bulk)
+
+_RECEIVER = """
+import json, mmap, struct, sys, time, zenoh
+with open(sys.argv[2], "r+b") as file:
+    shown = mmap.mmap(file.fileno(), 16)
+config = zenoh.Config()
+for key, value in json.loads(sys.argv[1]).items():
+    config.insert_json5(key, json.dumps(value))
+with zenoh.open(config) as session:
+    def hear(sample):
+        now = time.monotonic_ns()
+        shown[:] = sample.payload.to_bytes()[:8] + struct.pack("<Q", now)
+    subscriber = session.declare_subscriber("bench", hear)
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+def _endpoint() -> str:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
+
+
+@contextmanager
+def _process(*command: str) -> Iterator[None]:
+    """Run a process that says when it is ready."""
+    with subprocess.Popen(
+        [sys.executable, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+def _wait(arrived: Callable[[], bool]) -> None:
+    """Wait for something, without being in the way of it."""
+    begin = time.monotonic()
+    while not arrived():
+        time.sleep(_PAUSE_S)
+        if time.monotonic() - begin > _PATIENCE_S:
+            raise TimeoutError("a message did not arrive")
+
+
+@contextmanager
+def _mirrored() -> Iterator[Callable[[], float]]:
+    with ExitStack() as stack:
+        folders = [stack.enter_context(tempfile.TemporaryDirectory(dir="/dev/shm")) for _ in "ab"]
+        here, there = [
+            stack.enter_context(Whiteboard("bench", directory=folder)) for folder in folders
+        ]
+        here.add_message(_BULK, Bulk())
+        endpoint = _endpoint()
+        command = ("-m", "llfsm.runtime", "whiteboard", "daemon", "-b", "bench", "--directory")
+        stack.enter_context(_process(*command, folders[0], "--listen", endpoint))
+        other = _endpoint()
+        stack.enter_context(
+            _process(*command, folders[1], "--listen", other, "--connect", endpoint)
+        )
+        begins, arrives = here[_BULK], there[_BULK]
+        _wait(lambda: arrives.count > 0)
+
+        def sample() -> float:
+            before, begin_ns = arrives.count, time.monotonic_ns()
+            begins.add(Bulk(before))
+            _wait(lambda: arrives.count > before)
+            arrived = arrives.sample()
+            assert arrived is not None
+            return arrived.stamp_ns - begin_ns
+
+        yield sample
+
+
+@contextmanager
+def _raw() -> Iterator[Callable[[], float]]:
+    import zenoh
+
+    with ExitStack() as stack:
+        file = stack.enter_context(tempfile.NamedTemporaryFile(dir="/dev/shm"))
+        Path(file.name).write_bytes(bytes(16))
+        shown = mmap.mmap(file.fileno(), 16)
+        endpoint = _endpoint()
+        settings = {
+            "mode": "peer",
+            "scouting/multicast/enabled": False,
+            "listen/endpoints": [endpoint],
+        }
+        stack.enter_context(_process("-c", _RECEIVER, json.dumps(settings), file.name))
+        config = zenoh.Config()
+        settings |= {"listen/endpoints": [], "connect/endpoints": [endpoint]}
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+        session = stack.enter_context(zenoh.open(config))
+        publisher = session.declare_publisher("bench", express=True)
+        number = 0
+
+        def sample() -> float:
+            nonlocal number
+            number += 1
+            head = number.to_bytes(8, "little")
+            begin_ns = time.monotonic_ns()
+            publisher.put(head + bytes(248))
+            _wait(lambda: shown[:8] == head)
+            return int.from_bytes(shown[8:], "little") - begin_ns
+
+        while shown[:8] == bytes(8):  # until they have met
+            publisher.put(b"\xff" * 8)
+            time.sleep(_PAUSE_S)
+        yield sample
+
+
+@contextmanager
+def samplers() -> Iterator[tuple[Callable[[], float], Callable[[], float]]]:
+    """Open both; each call of a sampler sends one message and returns the nanoseconds it took."""
+    with _mirrored() as ours, _raw() as theirs:
+        yield ours, theirs

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from llfsm.whiteboard import Message, Slot, Whiteboard
+
+LLFSM = [sys.executable, "-m", "llfsm.runtime"]
+NAME = "mirrored"
+
+
+class Number(Message, type_name="test/Number"):
+    value: int = 0
+    data: bytes = b""
+
+
+def number_slot(name: str = "number", capacity: int = 1024) -> Slot[Number]:
+    return Slot(name, Number, capacity)
+
+
+NUMBER = number_slot()
+
+
+def free_endpoint(address: str = "127.0.0.1", protocol: str = "tcp") -> str:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return f"{protocol}/{address}:{free.getsockname()[1]}"
+
+
+def eventually(condition: Callable[[], Any], seconds: float = 30) -> float:
+    """Wait until something holds; return how long that took."""
+    start = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start < seconds, "it does not come to pass"
+        time.sleep(0.002)
+    return time.monotonic() - start
+
+
+class Host:
+    """A host: a folder with its board, and a daemon."""
+
+    def __init__(self, directory: Path, endpoint: str, prefix: Sequence[str] = ()) -> None:
+        directory.mkdir()
+        self.directory = directory
+        self.endpoint = endpoint
+        self.board = Whiteboard(NAME, directory=directory)
+        self._prefix = prefix
+        self._process: subprocess.Popen[str] | None = None
+
+    def start(self, *arguments: str, connect: Sequence[Host] = ()) -> None:
+        """Start its daemon and wait until it is ready."""
+        connections = [part for host in connect for part in ("--connect", host.endpoint)]
+        with (self.directory / "log").open("a") as log:
+            self._process = subprocess.Popen(
+                [*self._prefix, *LLFSM, "whiteboard", "daemon", *self.select, "--listen",
+                 self.endpoint, *connections, *arguments],
+                text=True, stdout=subprocess.PIPE, stderr=log,
+            )  # fmt: skip
+        assert self._process.stdout is not None
+        ready = self._process.stdout.readline()
+        assert ready == f"mirroring {NAME}, listening on {self.endpoint}\n", self.log
+
+    @property
+    def select(self) -> list[str]:
+        return ["--board", NAME, "--directory", str(self.directory)]
+
+    @property
+    def log(self) -> str:
+        return (self.directory / "log").read_text()
+
+    @property
+    def pid(self) -> int:
+        assert self._process is not None
+        return self._process.pid
+
+    def send(self, number: int) -> None:
+        assert self._process is not None
+        self._process.send_signal(number)
+
+    def end(self, number: int = signal.SIGTERM) -> int:
+        """End its daemon; return the exit status."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGCONT)
+        self._process.send_signal(number)
+        status = self._process.wait(30)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        self._process = None
+        return status
+
+    def status(self) -> dict[str, Any]:
+        command = [*LLFSM, "whiteboard", "status", *self.select, "--json"]
+        done = subprocess.run(command, text=True, capture_output=True, check=True)
+        return dict(json.loads(done.stdout))
+
+    def get(self, slot: Slot[Number] = NUMBER) -> int | None:
+        message = self.board.get_message(slot)
+        return None if message is None else message.value
+
+    def add(self, value: int, slot: Slot[Number] = NUMBER) -> None:
+        self.board.add_message(slot, Number(value))
+
+    def close(self) -> None:
+        if self._process is not None:
+            self.end(signal.SIGKILL)
+        self.board.close()
+
+
+MakeHost = Callable[..., Host]
+
+
+@pytest.fixture
+def make_host(tmp_path: Path) -> Iterator[MakeHost]:
+    with ExitStack() as stack:
+
+        def make(name: str, endpoint: str | None = None, prefix: Sequence[str] = ()) -> Host:
+            host = Host(tmp_path / name, endpoint or free_endpoint(), prefix)
+            stack.callback(host.close)
+            return host
+
+        yield make

@@ -1,0 +1,189 @@
+"""Daemons as processes, a folder for each host."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard.shared import journal_path, remove_board
+
+from .conftest import LLFSM, NAME, NUMBER, Host, MakeHost, Number, eventually, number_slot
+
+
+@pytest.fixture
+def pair(make_host: MakeHost) -> tuple[Host, Host]:
+    one, other = make_host("one"), make_host("other")
+    one.add(1)
+    one.start()
+    other.start(connect=[one])
+    return one, other
+
+
+def test_what_is_added_on_one_host_is_on_all(make_host: MakeHost) -> None:
+    hosts = [make_host(f"host{i}") for i in range(3)]
+    hosts[0].start()
+    hosts[1].start(connect=hosts[:1])
+    hosts[2].start(connect=hosts[:1])
+    for value, host in enumerate((*hosts, *hosts), 1):
+        host.add(value)
+        eventually(lambda value=value: [h.get() for h in hosts] == [value] * 3)
+    eventually(lambda: [len(host.status()["peers"]) for host in hosts] == [2, 2, 2])
+    told = hosts[2].status()
+    assert told["left"] == 2
+    assert told["entered"] == 4
+    assert told["refused"] == []
+
+
+def test_a_late_host_gets_what_is_there(pair: tuple[Host, Host]) -> None:
+    """Also the slot itself, with its type."""
+    _, other = pair
+    eventually(lambda: other.board.slots()[1:] != [] and other.get() == 1)
+    assert other.board.find("number").schema == NUMBER.schema
+
+
+def test_nothing_is_echoed(pair: tuple[Host, Host]) -> None:
+    one, other = pair
+    eventually(lambda: other.get() == 1)
+    for value in range(2, 30):
+        (one, other)[value % 2].add(value)
+        eventually(lambda value=value: one.get() == other.get() == value)
+    assert one.board[NUMBER].count == other.board[NUMBER].count == 29
+
+
+def test_the_newest_wins_after_a_daemon_was_stopped(pair: tuple[Host, Host]) -> None:
+    one, other = pair
+    eventually(lambda: other.get() == 1)
+    other.send(signal.SIGSTOP)
+    one.add(10)
+    other.add(20)  # later
+    one.add(30, number_slot("more"))
+    other.send(signal.SIGCONT)
+    eventually(lambda: one.get() == other.get() == 20)
+    eventually(lambda: other.get(number_slot("more")) == 30)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_daemon_that_is_started_again_loses_nothing(
+    pair: tuple[Host, Host], how: signal.Signals
+) -> None:
+    one, other = pair
+    eventually(lambda: other.get() == 1)
+    status = other.end(how)
+    assert status == (0 if how is signal.SIGTERM else -signal.SIGKILL), other.log
+    one.add(2)
+    other.add(3, number_slot("there"))
+    other.start(connect=[one])
+    took = eventually(lambda: other.get() == 2 and one.get(number_slot("there")) == 3)
+    assert took < 20
+    assert one.board[NUMBER].count == 2  # its own message did not come back to it
+
+
+def test_a_second_daemon_for_a_board_is_refused(pair: tuple[Host, Host]) -> None:
+    one, other = pair
+    command = [*LLFSM, "whiteboard", "daemon", *one.select, "--listen", "tcp/127.0.0.1:0"]
+    done = subprocess.run(command, text=True, capture_output=True, check=False)
+    assert done.returncode == 1
+    assert "another daemon mirrors this whiteboard" in done.stderr
+    one.add(5)
+    eventually(lambda: other.get() == 5)
+
+
+def test_an_endpoint_that_is_taken_is_an_error(pair: tuple[Host, Host], tmp_path: Path) -> None:
+    one, _ = pair
+    command = [*LLFSM, "whiteboard", "daemon", "-b", NAME, "--directory", str(tmp_path)]
+    done = subprocess.run(
+        [*command, "--listen", one.endpoint], text=True, capture_output=True, check=False
+    )
+    assert done.returncode == 1
+    assert f"Error: cannot open {one.endpoint}" in done.stderr
+
+
+def test_a_daemon_ends_with_its_board(pair: tuple[Host, Host]) -> None:
+    _, other = pair
+    process = other._process
+    assert process is not None
+    remove_board(NAME, other.directory)
+    assert process.wait(30) == 1
+    assert "was removed" in other.log
+    assert not journal_path(other.board.path).exists()
+
+
+def test_a_slot_of_another_type_is_refused_with_both_and_others_go_on(
+    pair: tuple[Host, Host],
+) -> None:
+    class Text(Message, type_name="test/Text"):
+        text: str = ""
+
+    one, other = pair
+    eventually(lambda: other.get() == 1)
+    other.board.add_message(Slot("word", Text), Text("mine"))
+    one.add(7, number_slot("word"))
+    one.add(8)
+    eventually(lambda: "holds test/Text here, test/Number at the sender" in other.log)
+    assert "value (type:integer)" in other.log
+    eventually(lambda: other.get() == 8)
+    assert other.board.get_message(Slot("word", Text)) == Text("mine")
+    one.add(9, number_slot("word"))
+    eventually(lambda: other.status()["refused"] != [])
+    assert other.log.count("refused: slot 'word'") == 1
+    assert one.get(number_slot("word")) == 9
+
+
+def test_a_large_message_travels(pair: tuple[Host, Host]) -> None:
+    image = number_slot("image", capacity=9 << 20)
+    one, other = pair
+    data = os.urandom(8 << 20)
+    one.board.add_message(image, Number(1, data))
+    eventually(lambda: other.get(image) == 1)
+    assert other.board.get_message(image) == Number(1, data)
+
+
+def test_machines_are_seen_and_controlled_from_another_host(pair: tuple[Host, Host]) -> None:
+    """Here by the slots alone: a request comes, and then the bell rings."""
+    from llfsm.whiteboard.messages.llfsm import BELL, MachineRequest, request_slot
+
+    one, other = pair
+    eventually(lambda: other.get() == 1)
+    bell = other.board[BELL]
+    before = bell.count
+    one.board.add_message(request_slot("Patrol"), MachineRequest("suspend"))
+    assert bell.wait(after=before, timeout=30) is not None
+    assert other.board.get_message(request_slot("Patrol")) == MachineRequest("suspend")
+
+
+def test_a_process_dies_at_its_adds_and_the_daemons_live(pair: tuple[Host, Host]) -> None:
+    one, other = pair
+    code = (
+        "import sys; from llfsm.whiteboard import *\n"
+        "board = Whiteboard(sys.argv[1], directory=sys.argv[2])\n"
+        "slot = board.find('number'); bound = board[slot]\n"
+        "while True: bound.add(slot.type(99, b''))"
+    )
+    eventually(lambda: other.get() == 1)
+    process = subprocess.Popen([LLFSM[0], "-c", code, NAME, str(one.directory)])
+    eventually(lambda: other.get() == 99)
+    process.kill()
+    process.wait()
+    one.add(100)
+    eventually(lambda: other.get() == 100)
+    assert other.board[NUMBER].count < one.board[NUMBER].count
+
+
+def test_a_connected_process_is_like_one_beside_the_daemon(pair: tuple[Host, Host]) -> None:
+    one, other = pair
+    with (
+        Whiteboard.connect(one.endpoint, NAME) as near,
+        Whiteboard.connect(other.endpoint, NAME) as far,
+    ):
+        assert near.get_message(NUMBER) == Number(1)
+        near.add_message(NUMBER, Number(2))
+        eventually(lambda: far.get_message(NUMBER) == Number(2) and other.get() == 2)
+        far.add_message(NUMBER, Number(3))
+        eventually(lambda: near.get_message(NUMBER) == Number(3) and one.get() == 3)
+        far.add_message(NUMBER, Number(4))
+    eventually(lambda: one.get() == 4)

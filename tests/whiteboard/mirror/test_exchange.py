@@ -1,0 +1,320 @@
+"""What one host makes of whatever another one sends: virtual time, no network."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from llfsm.whiteboard import Message, Slot
+from llfsm.whiteboard.local import LocalBoard
+from llfsm.whiteboard.mirror.exchange import Exchange
+from llfsm.whiteboard.mirror.journal import NoJournal
+from llfsm.whiteboard.mirror.settings import Settings
+from llfsm.whiteboard.mirror.store import Store
+from llfsm.whiteboard.mirror.wire import Ask, Batch, Beat, Declaration, Value, decoder
+
+MS = 1_000_000
+
+
+class Number(Message, type_name="test/Number"):
+    value: int = 0
+    text: str = ""
+
+
+class Text(Message, type_name="test/Text"):
+    text: str = ""
+
+
+NUMBER = Slot("number", Number, capacity=64)
+
+
+class Part:
+    """A host in a test."""
+
+    def __init__(self, host: int = 1, **settings: Any) -> None:
+        self.now_ns = 10**12
+        self.board = LocalBoard("board", now_ns=lambda: self.now_ns)
+        self.watch = self.board.watcher()
+        self.store = Store(self.board, host, lambda stamp_ns: stamp_ns, NoJournal())
+        clock = lambda: self.now_ns  # noqa: E731
+        self.exchange = Exchange(self.store, Settings(**settings), clock, clock)
+
+    def collect(self) -> list[bytes]:
+        self.exchange.change(self.watch(0))
+        return self.exchange.collect()
+
+    def get(self, slot: Slot[Any] = NUMBER) -> Any:
+        return self.board.get_message(slot)
+
+    def refused(self) -> dict[str, int]:
+        return {refusal.what: refusal.count for refusal in self.exchange.status().refused}
+
+
+def batch(
+    number: int = 1,
+    slot: Slot[Any] = NUMBER,
+    message: Message | bytes | None = None,
+    *,
+    time: int = 10**12,
+    host: int = 2,
+    declare: bool = True,
+) -> bytes:
+    """What another host sends."""
+    payload = (
+        message if isinstance(message, bytes) else msgspec.msgpack.encode(message or slot.type())
+    )
+    declaration = Declaration(slot.name, slot.capacity, slot.schema)
+    value = Value(slot.name, slot.fingerprint, time, host, payload)
+    return msgspec.msgpack.encode(
+        Batch(host, 1, number, time, (value,), (declaration,) if declare else ())
+    )
+
+
+def test_a_message_enters_with_its_slot() -> None:
+    part = Part()
+    part.exchange.hear(batch(message=Number(5)))
+    assert part.get() == Number(5)
+    assert part.board[NUMBER].capacity == 64
+
+
+def test_an_older_one_does_not_and_is_a_conflict() -> None:
+    part = Part()
+    part.exchange.hear(batch(1, message=Number(5), time=100))
+    part.now_ns += 10**9
+    part.exchange.hear(batch(2, message=Number(4), time=99, host=3))
+    part.exchange.hear(batch(3, message=Number(5), time=100))  # known, which is no conflict
+    assert part.get() == Number(5)
+    assert part.exchange.status().conflicts == 1
+
+
+def test_of_one_time_the_larger_host_counts() -> None:
+    for first, second in ((2, 3), (3, 2)):
+        part = Part()
+        part.exchange.hear(batch(1, message=Number(first), host=first))
+        part.now_ns += 10**9
+        part.exchange.hear(batch(1, message=Number(second), host=second))
+        assert part.get() == Number(3)
+
+
+def test_an_add_between_look_and_add_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process adds when the daemon is just about to: the newer of both stays, and leaves."""
+    for ours, wins in ((10**12, False), (10**12 + 50, True)):
+        part = Part()
+        bound = part.board[NUMBER]
+        add_after = type(bound).add_after
+        raced: list[int] = []
+
+        def race(self: Any, message: Any, count: int, ours: int = ours, part: Part = part,
+                 raced: list[int] = raced, add_after: Any = add_after) -> int:  # fmt: skip
+            if not raced:
+                raced.append(1)
+                part.now_ns = ours
+                self.add(Number(1))
+            return int(add_after(self, message, count))
+
+        with monkeypatch.context() as patch:
+            patch.setattr(type(bound), "add_after", race)
+            part.exchange.hear(batch(message=Number(2), time=10**12 + 20))
+        assert raced
+        assert part.get() == Number(1 if wins else 2)
+        assert bool(part.collect()) == wins
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"enter": ("robot/*",)}, "it is not listed"),
+        ({"read_only": True}, "the board is read-only"),
+    ],
+)
+def test_what_may_not_enter_is_refused_counted_and_reported_once(
+    settings: dict[str, Any], reason: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    part = Part(**settings)
+    for number in range(1, 20):
+        part.exchange.hear(batch(number, time=10**12 + number))
+    assert part.board.slots() == []
+    assert part.refused() == {f"{reason}: number": 19}
+    assert [r.getMessage() for r in caplog.records] == [f"refused: slot 'number': {reason}"]
+
+
+def test_a_listed_slot_enters_and_a_listed_slot_leaves() -> None:
+    part = Part(enter=("robot/*", "number"), leave=("mine/*",))
+    part.exchange.hear(batch())
+    part.exchange.hear(batch(2, Slot("robot/arm/angle", Number)))
+    assert [info.name for info in part.board.slots()] == ["number", "robot/arm/angle"]
+    for name in ("mine/a", "yours/b"):
+        part.board.add_message(Slot(name, Number), Number())
+    (sent,) = part.collect()
+    assert [value.slot for value in decoder(Batch).decode(sent).values] == ["mine/a"]
+    (answer,) = part.exchange.answer(msgspec.msgpack.encode(Ask(())))
+    assert [value.slot for value in decoder(Batch).decode(answer).values] == ["mine/a"]
+
+
+def test_a_message_that_is_none_is_refused() -> None:
+    part = Part()
+    part.exchange.hear(batch(1, message=Number(5)))
+    part.now_ns += 10**9
+    for number, payload in enumerate((b"", b"\xc1", b"\x90", b"\x92\xa1x\xa0", bytes(70)), 2):
+        part.exchange.hear(batch(number, message=payload, time=10**12 + number))
+    assert part.get() == Number(5)
+    assert part.refused() == {"from 0000000000000002: number": 5}
+    part.exchange.hear(batch(9, message=Number(6), time=10**12 + 9))
+    assert part.get() == Number(6)
+
+
+def test_a_slot_that_is_too_large_is_refused() -> None:
+    part = Part(largest=1000)
+    part.exchange.hear(batch(slot=Slot("number", Number, capacity=1001)))
+    assert part.board.slots() == []
+    assert part.refused() == {"from 0000000000000002: number": 1}
+
+
+@pytest.mark.parametrize(
+    "schema", [{}, {"type": "object"}, {"title": "X", "type": "object", "properties": 3}]
+)
+def test_a_slot_whose_schema_is_none_is_refused(schema: dict[str, Any]) -> None:
+    part = Part()
+    value = Value("odd", 7, 10**12, 2, b"\x90")
+    data = Batch(2, 1, 1, 10**12, (value,), (Declaration("odd", 10, schema),))
+    part.exchange.hear(msgspec.msgpack.encode(data))
+    assert part.board.slots() == []
+    assert sum(part.refused().values()) == 1
+
+
+def test_another_type_is_refused_with_both_described(caplog: pytest.LogCaptureFixture) -> None:
+    part = Part()
+    part.board.add_message(Slot("number", Text), Text("mine"))
+    part.exchange.hear(batch(1, declare=False))  # its sender is asked what it is
+    assert [question.host for question in part.exchange.questions()] == [2]
+    assert part.refused() == {}
+    part.exchange.hear_answer(batch(0))
+    part.exchange.hear(batch(2, declare=False))
+    assert part.refused() == {"from 0000000000000002: number": 2}
+    (record,) = caplog.records
+    assert "holds test/Text here, test/Number at the sender" in record.getMessage()
+    assert "text (type:string)" in record.getMessage() or "value" in record.getMessage()
+    assert part.get(Slot("number", Text)) == Text("mine")
+
+
+@settings(max_examples=300, deadline=None)
+@given(data=st.binary(max_size=200))
+def test_no_bytes_do_harm(data: bytes) -> None:
+    logging.getLogger("llfsm.mirror").disabled = True
+    part = Part()
+    part.exchange.hear(batch(message=Number(5)))
+    part.exchange.hear(data)
+    part.exchange.hear_beat(data)
+    part.exchange.hear_answer(data)
+    part.exchange.answer(data)
+    assert part.get() == Number(5)
+    logging.getLogger("llfsm.mirror").disabled = False
+
+
+SCALARS = st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.text() | st.binary()
+ANYTHING = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=6) | st.dictionaries(st.text(), inner, max_size=3),
+)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(values=st.lists(ANYTHING, max_size=7), schema=st.dictionaries(st.text(), ANYTHING))
+def test_nothing_that_is_encoded_does_harm(values: list[Any], schema: dict[str, Any]) -> None:
+    logging.getLogger("llfsm.mirror").disabled = True
+    part = Part()
+    for data in (values, [2, 1, 1, 5, [values]], [2, 1, 1, 5, [], [["s", 5, schema]]],
+                 [2, 1, 1, 5, [["s", 1, 5, 2, b"\x90"]], [["s", 5, schema]]]):  # fmt: skip
+        encoded = msgspec.msgpack.encode(data)
+        part.exchange.hear(encoded)
+        part.exchange.hear_beat(encoded)
+        part.exchange.answer(encoded)
+    part.exchange.hear(batch(message=Number(5)))
+    assert part.get() == Number(5)
+    logging.getLogger("llfsm.mirror").disabled = False
+
+
+def test_a_flood_on_one_slot_is_held_back_and_others_are_not() -> None:
+    part, other = Part(), Slot("other", Number)
+    for number in range(1, 1001):
+        part.exchange.hear(batch(number, message=Number(number), time=10**12 + number))
+    assert part.board[NUMBER].count == 1
+    part.exchange.hear(batch(1001, other, Number(7)))
+    assert part.get(other) == Number(7)
+    assert part.exchange.status().held_back == 999
+    due_ns = part.exchange.due_ns()
+    assert due_ns is not None
+    part.now_ns = due_ns
+    part.exchange.enter_held()
+    assert part.get() == Number(1000)
+    assert part.board[NUMBER].count == 2
+    part.now_ns += 10**9
+    assert part.exchange.due_ns() is None
+
+
+def test_a_thousand_ways_to_be_refused_fill_no_memory() -> None:
+    part = Part(enter=())
+    for number in range(1, 1001):
+        part.exchange.hear(batch(number, Slot(f"slot{number}", Number)))
+    refused = part.refused()
+    assert len(refused) <= 201
+    assert sum(refused.values()) == 1000
+
+
+def test_a_batch_that_was_lost_is_asked_for() -> None:
+    part = Part()
+    part.exchange.hear(batch(4, message=Number(1)))
+    (question,) = part.exchange.questions()  # what was there before we knew each other
+    assert part.exchange.questions() == []  # one at a time
+    part.exchange.answered(question)
+    part.exchange.hear(batch(5, message=Number(1), time=10**12 + 1))
+    assert part.exchange.questions() == []
+    beat = Beat(2, 1, 6, 10**12, "other")
+    part.exchange.hear_beat(msgspec.msgpack.encode(beat))  # number 6 has not come
+    (question,) = part.exchange.questions()
+    assert decoder(Ask).decode(question.data).known == (("number", 10**12, 2),)
+    assert part.exchange.status().peers[0].lost == 1
+    part.now_ns += 10**9
+    assert part.exchange.questions() == [question]  # no answer: once more
+
+
+def test_an_answer_tells_what_is_newer_with_its_type() -> None:
+    part = Part()
+    part.exchange.hear(batch(1, message=Number(5), time=10**12 + 7))
+    known = Ask((("number", 10**12 + 6, 2),))
+    (answer,) = part.exchange.answer(msgspec.msgpack.encode(known))
+    told = decoder(Batch).decode(answer)
+    assert [value.time for value in told.values] == [10**12 + 7]
+    assert told.declarations[0].schema == NUMBER.schema
+    known = Ask((("number", 10**12 + 7, 2),))
+    (answer,) = part.exchange.answer(msgspec.msgpack.encode(known))
+    assert decoder(Batch).decode(answer).values == ()
+
+
+def test_a_rate_of_its_own_for_a_slot() -> None:
+    part = Part(rates={"slow/*": 2.0})
+    slow, fast = Slot("slow/map", Number), Slot("fast", Number)
+    sent = {"slow/map": 0, "fast": 0}
+    for step in range(200):
+        for slot in (slow, fast):
+            part.board.add_message(slot, Number(step))
+        for data in part.collect():
+            for value in decoder(Batch).decode(data).values:
+                sent[value.slot] += 1
+        part.now_ns += 10 * MS
+    assert sent == {"slow/map": 4, "fast": 200}
+
+
+def test_what_a_large_message_is_sent_with_is_not_delayed_by_it() -> None:
+    part = Part()
+    part.board.add_message(Slot("image", Text, capacity=1 << 20), Text("x" * 900_000))
+    part.board.add_message(NUMBER, Number(1))
+    first, second = [decoder(Batch).decode(data) for data in part.collect()]
+    assert [value.slot for value in first.values] == ["number"]
+    assert [value.slot for value in second.values] == ["image"]
+    assert (first.number, second.number) == (1, 2)

@@ -1,0 +1,154 @@
+"""Three hosts, each in a network namespace, and a switch between them that can be cut."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from .conftest import Host, MakeHost, eventually
+
+HOSTS = 3
+
+
+def run(command: str) -> None:
+    subprocess.run(command.split(), check=True, capture_output=True, text=True)
+
+
+class Switch:
+    """Namespaces `hosts`, connected by a bridge in one more."""
+
+    def __init__(self) -> None:
+        base = f"llfsm{os.getpid()}"
+        self.name = f"{base}s"
+        self.hosts = [f"{base}h{i}" for i in range(HOSTS)]
+
+    def make(self) -> None:
+        for name in (self.name, *self.hosts):
+            run(f"ip netns add {name}")
+            run(f"ip -n {name} link set lo up")
+        run(f"ip -n {self.name} link add bridge type bridge")
+        run(f"ip -n {self.name} link set bridge up")
+        for i, host in enumerate(self.hosts):
+            run(f"ip -n {self.name} link add port{i} type veth peer name eth netns {host}")
+            run(f"ip -n {host} addr add {address(i)}/24 dev eth")
+            run(f"ip -n {host} link set eth up")
+            run(f"ip -n {self.name} link set port{i} up")
+            self.join(i)
+
+    def cut(self, host: int) -> None:
+        """Let everything vanish that goes from or to a host; nobody is told."""
+        run(f"ip -n {self.name} link set port{host} nomaster")
+
+    def join(self, host: int) -> None:
+        run(f"ip -n {self.name} link set port{host} master bridge")
+
+    def remove(self) -> None:
+        for name in (self.name, *self.hosts):
+            subprocess.run(["ip", "netns", "del", name], capture_output=True, check=False)
+
+
+def address(host: int) -> str:
+    return f"10.99.0.{host + 1}"
+
+
+@pytest.fixture
+def switch() -> Iterator[Switch]:
+    if shutil.which("ip") is None:
+        pytest.skip("there is no `ip` here (iproute2)")
+    switch = Switch()
+    try:
+        try:
+            switch.make()
+        except subprocess.CalledProcessError as error:
+            pytest.skip(f"network namespaces are not permitted here: {error.stderr.strip()}")
+        yield switch
+    finally:
+        switch.remove()
+
+
+@pytest.fixture
+def hosts(switch: Switch, make_host: MakeHost) -> list[Host]:
+    return [
+        make_host(f"host{i}", f"tcp/{address(i)}:7447", ["ip", "netns", "exec", name])
+        for i, name in enumerate(switch.hosts)
+    ]
+
+
+class Watch:
+    """Checks all the time that no board goes back to an older message.
+
+    Each message's value tells when it was added: all are added by this process, in order.
+    """
+
+    def __init__(self, hosts: list[Host]) -> None:
+        self._hosts = hosts
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self.went_back: list[tuple[int, int]] = []
+        self.looks = 0
+
+    def _run(self) -> None:
+        seen = [0] * len(self._hosts)
+        while not self._stop.wait(0.001):
+            for i, host in enumerate(self._hosts):
+                value = host.get() or 0
+                if value < seen[i]:
+                    self.went_back.append((seen[i], value))
+                seen[i] = value
+                self.looks += 1
+
+    def __enter__(self) -> Watch:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+def test_boards_agree_within_a_second_after_all_that_happens(
+    switch: Switch, hosts: list[Host]
+) -> None:
+    def agree(value: int) -> float:
+        return eventually(lambda: [host.get() for host in hosts] == [value] * HOSTS)
+
+    first, *others = hosts
+    first.add(1)
+    for host in hosts:
+        host.start(connect=[other for other in hosts if other is not host])
+    assert agree(1) < 1
+    with Watch(hosts) as watch:
+        for value in range(2, 20):
+            hosts[value % HOSTS].add(value)
+            agree(value)
+
+        switch.cut(2)
+        cut = time.monotonic()
+        value = 20
+        while time.monotonic() - cut < 10:
+            for host in (first, hosts[2]):  # on both sides
+                host.add(value)
+                value += 1
+            time.sleep(0.05)
+        assert others[0].get() == value - 2
+        switch.join(2)
+        assert agree(value - 1) < 1
+
+        hosts[1].end(signal.SIGKILL)
+        first.add(value)
+        hosts[1].add(value + 1)
+        start = time.monotonic()
+        hosts[1].start(connect=[first, hosts[2]])
+        ready = time.monotonic() - start
+        agree(value + 1)
+        assert time.monotonic() - start - ready < 1
+    assert watch.looks > 1000
+    assert watch.went_back == []
+    assert hosts[0].status()["refused"] == []

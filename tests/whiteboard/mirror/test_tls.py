@@ -1,0 +1,80 @@
+"""Hosts that know each other by certificates, made here."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from llfsm.whiteboard import NetworkError, Whiteboard
+
+from .conftest import NAME, NUMBER, Host, MakeHost, Number, eventually, free_endpoint
+
+Certify = Callable[[str, str], Path]
+
+
+@pytest.fixture
+def certify(tmp_path: Path) -> Certify:
+    """Make the Zenoh configuration of a host, with a certificate signed by an authority."""
+    if shutil.which("openssl") is None:
+        pytest.skip("there is no `openssl` here to make certificates with")
+    folder = tmp_path / "certificates"
+    folder.mkdir()
+
+    def openssl(command: str) -> None:
+        subprocess.run(["openssl", *command.split()], cwd=folder, check=True, capture_output=True)
+
+    key = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -noenc"
+
+    def certify(name: str, authority: str) -> Path:
+        if not (folder / f"{authority}.pem").exists():
+            openssl(f"req -x509 {key} -keyout {authority}.key -out {authority}.pem -days 2 "
+                    f"-subj /CN={authority}")  # fmt: skip
+        openssl(f"req -x509 {key} -keyout {name}.key -out {name}.pem -days 2 -subj /CN={name} "
+                f"-CA {authority}.pem -CAkey {authority}.key "
+                "-addext basicConstraints=critical,CA:FALSE "
+                "-addext subjectAltName=DNS:localhost,IP:127.0.0.1")  # fmt: skip
+        tls = {
+            "root_ca_certificate": str(folder / f"{authority}.pem"),
+            "enable_mtls": True,
+            **{
+                f"{side}_{what}": str(folder / f"{name}.{ending}")
+                for side in ("listen", "connect")
+                for what, ending in (("private_key", "key"), ("certificate", "pem"))
+            },
+        }
+        config = folder / f"{name}.json5"
+        config.write_text(json.dumps({"transport": {"link": {"tls": tls}}}))
+        return config
+
+    return certify
+
+
+def test_hosts_of_one_authority_share_and_others_do_not(
+    make_host: MakeHost, certify: Certify
+) -> None:
+    def tls_host(name: str) -> Host:
+        return make_host(name, free_endpoint("localhost", "tls"))
+
+    robot, laptop, stranger = map(tls_host, ("robot", "laptop", "stranger"))
+    robot.start("--zenoh", str(certify("robot", "ours")))
+    stranger.start("--zenoh", str(certify("stranger", "theirs")), connect=[robot])
+    stranger.add(666)
+    laptop.start("--zenoh", str(certify("laptop", "ours")), connect=[robot])
+    robot.add(1)
+    eventually(lambda: laptop.get() == 1)
+    laptop.add(2)
+    eventually(lambda: robot.get() == 2)
+    assert stranger.get() == 666
+    assert stranger.status()["peers"] == []
+    assert len(robot.status()["peers"]) == 1
+
+    config = str(certify("tablet", "ours"))
+    with Whiteboard.connect(robot.endpoint, NAME, zenoh=config) as board:
+        assert board.get_message(NUMBER) == Number(2)
+    with pytest.raises(NetworkError):
+        Whiteboard.connect(robot.endpoint, NAME, zenoh=str(certify("thief", "theirs")))

@@ -1,0 +1,34 @@
+"""Which of two messages of a slot is the newer one: the whole rule.
+
+Every message has a version, made once, on the host where it was added:
+
+* its time is the host's clock, or one nanosecond more than the version of the message before it
+  on that host's board if that is later: a hybrid logical clock (Kulkarni et al., OPODIS 2014) with
+  its counter in the nanoseconds. So whoever adds to a slot replaces what is on the board there,
+  however wrong the clocks are.
+* of two versions the one with the later time is newer; if the times are equal, the one with the
+  larger host id.
+
+A message enters a board only if its version is newer than that of the message there. Versions are
+totally ordered and never change, so boards that have seen the same messages, in whatever order and
+however often, hold the same one, and no board ever goes back.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+__all__ = ["Version", "succeed"]
+
+
+class Version(NamedTuple):
+    """When and where a message was added; the larger one is newer."""
+
+    time: int
+    """Nanoseconds since 1970, of a hybrid logical clock."""
+    host: int
+
+
+def succeed(before: Version | None, wall_ns: int, host: int) -> Version:
+    """Return the version of a message that `host` adds at `wall_ns` on top of another one."""
+    return Version(wall_ns if before is None else max(wall_ns, before.time + 1), host)

@@ -1,0 +1,70 @@
+"""What is added to a slot as an asynchronous iterator."""
+
+from __future__ import annotations
+
+import asyncio
+import weakref
+from typing import Generic, Self
+
+from .board import BoundSlot, Sample
+from .errors import BoardClosedError
+from .feed import Backlog, Feed
+from .message import M
+
+__all__ = ["Stream"]
+
+
+class Stream(Generic[M]):
+    """Iterate over a slot's samples in the running event loop; see :meth:`.BoundSlot.stream`.
+
+    A thread waits for messages, and wakes the loop only if it has taken all that came before. It
+    ends with the stream: at :meth:`aclose`, when nobody refers to the stream any more, with the
+    board, or with the loop.
+    """
+
+    def __init__(self, slot: BoundSlot[M], *, after: int | None, backlog: int) -> None:
+        loop = asyncio.get_running_loop()
+        arrived = self._arrived = asyncio.Event()
+
+        def wake(kept: Backlog[M]) -> None:  # which the thread refers to: so not to the stream
+            try:
+                loop.call_soon_threadsafe(arrived.set)
+            except RuntimeError:  # the loop was closed
+                kept.stop()
+
+        self._backlog = Backlog(Feed(slot, after), backlog, wake)
+        weakref.finalize(self, self._backlog.stop)
+
+    @property
+    def missed(self) -> int:
+        """Messages added since the beginning that the iteration did not, and will not, give."""
+        return self._backlog.missed
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> Sample[M]:
+        """Wait for a sample; one that is not taken, as the wait was cancelled, is the next one.
+
+        Raise :class:`.MessageUnreadableError` for what is no message; the iteration may go on.
+        """
+        try:
+            while (sample := self._backlog.take()) is None:
+                self._arrived.clear()  # in time: a wake-up is a call in this loop, so comes later
+                await self._arrived.wait()
+        except BoardClosedError:
+            raise StopAsyncIteration from None
+        return sample
+
+    async def aclose(self) -> None:
+        """End the iteration and its thread; closing twice is fine."""
+        self._backlog.stop()
+        while not self._backlog.ended:
+            self._arrived.clear()
+            await self._arrived.wait()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.aclose()
