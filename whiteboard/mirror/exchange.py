@@ -32,6 +32,7 @@ _READ_BATCH = decoder(Batch)
 _READ_BEAT = decoder(Beat)
 _READ_ASK = decoder(Ask)
 _FLOOD = 2  # times the rate of a slot: what comes more often is held back
+_TOLD = 50  # hosts, and kinds of refusals, in a status
 _PUZZLES = 4096  # types of senders that are kept in mind
 
 
@@ -99,12 +100,9 @@ class Exchange:
     def change(self, slots: list[str]) -> None:
         """Take note of slots that may have news."""
         with self._lock:
-            for slot in filter(self._leaves, slots):
-                try:
-                    self._store.look(slot)
-                except Refused as refused:
-                    self._refusals.add(f"unreadable: {slot}", str(refused))
-            self._changed.update(dict.fromkeys(filter(self._leaves, self._store.take_news())))
+            for slot in slots:
+                if self._leaves(slot) and self._store.has_news(slot):
+                    self._changed[slot] = None
 
     def collect(self, *, all_of_it: bool = False) -> list[bytes]:
         """Return what is to be sent: of each slot that has news and may leave, the newest message.
@@ -112,6 +110,7 @@ class Exchange:
         With `all_of_it`, also of those that have left just now.
         """
         with self._lock:
+            self._changed.update(dict.fromkeys(filter(self._leaves, self._store.take_news())))
             if not self._changed:
                 return []
             now_ns, values, news = self._now_ns(), [], []
@@ -127,6 +126,7 @@ class Exchange:
                     news.append(self._store.declaration(slot))
                 self._sent[slot] = now_ns, value.version
                 values.append(value)
+            self._store.take_news()  # which these are
             self._totals.left += len(values)
             return self._pack(values, news) if values else []
 
@@ -200,8 +200,8 @@ class Exchange:
         with self._lock:
             batch = self._read(_READ_BATCH, data, "batch")
             if batch is not None and batch.sender != self._store.host:
-                self._peers.hear(batch, self._now_ns(), self._wall_ns())
                 self._take(batch)
+                self._peers.hear(batch, self._now_ns(), self._wall_ns())
 
     def hear_beat(self, data: bytes) -> bool:
         """Take a sign of life; True if it is the first one of that host."""
@@ -343,6 +343,6 @@ class Exchange:
                 enter_rate=round((totals.entered - before.entered) / seconds, 1),
                 conflicts=totals.conflicts,
                 held_back=totals.held_back,
-                peers=tuple(peer.status(now_ns) for peer in self._peers),
-                refused=self._refusals.report(),
+                peers=tuple(peer.status(now_ns) for peer in self._peers)[:_TOLD],
+                refused=self._refusals.report()[:_TOLD],
             )

@@ -64,12 +64,13 @@ class Store:
         self._cells: dict[str, _Cell] = {}
         self._news: dict[str, None] = {}  # in the order in which they were found
 
-    def look(self, name: str) -> None:
-        """See whether somebody here has added to a slot. Raise `Refused` as :meth:`latest`."""
-        self._settle(self._cell(name))
+    def has_news(self, name: str) -> bool:
+        """Tell whether somebody here has added to a slot since it was last looked at."""
+        cell = self._cell(name)
+        return cell.bound.count != cell.count
 
     def take_news(self) -> list[str]:
-        """Return the slots to which somebody here has added since the last call."""
+        """Return the slots in which a message of this host was found since the last call."""
         news, self._news = list(self._news), {}
         return news
 
