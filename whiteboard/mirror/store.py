@@ -86,6 +86,12 @@ class Store:
         payload = cell.slot.encoder.encode(sample.message)
         return Value(name, cell.slot.fingerprint, *cell.version, payload)
 
+    def version(self, name: str) -> Version | None:
+        """Return the version of a slot's latest message; as :meth:`latest`."""
+        cell = self._cell(name)
+        self._settle(cell)
+        return cell.version
+
     def _cell(self, name: str) -> _Cell:
         cell = self._cells.get(name)
         if cell is None:
@@ -126,8 +132,12 @@ class Store:
         cell = self._cell(name)
         return Declaration(name, cell.bound.capacity, cell.slot.schema)
 
+    def knows(self, name: str) -> bool:
+        """Tell whether the slot was used here."""
+        return name in self._cells
+
     def has(self, name: str) -> bool:
-        """Tell whether the board has the slot."""
+        """Tell whether the board has the slot, used here or not."""
         if name not in self._cells:
             for info in self.board.slots():
                 if info.name not in self._cells:
