@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-from ..errors import BoardFullError, SlotTypeError
+from ..errors import WhiteboardError
 from ..messages.llfsm import MIRROR, MirrorStatus
 from ..shared import Whiteboard
 from .journal import FileJournal
@@ -43,7 +43,7 @@ def teller(board: Whiteboard) -> Callable[[MirrorStatus], None]:
     def tell(status: MirrorStatus) -> None:
         try:
             board.add_message(MIRROR, status)
-        except (BoardFullError, SlotTypeError) as error:  # mirroring is more than telling of it
+        except WhiteboardError as error:  # mirroring is more than telling of it
             logger.debug("the status cannot be told: %s", error)
 
     return tell

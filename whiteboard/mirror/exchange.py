@@ -32,6 +32,7 @@ _READ_BATCH = decoder(Batch)
 _READ_BEAT = decoder(Beat)
 _READ_ASK = decoder(Ask)
 _FLOOD = 2  # times the rate of a slot: what comes more often is held back
+_TOLD = 50  # hosts, and kinds of refusals, in a status
 _PUZZLES = 4096  # types of senders that are kept in mind
 
 
@@ -99,12 +100,9 @@ class Exchange:
     def change(self, slots: list[str]) -> None:
         """Take note of slots that may have news."""
         with self._lock:
-            for slot in filter(self._leaves, slots):
-                try:
-                    self._store.look(slot)
-                except Refused as refused:
-                    self._refusals.add(f"unreadable: {slot}", str(refused))
-            self._changed.update(dict.fromkeys(filter(self._leaves, self._store.take_news())))
+            for slot in slots:
+                if self._leaves(slot) and self._store.has_news(slot):
+                    self._changed[slot] = None
 
     def collect(self, *, all_of_it: bool = False) -> list[bytes]:
         """Return what is to be sent: of each slot that has news and may leave, the newest message.
@@ -112,6 +110,7 @@ class Exchange:
         With `all_of_it`, also of those that have left just now.
         """
         with self._lock:
+            self._changed.update(dict.fromkeys(filter(self._leaves, self._store.take_news())))
             if not self._changed:
                 return []
             now_ns, values, news = self._now_ns(), [], []
@@ -127,6 +126,7 @@ class Exchange:
                     news.append(self._store.declaration(slot))
                 self._sent[slot] = now_ns, value.version
                 values.append(value)
+            self._store.take_news()  # which these are
             self._totals.left += len(values)
             return self._pack(values, news) if values else []
 
@@ -168,28 +168,41 @@ class Exchange:
     def questions(self) -> list[Question]:
         """Return what is to be asked now."""
         with self._lock:
+            if self._settings.read_only or not self._settings.enter:
+                return []
             peers = self._peers.to_ask(self._now_ns())
             data = encode(Ask(tuple(self._known()))) if peers else b""
             return [Question(peer.sender, peer.gaps, data) for peer in peers]
 
     def _known(self) -> list[tuple[str, int, int]]:
+        """Return the versions of what others may know of."""
         names = [info.name for info in self._store.board.slots()]
-        values = (self._latest(name) for name in names if name not in self._puzzling)
-        return [(value.slot, value.time, value.host) for value in values if value is not None]
+        shared = (n for n in names if self._leaves(n) or self._enters(n))
+        versions = ((n, self._version(n)) for n in shared if n not in self._puzzling)
+        return [(name, *version) for name, version in versions if version is not None]
+
+    def _version(self, slot: str) -> Version | None:
+        try:
+            return self._store.version(slot)
+        except Refused as refused:
+            self._refusals.add(f"unreadable: {slot}", str(refused))
+            return None
 
     def answer(self, data: bytes) -> list[bytes]:
         """Return the answer to another host's question: what is newer here."""
         with self._lock:
-            try:
-                known = {slot: Version(*of) for slot, *of in _READ_ASK.decode(data).known}
-            except msgspec.DecodeError as error:
-                self._refusals.add("malformed question", f"a question that is none: {error}")
+            ask = self._read(_READ_ASK, data, "question")
+            if ask is None:
                 return []
-            values = []
-            for name in filter(self._leaves, [info.name for info in self._store.board.slots()]):
-                value = self._latest(name)
-                if value is not None and (name not in known or value.version > known[name]):
-                    values.append(value)
+            known = {slot: Version(*of) for slot, *of in ask.known}
+            names = filter(self._leaves, [info.name for info in self._store.board.slots()])
+            newer = [
+                name
+                for name in names
+                if (version := self._version(name)) is not None
+                and (name not in known or version > known[name])
+            ]
+            values = [value for value in map(self._latest, newer) if value is not None]
             news = [self._store.declaration(value.slot) for value in values]
             return self._pack(values, news, counted=False)
 
@@ -200,8 +213,8 @@ class Exchange:
         with self._lock:
             batch = self._read(_READ_BATCH, data, "batch")
             if batch is not None and batch.sender != self._store.host:
-                self._peers.hear(batch, self._now_ns(), self._wall_ns())
                 self._take(batch)
+                self._peers.hear(batch, self._now_ns(), self._wall_ns())
 
     def hear_beat(self, data: bytes) -> bool:
         """Take a sign of life; True if it is the first one of that host."""
@@ -257,24 +270,29 @@ class Exchange:
         False if the sender has to be asked what it is.
         """
         store, name = self._store, value.slot
-        if not store.has(name):
+        if declaration is not None:
+            self._puzzling.discard(name)
+        if not store.knows(name):
             if declaration is None:
                 return False
-            if declaration.capacity > self._settings.largest:
-                raise Refused(
-                    f"slot {name!r}: its capacity is {declaration.capacity} bytes, "
-                    f"more than {self._settings.largest} do not enter here"
-                )
-            store.declare(declaration)
+            if not store.has(name):
+                self._make(declaration)
         if store.agrees(value):
             return True
         if declaration is not None and len(self._clashes) < _PUZZLES:
-            self._puzzling.discard(name)
             self._clashes[name, value.kind] = store.clash(declaration)
         clash = self._clashes.get((name, value.kind))
         if clash is None:
             return False
         raise Refused(clash)
+
+    def _make(self, declaration: Declaration) -> None:
+        if declaration.capacity > self._settings.largest:
+            raise Refused(
+                f"slot {declaration.slot!r}: its capacity is {declaration.capacity} bytes, "
+                f"more than {self._settings.largest} do not enter here"
+            )
+        self._store.declare(declaration)
 
     def _enter(self, value: Value) -> None:
         """Let a message enter, or hold it back if its slot comes too often."""
@@ -343,6 +361,6 @@ class Exchange:
                 enter_rate=round((totals.entered - before.entered) / seconds, 1),
                 conflicts=totals.conflicts,
                 held_back=totals.held_back,
-                peers=tuple(peer.status(now_ns) for peer in self._peers),
-                refused=self._refusals.report(),
+                peers=tuple(peer.status(now_ns) for peer in self._peers)[:_TOLD],
+                refused=self._refusals.report()[:_TOLD],
             )

@@ -25,6 +25,7 @@ _ANSWER_S = 5.0
 _LEASE_MS = 1500
 _OPEN_MS = 500
 _CONNECT_MS = 3000
+_ROOM = 1 << 22  # bytes of what travels with the largest message, or without it: names and types
 _RETRY = {"period_init_ms": 100, "period_max_ms": 250, "period_increase_factor": 1.5}
 
 
@@ -178,6 +179,7 @@ def _config(zenoh: Any, settings: Settings, mode: str) -> Any:
         "connect/retry": _RETRY,
         "transport/shared_memory/enabled": False,  # not used, and left behind when killed
         "transport/link/tx/lease": _LEASE_MS,
+        "transport/link/rx/max_message_size": settings.largest + _ROOM,
         "transport/unicast/open_timeout": _OPEN_MS,
         "transport/unicast/accept_timeout": _OPEN_MS,
     }

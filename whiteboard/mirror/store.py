@@ -64,12 +64,13 @@ class Store:
         self._cells: dict[str, _Cell] = {}
         self._news: dict[str, None] = {}  # in the order in which they were found
 
-    def look(self, name: str) -> None:
-        """See whether somebody here has added to a slot. Raise `Refused` as :meth:`latest`."""
-        self._settle(self._cell(name))
+    def has_news(self, name: str) -> bool:
+        """Tell whether somebody here has added to a slot since it was last looked at."""
+        cell = self._cell(name)
+        return cell.bound.count != cell.count
 
     def take_news(self) -> list[str]:
-        """Return the slots to which somebody here has added since the last call."""
+        """Return the slots in which a message of this host was found since the last call."""
         news, self._news = list(self._news), {}
         return news
 
@@ -84,6 +85,12 @@ class Store:
             return None
         payload = cell.slot.encoder.encode(sample.message)
         return Value(name, cell.slot.fingerprint, *cell.version, payload)
+
+    def version(self, name: str) -> Version | None:
+        """Return the version of a slot's latest message; as :meth:`latest`."""
+        cell = self._cell(name)
+        self._settle(cell)
+        return cell.version
 
     def _cell(self, name: str) -> _Cell:
         cell = self._cells.get(name)
@@ -125,8 +132,12 @@ class Store:
         cell = self._cell(name)
         return Declaration(name, cell.bound.capacity, cell.slot.schema)
 
+    def knows(self, name: str) -> bool:
+        """Tell whether the slot was used here."""
+        return name in self._cells
+
     def has(self, name: str) -> bool:
-        """Tell whether the board has the slot."""
+        """Tell whether the board has the slot, used here or not."""
         if name not in self._cells:
             for info in self.board.slots():
                 if info.name not in self._cells:

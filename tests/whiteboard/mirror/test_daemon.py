@@ -7,9 +7,11 @@ import signal
 import subprocess
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard.mirror.wire import VERSION, Batch, Declaration, Value
 from llfsm.whiteboard.shared import journal_path, remove_board
 
 from .conftest import LLFSM, NAME, NUMBER, Host, MakeHost, Number, eventually, number_slot
@@ -187,3 +189,49 @@ def test_a_connected_process_is_like_one_beside_the_daemon(pair: tuple[Host, Hos
         eventually(lambda: near.get_message(NUMBER) == Number(3) and one.get() == 3)
         far.add_message(NUMBER, Number(4))
     eventually(lambda: one.get() == 4)
+
+
+def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
+    pair: tuple[Host, Host],
+) -> None:
+    import zenoh
+
+    one, other = pair
+    eventually(lambda: other.get() == 1)
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{other.endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    flooded = number_slot("flooded")
+    with zenoh.open(config) as session:
+        sender = session.declare_publisher(
+            f"llfsm/{VERSION}/{NAME}/batches/00000000000000ff",
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        for number in range(2000):
+            sender.put(os.urandom(40))
+            time = 10**12 + number
+            values = tuple(
+                Value(name, flooded.fingerprint, time, 255, payload)
+                for name, payload in (
+                    ("flooded", msgspec.msgpack.encode(Number(number))),
+                    ("number", bytes(5000)),
+                    ("unlisted", b"\xc1"),
+                )
+            )
+            declaration = Declaration("flooded", 1024, flooded.schema)
+            batch = Batch(255, 1, number, time, values, (declaration,))
+            sender.put(msgspec.msgpack.encode(batch))
+            if number % 100 == 0:
+                one.add(number, number_slot("calm"))
+                eventually(lambda number=number: other.get(number_slot("calm")) == number)
+        eventually(lambda: other.get(flooded) == 1999)
+    eventually(lambda: other.status()["held_back"] > 0)
+    told = other.status()
+    assert other.board[flooded].count < 2000
+    assert {refusal["what"] for refusal in told["refused"]} == {
+        "malformed batch",
+        "from 00000000000000ff: number",
+    }
+    assert other.log.count("refused:") == 2
+    assert other.get() == 1

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.local import LocalBoard
+from llfsm.whiteboard.messages.llfsm import MIRROR
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.journal import NoJournal
 from llfsm.whiteboard.mirror.settings import Settings
@@ -257,13 +258,18 @@ def test_a_flood_on_one_slot_is_held_back_and_others_are_not() -> None:
     assert part.exchange.due_ns() is None
 
 
-def test_a_thousand_ways_to_be_refused_fill_no_memory() -> None:
+def test_a_thousand_ways_and_senders_fill_neither_memory_nor_the_status() -> None:
     part = Part(enter=())
     for number in range(1, 1001):
-        part.exchange.hear(batch(number, Slot(f"slot{number}", Number)))
-    refused = part.refused()
-    assert len(refused) <= 201
-    assert sum(refused.values()) == 1000
+        slot = Slot(f"{'x' * 240}{number}", Number)
+        part.exchange.hear(batch(number, slot, host=number + 1))
+        beat = Beat(number + 1, 1, 1, 10**12, "y" * 255)
+        part.exchange.hear_beat(msgspec.msgpack.encode(beat))
+    told = part.exchange.status()
+    assert len(told.peers) == len(told.refused) == 50
+    assert len(MIRROR.encoder.encode(told)) < MIRROR.capacity
+    assert told.refused[0].what == "everything else"
+    assert told.refused[0].count == 800
 
 
 def test_a_batch_that_was_lost_is_asked_for() -> None:

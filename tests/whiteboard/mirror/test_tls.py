@@ -71,7 +71,7 @@ def test_hosts_of_one_authority_share_and_others_do_not(
     eventually(lambda: robot.get() == 2)
     assert stranger.get() == 666
     assert stranger.status()["peers"] == []
-    assert len(robot.status()["peers"]) == 1
+    eventually(lambda: len(robot.status()["peers"]) == 1)
 
     config = str(certify("tablet", "ours"))
     with Whiteboard.connect(robot.endpoint, NAME, zenoh=config) as board:

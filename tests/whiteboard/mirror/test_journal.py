@@ -1,0 +1,97 @@
+"""What a daemon leaves to the next one of its board."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from llfsm.whiteboard import BoardMirroredError, Whiteboard
+from llfsm.whiteboard.mirror.journal import FileJournal
+from llfsm.whiteboard.mirror.merge import Version
+from llfsm.whiteboard.shared import journal_path, remove_board
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Path:
+    Whiteboard("board", directory=tmp_path).close()
+    return tmp_path / "llfsm.board"
+
+
+def test_a_version_is_recalled_by_number_and_writer(board: Path) -> None:
+    journal = FileJournal(board)
+    journal.note("slot", 1, 10, Version(100, 1))
+    journal.note("slot", 2, 11, Version(200, 2))
+    host = journal.host
+    journal.close()
+    journal = FileJournal(board)
+    assert journal.host == host
+    assert journal.recall("slot", 2, 11) == (Version(200, 2), Version(100, 1))
+    assert journal.recall("slot", 2, 10) == (None, Version(100, 1))
+    assert journal.recall("slot", 3, 10) == (None, Version(200, 2))
+    assert journal.recall("other", 1, 10) == (None, None)
+    journal.note("slot", 3, 10, Version(300, 1))  # in place of the older one
+    assert journal.recall("slot", 1, 10) == (None, None)
+    journal.close()
+
+
+def test_an_entry_that_was_half_written_is_none(board: Path) -> None:
+    journal = FileJournal(board)
+    journal.note("slot", 1, 10, Version(100, 1))
+    journal.note("slot", 2, 10, Version(200, 1))
+    journal.close()
+    path = journal_path(board)
+    data = bytearray(path.read_bytes())
+    at = data.index((200).to_bytes(8, "little"))
+    data[at] ^= 1
+    path.write_bytes(data)
+    journal = FileJournal(board)
+    assert journal.recall("slot", 2, 10) == (None, Version(100, 1))
+    journal.close()
+
+
+def test_all_slots_of_a_board_have_room(board: Path) -> None:
+    journal = FileJournal(board)
+    names = [f"{'ä' * 120}{i}" for i in range(4096)]
+    for i, name in enumerate(names):
+        journal.note(name, 1, 1, Version(i, 1))
+    journal.close()
+    journal = FileJournal(board)
+    assert [journal.recall(name, 1, 1)[0] for name in names] == [Version(i, 1) for i in range(4096)]
+    journal.close()
+
+
+def test_a_journal_of_another_board_of_that_name_is_forgotten(tmp_path: Path, board: Path) -> None:
+    journal = FileJournal(board)
+    journal.note("slot", 1, 10, Version(100, 1))
+    journal.close()
+    kept = tmp_path / "kept"
+    board.rename(kept)  # so that its inode is not used again
+    Whiteboard("board", directory=tmp_path).close()
+    again = FileJournal(board)
+    assert again.recall("slot", 1, 10) == (None, None)
+    assert again.host != journal.host
+    again.close()
+
+
+def test_one_holds_it_at_a_time(board: Path) -> None:
+    journal = FileJournal(board)
+    with pytest.raises(BoardMirroredError, match="another daemon mirrors this whiteboard"):
+        FileJournal(board)
+    journal.close()
+    FileJournal(board).close()
+
+
+def test_it_goes_with_its_board(board: Path) -> None:
+    FileJournal(board).close()
+    assert journal_path(board).exists()
+    remove_board("board", board.parent)
+    assert list(board.parent.iterdir()) == []
+
+
+def test_a_link_in_its_place_is_not_followed(tmp_path: Path, board: Path) -> None:
+    (tmp_path / "precious").write_text("keep")
+    journal_path(board).symlink_to(tmp_path / "precious")
+    with pytest.raises(Exception, match="Too many levels of symbolic links"):
+        FileJournal(board)
+    assert (tmp_path / "precious").read_text() == "keep"
