@@ -49,6 +49,8 @@ check: $(VENV)/.ready-test
 	$(BIN)/mypy -p llfsm
 	$(CC) -std=c11 -O2 -Wall -Wextra -Werror -fsyntax-only -x c \
 	    whiteboard/include/llfsm_whiteboard.h
+	$(CXX) -std=c++17 -O2 -Wall -Wextra -Wpedantic -Werror -fsyntax-only -x c++ \
+	    whiteboard/include/llfsm_whiteboard.h
 
 # The header under many threads, then the extension under the whiteboard's tests: without the leak
 # checker, which cannot tell what the interpreter leaves on purpose, and without the test of memory.

@@ -118,7 +118,7 @@ class _Painter:
         for line in lines:
             self.draw.text(
                 self.at(Point(line.x, line.y)),
-                line.text,
+                _printable(line.text),
                 fill=line.color,
                 font=_font(_face(line), line.size * self.unit),
                 anchor="ms" if line.centred else "ls",
@@ -134,6 +134,11 @@ def _face(line: TextLine) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=8)
+def _printable(text: str) -> str:
+    """Return the text with a mark for what is no character to see: some layouts choke on it."""
+    return "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in text)
+
+
 def _font(names: tuple[str, ...], size: float) -> Font:
     from PIL import ImageFont
 
