@@ -12,6 +12,7 @@ from playwright.sync_api import expect
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from llfsm.whiteboard.messages.llfsm import status_slot
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.messages.turtlesim import Pose
 
@@ -243,6 +244,8 @@ def test_a_recording_has_a_slider_over_all_that_the_page_shows(
     start("run", "RosPingPong", "-q", "-b", board)
     with Whiteboard(board) as wb:
         wb.add_message(counter, Reading(0, 0.0))
+        status = wb[status_slot("RosPingPong")]
+        wait_for(lambda: status.count, "the machine runs")
         record = start("record", "-o", "run.mcap", "-b", board, "--max-time", "2.5")
         number = 0
         while record.popen.poll() is None:
