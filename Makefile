@@ -37,7 +37,7 @@ setup: $(VENV)/.ready
 	@echo "ready: $(BIN)/llfsm --help"
 
 demo: $(VENV)/.ready
-	@$(BIN)/llfsm demo wall --seconds 20 --picture out/wall
+	@$(BIN)/llfsm demo wall --seconds 20 --picture out/wall --view
 
 # Without other plugins: a sourced ROS 2 environment brings some of its own.
 test: $(VENV)/.ready-test

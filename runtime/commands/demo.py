@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +22,7 @@ from .ros_demo import RosGraph, ros_options
 
 __all__ = ["demo"]
 
+_VIEW_PORT = 8420
 _PATIENCE_S = 5.0  # for the processes of a killed demo to go
 
 
@@ -57,9 +59,15 @@ class _EndError(Exception):
 @click.option(
     "-b", "--board", metavar="NAME", default="demo", show_default=True, help="The whiteboard."
 )
+@click.option("--view", is_flag=True, help="Serve it on a page, too, and tell its address.")
 @ros_options
 def demo(
-    name: str, seconds: float | None, target: Path | None, board: str, graph: RosGraph | None
+    name: str,
+    seconds: float | None,
+    target: Path | None,
+    board: str,
+    view: bool,
+    graph: RosGraph | None,
 ) -> None:
     """Watch machines and a turtle simulator, each in a process, meet on a whiteboard.
 
@@ -91,6 +99,10 @@ def demo(
                     _start(processes, chosen, board, target)
                 else:
                     _start_on_ros(processes, chosen, board, target, graph)
+                if view:
+                    port = str(_free_port())
+                    processes.start("page", "view", "-b", board, "--no-open", "--port", port)
+                    title += f"\nin the browser: http://127.0.0.1:{port}/"
                 show(live, processes, title, seconds)
         except _EndError:
             pass
@@ -98,6 +110,16 @@ def demo(
         endings = [""] if target.suffix else [".png", ".svg"]
         for path in filter(Path.exists, (Path(f"{target}{ending}") for ending in endings)):
             click.echo(f"the turtle's path: {path}")
+
+
+def _free_port() -> int:
+    """Return a free port of this host: that of `llfsm view` if it is one."""
+    for port in (_VIEW_PORT, 0):
+        with socket.socket() as probe, suppress(OSError):
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(("127.0.0.1", port))
+            return int(probe.getsockname()[1])
+    raise AssertionError("the system has a free port")
 
 
 def _processes(graph: RosGraph | None) -> Processes:

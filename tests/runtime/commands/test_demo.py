@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+from contextlib import suppress
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 
@@ -122,3 +124,21 @@ def test_the_terminal_shows_machine_position_and_board(llfsm: Llfsm, board: str)
         os.close(terminal)
     assert os.waitstatus_to_exitcode(status) == 0
     assert not exists(board)
+
+
+def test_a_page_shows_it(llfsm: Llfsm, board: str) -> None:
+    process = llfsm.start("demo", "wall", "--view", "-b", board)
+    address = wait_for_line(process, "in the browser: http").partition("browser: ")[2].strip()
+    answers: list[str] = []
+
+    def answered() -> bool:
+        with suppress(OSError), urlopen(address) as answer:
+            answers.append(answer.read().decode())
+        return bool(answers)
+
+    wait_for(answered, "the page is served")
+    assert "<html" in answers[0]
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 0
+    with pytest.raises(OSError, match="refused"):
+        urlopen(address)
