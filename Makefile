@@ -80,7 +80,7 @@ soak: $(VENV)/.ready-test
 # One stamp a set of extras; each is made again when what it depends on changes.
 $(VENV)/.ready: EXTRAS = draw,ros,hosts,record,view
 $(VENV)/.ready-test: EXTRAS = test,draw,ros,hosts,record,view
-$(VENV)/.ready-bench: EXTRAS = bench,draw,ros,hosts
+$(VENV)/.ready-bench: EXTRAS = bench,draw,ros,hosts,view
 
 $(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-bench: $(SOURCES) $(VENV_MADE)
 	@sh .ci/prerequisites >/dev/null

@@ -29,6 +29,7 @@ class Pace(NamedTuple):
     processes: int  # samples of a whole process
     schedule_s: float  # of keeping to a timetable
     bridge: tuple[int, float]  # rounds, and seconds of each
+    page_s: float  # of showing a page
 
 
 @dataclass(frozen=True)

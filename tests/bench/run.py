@@ -7,10 +7,12 @@ status is 0, also if a peer is not installed.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import platform
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -27,6 +29,7 @@ from table import (
     ALONE_MIB,
     ALONE_MS,
     FASTER,
+    FRAMES,
     HEAD,
     MEDIANS,
     PERCENT,
@@ -35,8 +38,8 @@ from table import (
     Row,
 )
 
-FULL = Pace(samples=1000, sample_s=0.0003, processes=31, schedule_s=60, bridge=(5, 4.0))
-QUICK = Pace(samples=3, sample_s=0.0001, processes=2, schedule_s=0.2, bridge=(1, 0.3))
+FULL = Pace(samples=1000, sample_s=0.0003, processes=31, schedule_s=60, bridge=(5, 4.0), page_s=10)
+QUICK = Pace(samples=3, sample_s=0.0001, processes=2, schedule_s=0.2, bridge=(1, 0.3), page_s=1)
 
 # what, of ours, the peer, of the peer's, how many times faster ours is promised to be
 COMPARED: list[tuple[str, str, str, str, float | None]] = [
@@ -62,6 +65,7 @@ def rows(pace: Pace) -> Iterator[Row]:
     yield from _schedule(pace)
     yield from bridge.rows(*pace.bridge)
     yield from _mirror(pace)
+    yield from _page(pace)
 
 
 def _calls(pace: Pace) -> Iterator[Row]:
@@ -125,6 +129,23 @@ def _mirror(pace: Pace) -> Iterator[Row]:
         ]
         sides = in_turns(meters, 10 * pace.processes)
     yield Row("an add here, there on the board", sides, MEDIANS, 1.5)
+
+
+def _page(pace: Pace) -> Iterator[Row]:
+    """Show 500 slots at 50 Hz and 50 machines in a browser, if there is one."""
+    figures: dict[str, float] = {}
+    if shutil.which("chromium") and importlib.util.find_spec("playwright"):
+        script = str(Path(__file__).with_name("view.py"))
+        command = [sys.executable, script, "--seconds", str(pace.page_s)]
+        figures = json.loads(subprocess.check_output(command, stderr=subprocess.DEVNULL))
+
+    def side(who: str, name: str, times: float = 1.0) -> Side:
+        return Side(who, "view.py", [figures[name] * times] if figures else [])
+
+    yield Row("a page, frames drawn", [side("llfsm", "frames")], FRAMES, 20)
+    yield Row("  its server, part of a core", [side("llfsm", "server", 100)], PERCENT, 25)
+    sides = [side("llfsm", "cost_with", 1e3), side("without a page", "cost_without", 1e3)]
+    yield Row("  a ringlet meanwhile", sides, SLOWER, None)
 
 
 def _times_kept(what: str, seconds: float) -> dict[str, float]:

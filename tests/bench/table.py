@@ -14,6 +14,7 @@ __all__ = [
     "ALONE_MIB",
     "ALONE_MS",
     "FASTER",
+    "FRAMES",
     "HEAD",
     "MEDIANS",
     "PERCENT",
@@ -43,6 +44,7 @@ ADDED_MS = Score(lambda ours, its: (min(ours) - min(its)) / 1e6, " ms", shown=mi
 ALONE_MS = Score(lambda ours: min(ours) / 1e6, " ms", shown=min)
 ALONE_MIB = Score(lambda ours: median(ours) / 2**20, " MiB", sampled="bytes")
 PERCENT = Score(max, " %", sampled="%")
+FRAMES = Score(min, "/s", more_is_better=True, sampled="/s")
 PERIODS = Score(max, " periods", sampled="periods")
 
 _LINE = "{:<33}{:>9} {:>9}  {:<20}{:>9}  {:<10} {}"
@@ -113,7 +115,7 @@ def _readable(side: Side, score: Score) -> str:
     value = score.shown(side.samples)
     if score.sampled == "bytes":
         return f"{value / 2**20:.1f} MiB"
-    if score.sampled in ("%", "periods"):
+    if score.sampled in ("%", "periods", "/s"):
         return f"{value:.3g} {score.sampled}"
     if value >= 1e6:
         return f"{value / 1e6:.1f} ms"
