@@ -231,10 +231,10 @@ class Exchange:
             if batch is not None:
                 self._take(batch)
 
-    def answered(self, question: Question) -> None:
-        """Take note that all parts of an answer have come."""
+    def answered(self, question: Question, *, whole: bool = True) -> None:
+        """Take note that all parts of an answer have come, or that none will."""
         with self._lock:
-            self._peers.answered(question.host, question.gaps)
+            self._peers.answered(question.host, question.gaps if whole else 0)
 
     def _read(self, read: msgspec.msgpack.Decoder[T], data: bytes, what: str) -> T | None:
         try:

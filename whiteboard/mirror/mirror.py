@@ -41,7 +41,7 @@ class Mirror:
         journal: Journal,
         *,
         host: int | None = None,
-        mode: str = "router",
+        mode: str = "peer",
     ) -> None:
         host = secrets.randbits(63) if host is None else host
         self._board = board
@@ -117,10 +117,11 @@ class Mirror:
         """Take a part of an answer."""
         self._exchange.hear_answer(data)
 
-    def answered(self, question: Question) -> None:
-        """Take note that all parts of an answer have come."""
-        self._exchange.answered(question)
-        self._answered.set()
+    def answered(self, question: Question, *, whole: bool) -> None:
+        """Take note that no more comes of an answer."""
+        self._exchange.answered(question, whole=whole)
+        if whole:
+            self._answered.set()
 
 
 def _wall_ns(stamp_ns: int) -> int:

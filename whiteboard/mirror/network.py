@@ -20,14 +20,17 @@ __all__ = ["Network", "Part"]
 
 _ANSWER_S = 5.0
 
-# A cut is noticed within this time and bridged again at this pace, so that boards agree within a
-# second after it. (A connection that outlived a cut would wait for TCP's own, doubling pauses.)
+# A cut is noticed within this time and bridged again at this pace, so that boards agree soon after
+# it. (A connection that outlived a cut would wait for TCP's own, doubling pauses.)
 _LEASE_MS = 1500
 _OPEN_MS = 500
 _CONNECT_MS = 3000
 _ROOM = 1 << 22  # bytes of what travels with the largest message, or without it: names and types
-_RETRY = {"period_init_ms": 100, "period_max_ms": 250, "period_increase_factor": 1.5}
+_RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1.0}
 
+
+# Each host connects to all that it hears of, so that no host is between two others.
+_EVERYBODY = {"router": ["router", "peer"], "peer": ["router", "peer"], "client": []}
 
 # Zenoh closes a connection by waiting up to ten seconds in one of its threads for what the other
 # side has not received (eclipse-zenoh/zenoh#2350). With its default of one or two threads, a host
@@ -50,8 +53,8 @@ class Part(Protocol):
     def hear_answer(self, data: bytes) -> None:
         """Take a part of the answer to one of ours."""
 
-    def answered(self, question: Question) -> None:
-        """Take note that its answer is whole."""
+    def answered(self, question: Question, *, whole: bool) -> None:
+        """Take note that no more comes of its answer; if not `whole`, there was none."""
 
 
 class Network:
@@ -62,14 +65,14 @@ class Network:
         host: the id of this one.
         settings: endpoints, and what else Zenoh is told.
         part: who is told what arrives.
-        mode: ``router``, or ``client`` for one that connects to one host and is led by it.
+        mode: ``peer``, or ``client`` for one that connects to one host and is led by it.
 
     Raise :class:`.NetworkError` if Zenoh is not installed or cannot do what is asked.
 
     """
 
     def __init__(
-        self, board: str, host: int, settings: Settings, part: Part, mode: str = "router"
+        self, board: str, host: int, settings: Settings, part: Part, mode: str = "peer"
     ) -> None:
         os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # looked at when its first session opens
         try:
@@ -120,8 +123,7 @@ class Network:
                 self._part.hear_answer(reply.ok.payload.to_bytes())
 
         def end() -> None:
-            if heard:
-                self._part.answered(question)
+            self._part.answered(question, whole=heard)
 
         self._session.get(
             f"{self._root}/state/{question.host:016x}",
@@ -159,8 +161,9 @@ def _config(zenoh: Any, settings: Settings, mode: str) -> Any:
     if settings.zenoh is None:
         config = zenoh.Config()
         values: dict[str, Any] = {
-            "listen/endpoints": [DEFAULT_ENDPOINT] if mode == "router" else [],
+            "listen/endpoints": [DEFAULT_ENDPOINT] if mode == "peer" else [],
             "scouting/multicast/enabled": False,
+            "mode": mode,
         }
     else:
         if not Path(settings.zenoh).is_file():
@@ -169,11 +172,10 @@ def _config(zenoh: Any, settings: Settings, mode: str) -> Any:
             config = zenoh.Config.from_file(settings.zenoh)
         except zenoh.ZError as error:
             raise NetworkError(f"{settings.zenoh}: {_first(error)}") from error
-        values = {}
+        values = {"mode": mode} if mode == "client" else {}
     values |= {
-        "mode": mode,
         "scouting/delay": 1,
-        "scouting/gossip/autoconnect": {"router": ["router"], "peer": [], "client": []},
+        "scouting/gossip/autoconnect": _EVERYBODY,
         "connect/exit_on_failure": mode == "client",
         "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
         "connect/retry": _RETRY,
@@ -189,7 +191,7 @@ def _config(zenoh: Any, settings: Settings, mode: str) -> Any:
         values["connect/endpoints"] = list(settings.connect)
     if settings.multicast:
         values["scouting/multicast/enabled"] = True
-        values["scouting/multicast/autoconnect"] = {"router": ["router"], "peer": [], "client": []}
+        values["scouting/multicast/autoconnect"] = _EVERYBODY
     for key, value in values.items():
         try:
             config.insert_json5(key, json.dumps(value))

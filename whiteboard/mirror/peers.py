@@ -103,7 +103,10 @@ class Peers:
             peer.gaps += 1
 
     def answered(self, sender: int, gaps: int) -> None:
-        """Take note that a host has answered in full what it was asked after so many gaps."""
+        """Take note that a host has answered in full what it was asked after so many gaps.
+
+        After none, it was not reached (it was just connected, say), and can be asked again.
+        """
         peer = self._peers.get(sender)
         if peer is not None:
             peer.filled = max(peer.filled, gaps)
