@@ -98,6 +98,8 @@ class Arrangement(Roster):
         self._pacer = None
         if cycle_us is not None:
             self._pacer = Pacer(cycle_us, self.clock, self._wait_for_turn)
+        # What a round must pass to begin: its time, or nothing; after the end nobody passes.
+        self._gate = None if self._pacer is None else self._pacer.wait_for_round
         self._stopwatch = None
         if timed or self._pacer is not None:
             self._stopwatch = Stopwatch(self.clock, self._pacer)
@@ -134,16 +136,14 @@ class Arrangement(Roster):
 
         With a period or a timetable, wait until they are due.
         """
-        if self.reason is not None:
-            raise self._ended()
-        pacer = self._pacer
-        if pacer is not None and not pacer.wait_for_round():
+        gate = self._gate
+        if gate is not None and not gate():
             return False
         self.rounds += 1
         if self._observers:
             self.emit(RoundBegin(*self.stamp()))
         fired, leaving = False, self._leaving
-        seats = self._seats if pacer is None else self._turns(pacer)
+        seats = self._seats if self.timetable is None else self._turns(self.timetable)
         for seat in seats:  # the list grows and gets holes on the way
             if seat is None:
                 continue
@@ -170,7 +170,7 @@ class Arrangement(Roster):
         after that round, counted from the first.
         """
         if self.reason is not None:
-            raise self._ended()
+            self._refuse()
         reason = Reason.INTERRUPTED
         try:
             with stop_on_signals(self.stop):
@@ -222,6 +222,7 @@ class Arrangement(Roster):
         if self.reason is not None:
             return
         self.reason = reason
+        self._gate = self._refuse
         for seat in self._seats:
             if seat is not None:
                 seat.finish()
@@ -241,8 +242,8 @@ class Arrangement(Roster):
         """When the next round begins; None if it begins when it is asked for."""
         return None if self._pacer is None else self._pacer.next_ns
 
-    def _ended(self) -> ArrangementEndedError:
-        return ArrangementEndedError(f"this arrangement has ended: {self.reason}")
+    def _refuse(self) -> bool:
+        raise ArrangementEndedError(f"this arrangement has ended: {self.reason}")
 
     def _wait_for_turn(self, due_ns: int) -> bool:
         if self._execution is not None:
@@ -250,10 +251,9 @@ class Arrangement(Roster):
         self.clock.sleep_until_ns(due_ns)
         return self.reason is None
 
-    def _turns(self, pacer: Pacer) -> Iterable[Seat | None]:
-        if self.timetable is None:
-            return self._seats
-        return pacer.turns(self.timetable.slots, self._named)
+    def _turns(self, timetable: Timetable) -> Iterable[Seat | None]:
+        assert self._pacer is not None, "it has the timetable's cycle"
+        return self._pacer.turns(timetable.slots, self._named)
 
     def _admit(self, name: str) -> None:
         if self.timetable is not None and name not in self.timetable.machines:
