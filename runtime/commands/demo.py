@@ -165,7 +165,7 @@ def _clear(board: str) -> None:
             raise BoardError(
                 f"the whiteboard {board!r} is in use; end what uses it or choose another --board"
             )
-        time.sleep(0.05)
+        time.sleep(0.05)  # nothing tells when the last process lets go of a board
 
 
 @contextmanager

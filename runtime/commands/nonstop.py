@@ -65,7 +65,7 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
         click.echo(f"the arrangement {how}; it starts again", err=True)
         until = time.monotonic() + _PAUSE_S
         while time.monotonic() < until and not asked:
-            time.sleep(0.02)
+            time.sleep(0.02)  # Python goes on sleeping after a signal: look whether one came
 
 
 def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -> NoReturn:

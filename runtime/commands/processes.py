@@ -147,4 +147,4 @@ class Processes:
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0:
             self.check()
-            time.sleep(min(left, 0.05))
+            time.sleep(min(left, 0.05))  # soon enough to tell that one has died

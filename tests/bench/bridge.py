@@ -190,7 +190,7 @@ def measure(place: Place, sender: str, bridge: str | None, *, hearing: bool) -> 
         before = _cpu_ns(between) if between else 0.0
         _go(talker)
         talker.wait()
-        time.sleep(0.2)
+        time.sleep(0.2)  # for what is still on its way; no process knows that it was the last
         used = _cpu_ns(between) - before if between else 0.0
         if hearer:
             _go(hearer)

@@ -33,6 +33,7 @@ _PEER: dict[str, Any] = {
 _ALWAYS: dict[str, Any] = {
     "scouting/delay": 1,  # ms that opening takes; others are not waited for
     "timestamping/enabled": True,  # histories are ordered by it
+    "transport/shared_memory/enabled": False,  # not used, and its file outlives a killed process
 }
 
 

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from llfsm.bridges.ros2.errors import PortUnavailableError
-from llfsm.bridges.ros2.wire.session import open_session
+from llfsm.bridges.ros2.wire.session import open_session, open_with
 
 
 @pytest.fixture(autouse=True)
@@ -53,6 +55,16 @@ def test_a_file_that_is_none_is_said(monkeypatch, tmp_path, content):
     monkeypatch.setenv("ZENOH_SESSION_CONFIG_URI", str(file))
     with pytest.raises(PortUnavailableError, match=r"ZENOH_SESSION_CONFIG_URI=.*session\.json5"):
         open_session(None)
+
+
+@pytest.mark.parametrize("opened", ["node", "router"])
+def test_nothing_is_in_shared_memory_that_a_killed_process_would_leave(opened):
+    session = open_session(["tcp/127.0.0.1:1"])[0] if opened == "node" else open_with({})
+    try:
+        mapped = Path("/proc/self/maps").read_text()
+    finally:
+        session.close()
+    assert "/dev/shm/" not in "".join(line for line in mapped.splitlines() if "zenoh" in line)
 
 
 def test_a_router_that_is_none_is_said():
