@@ -29,7 +29,8 @@ help:
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
 	@echo "make bench     measure us and the peers in one run"
-	@echo "make soak      the bridge for ten minutes while its processes are killed; three hosts for one"
+	@echo "make soak      the bridge for ten minutes while its processes are killed, then ten topics at"
+	@echo "               1 kHz, then three hosts: a quarter of an hour"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make clean     remove .venv and what was built"
 
@@ -74,7 +75,8 @@ bench: $(VENV)/.ready-bench
 
 SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
-	$(BIN)/python tests/stress/soak.py --seconds $(SOAK_SECONDS)
+	$(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
+	$(BIN)/python tests/soak/relays.py
 	$(BIN)/python tests/soak/soak.py
 
 # One stamp a set of extras; each is made again when what it depends on changes.

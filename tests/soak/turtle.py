@@ -19,10 +19,10 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
-from typing import NamedTuple
+
+from use import Use
 
 from llfsm.bridges.ros2.wire.port import ZenohPort
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
@@ -35,22 +35,6 @@ _PATIENCE_S = 10.0
 _WARM_S = 60.0
 _LOOK_S = 5.0
 _LOOKS = 6
-_GROWTH_KIB = 2048  # what the allocator may keep of a busy moment
-
-
-class Use(NamedTuple):
-    """What a process takes."""
-
-    memory_kib: int
-    threads: int
-    files: int
-
-    @classmethod
-    def of(cls, process: int) -> Use:
-        status = Path(f"/proc/{process}/status").read_text()
-        values = dict(line.split(":\t", 1) for line in status.splitlines() if ":\t" in line)
-        memory, threads = (int(values[key].split()[0]) for key in ("VmRSS", "Threads"))
-        return cls(memory, threads, len(os.listdir(f"/proc/{process}/fd")))
 
 
 class Soak:
@@ -119,8 +103,8 @@ def soak(seconds: float, faults_s: float, say: Callable[[str], None]) -> list[st
                 use = Use.of(running.processes["bridge"].pid)
                 lately.append(use)
                 if now - bridge_since > _WARM_S:
-                    warm = warm or _least(lately)
-                    wrong += _grown(warm, _least(lately))
+                    warm = warm or Use.least(lately)
+                    wrong += warm.grown(Use.least(lately))
                 say(f"{now - begin:6.0f} s  bridge {use}  pose {board[_POSE].count}")
                 if faults_s and now - fault > faults_s:
                     victim = dice.choice(["router", "simulator", "bridge", "wall"])
@@ -139,20 +123,6 @@ def soak(seconds: float, faults_s: float, say: Callable[[str], None]) -> list[st
             with suppress(BoardNotFoundError):
                 remove_board(name)
     return wrong
-
-
-def _least(uses: Iterable[Use]) -> Use:
-    """Return the least of late: Zenoh has threads and files for a while, at each connection."""
-    return Use(*map(min, zip(*uses, strict=True)))
-
-
-def _grown(warm: Use, now: Use) -> list[str]:
-    grown = []
-    if now.memory_kib > warm.memory_kib + _GROWTH_KIB:
-        grown.append(f"the bridge grew from {warm.memory_kib} to {now.memory_kib} KiB")
-    if now.threads > warm.threads or now.files > warm.files:
-        grown.append(f"the bridge took {now} after {warm}")
-    return grown
 
 
 def _end(running: Soak, router: str) -> list[str]:
