@@ -44,8 +44,10 @@ def open_port(
     raise PortUnavailableError(f"no way into ROS is called {way!r}: {', '.join(WAYS)}")
 
 
+_EXTRA = "install it with: pip install 'llfsm[ros]'"
 _GET = {
-    "zenoh": "install it with: pip install 'llfsm[ros]'",
+    "zenoh": _EXTRA,
+    "xxhash": _EXTRA,
     "rclpy": "source a ROS 2 environment that has it, as: source /opt/ros/jazzy/setup.bash",
 }
 

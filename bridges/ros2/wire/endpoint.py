@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hashlib import blake2b
 from typing import NamedTuple
 
+import xxhash
 import zenoh
 
 from ..graph import Endpoint
@@ -40,8 +40,8 @@ class Place:
         self.name = end.name
         self.key = data_key(wire.domain, end.name, dds_type, end.type_hash or "")
         self._token_key = endpoint_token(node_token, number, end, dds_type)
-        # Peers only compare gids, so any 16 bytes that nobody else has will do.
-        self.gid = blake2b(self._token_key.encode(), digest_size=GID_SIZE).digest()
+        # Messages do not tell their endpoint's token, so rmw_zenoh_cpp makes the gid from it.
+        self.gid = xxhash.xxh3_128_intdigest(self._token_key.encode()).to_bytes(GID_SIZE, "little")
         self._token: zenoh.LivelinessToken | None = None
 
     def show(self) -> None:

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import pytest
+import xxhash
 from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.ros2.graph import Endpoint, Role
 from llfsm.bridges.ros2.qos import Durability, History, Qos, Reliability
+from llfsm.bridges.ros2.wire.session import open_session
 from llfsm.bridges.ros2.wire.tokens import (
     Token,
     data_key,
@@ -97,3 +99,12 @@ def test_what_is_no_token_is_not_taken_for_one(change):
 def test_any_text_is_a_token_or_not(text):
     parse(text)
     parse(f"@ros2_lv/0/a/0/1/MP/{text}")
+
+
+def test_the_gid_of_a_message_is_made_of_its_endpoints_token(port, domain, router, types):
+    node = port.node("we")
+    publisher = node.publisher("chatter", types.message("std_msgs/msg/String"))
+    with open_session([router])[0] as stranger:
+        seen = stranger.liveliness().declare_subscriber(f"@ros2_lv/{domain}/**", history=True)
+        token = next(key for key in (str(it.key_expr) for it in seen) if "/MP/" in key)
+    assert publisher.gid == xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
