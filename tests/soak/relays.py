@@ -17,7 +17,6 @@ import argparse
 import itertools
 import json
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -28,6 +27,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from endpoint import free_endpoint
 from use import Use
 
 from llfsm.bridges.ros2.graph import Graph, Role
@@ -256,7 +256,7 @@ def _come(
 def soak(seconds: float) -> list[str]:
     """Run all three ways; return what is wrong."""
     wrong = []
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    endpoint = free_endpoint()
     router = open_router([endpoint])
     try:
         for leg in _LEGS:
@@ -269,13 +269,6 @@ def soak(seconds: float) -> list[str]:
     finally:
         router.close()
     return wrong
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def main() -> int:

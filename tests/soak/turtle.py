@@ -14,7 +14,6 @@ import argparse
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -22,6 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
+from endpoint import free_endpoint
 from use import Use
 
 from llfsm.bridges.ros2.wire.port import ZenohPort
@@ -87,7 +87,7 @@ def _pose_arrives(board: Whiteboard) -> bool:
 def soak(seconds: float, faults_s: float, say: Callable[[str], None]) -> list[str]:
     """Run for so long, killing one process every ``faults_s`` seconds; return what is wrong."""
     dice = random.Random(1)
-    name, router = f"soak-{os.getpid()}", f"tcp/127.0.0.1:{_free_port()}"
+    name, router = f"soak-{os.getpid()}", free_endpoint()
     wrong: list[str] = []
     with Whiteboard(name) as board:
         running = Soak(name, router)
@@ -134,13 +134,6 @@ def _end(running: Soak, router: str) -> list[str]:
         if not witness.wait_graph(lambda graph: not graph.nodes, _PATIENCE_S):
             wrong.append(f"still on the graph: {witness.graph().nodes}")
     return wrong + running.end()
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def main() -> int:
