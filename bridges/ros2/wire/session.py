@@ -57,7 +57,7 @@ def open_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list[str]
         name, _, value = entry.partition("=")
         _insert(config, name.strip(), value.strip(), f"{_OVERRIDE}: {entry}: ")
     if router is not None:
-        _insert(config, "connect/endpoints", json.dumps(list(router)))
+        _insert(config, "connect/endpoints", json.dumps(list(router)), "router: ")
     return _open(config), json.loads(config.get_json("connect/endpoints"))
 
 
@@ -89,4 +89,6 @@ def _open(config: zenoh.Config) -> zenoh.Session:
 
 def _plain(error: zenoh.ZError) -> str:
     """Return an error's text without the places in Zenoh's sources where it was raised."""
-    return re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error)).strip()
+    text = re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error)).strip()
+    wrapped = re.match(r'Json5Err\(Message \{ msg: "(.*?)", location: ', text)
+    return wrapped[1] if wrapped else text

@@ -47,6 +47,11 @@ def test_an_override_that_is_none_is_said(monkeypatch, text):
     assert ".rs" not in str(raised.value)
 
 
+def test_a_router_that_is_no_endpoint_is_said():
+    with pytest.raises(PortUnavailableError, match=r"^router: Endpoints must be .*: nonsense$"):
+        open_session(["nonsense"])
+
+
 @pytest.mark.parametrize("content", [None, "{", "{mode: 'queen'}"])
 def test_a_file_that_is_none_is_said(monkeypatch, tmp_path, content):
     file = tmp_path / "session.json5"
