@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
+    RECORDER,
     VIEWER,
     MachineRequest,
     MachineStatus,
@@ -22,6 +23,7 @@ from llfsm.whiteboard.messages.llfsm import (
 from . import events
 from .events import Status
 from .failure import logger
+from .handover import Handover, find_recorder
 from .machine import Machine
 from .portrait import definition_of, variables_of
 from .remote import born, host_name, is_live
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot
 
     from .clock import Clock
+    from .seat import Arrival
 
 __all__ = ["Presence"]
 
@@ -40,10 +43,15 @@ _VARIABLES_NS = 100_000_000
 
 
 class _Arrangement(Protocol):
+    handover: Handover | None
+
     @property
     def clock(self) -> Clock: ...
+    def attach(self, observer: events.Observer) -> None: ...
+    def detach(self, observer: events.Observer) -> None: ...
     def machine(self, name: str) -> Machine: ...
     def progress(self, name: str) -> tuple[int, int]: ...
+    def arrival(self, name: str) -> Arrival: ...
     def standings(self) -> tuple[events.MachineStatus | None, ...]: ...
     def hold(self, name: str) -> None: ...
     def resume(self, name: str) -> Status: ...
@@ -58,6 +66,7 @@ class _Told(NamedTuple):
     suspended: bool
     pending: str
     obeyed: int
+    entered_ns: int | None
 
 
 class _Place:
@@ -144,6 +153,8 @@ class Presence:
         self._viewer = board[VIEWER]
         self._viewed = self._viewer.count
         self._view_ends_ns = self._variables_due_ns = self._arrangement.clock.now_ns()
+        self._recorder = board[RECORDER]
+        self._recorded = 0  # the latest of its messages that was looked at
         self._due_ns = 0
         self._works = True
         self.look(idle=True)
@@ -152,10 +163,12 @@ class Presence:
         """Do what is asked for; then post what has changed, if there is time or it is due."""
         self.hear()
         now_ns = self._arrangement.clock.now_ns()
-        if self._works and (idle or now_ns >= self._due_ns):
+        if idle or now_ns >= self._due_ns:
             self._due_ns = now_ns + _PAUSE_NS
-            with self._whatever_happens():
-                self._post(now_ns)
+            if self._works:
+                with self._whatever_happens():
+                    self._post(now_ns)
+            self._hand_over()
 
     def hear(self) -> None:
         """Do what is asked for."""
@@ -207,14 +220,50 @@ class Presence:
                 place = self._places[standing.machine] = _Place(
                     self._board, standing.machine, self._arrangement.machine(standing.machine)
                 )
-            told = _Told(standing.state, standing.suspended, standing.request or "", place.obeyed)
+            arrival = self._arrangement.arrival(standing.machine)
+            told = _Told(
+                standing.state,
+                standing.suspended,
+                standing.request or "",
+                place.obeyed,
+                arrival.entered_ns,
+            )
             if told != place.told or now_ns - place.beat_ns >= _BEAT_NS:
                 place.keep_name()
                 told = told._replace(obeyed=place.obeyed)
-                place.post(told, self._status(standing, told, now_ns), now_ns)
+                place.post(told, self._status(standing.machine, told, arrival, now_ns), now_ns)
         for name in left:
             self._places.pop(name).leave()
         self._tell_variables(now_ns)
+
+    def _hand_over(self) -> None:
+        """Give a recorder the events of the machines, from now on if it has come just now."""
+        arrangement = self._arrangement
+        handover = arrangement.handover
+        if handover is not None:
+            handover.journal.flush()
+            handover.go_on()
+            if not handover.works:
+                arrangement.handover = None
+                arrangement.detach(handover.journal)
+            return
+        try:
+            if self._recorder.count == self._recorded:
+                return
+            self._recorded = self._recorder.count
+            recorder = find_recorder(self._board)
+            if recorder is None:
+                return
+            arrangement.handover = handover = Handover(self._board, recorder, whole=False)
+        except BoardClosedError:
+            return
+        except WhiteboardError as error:
+            logger().warning("the machines go on unrecorded: %s", error)
+            return
+        for standing in filter(None, arrangement.standings()):
+            path = type(arrangement.machine(standing.machine)).table.path
+            handover.journal.add(("Loaded", standing.machine, path))
+        arrangement.attach(handover.journal)
 
     def _tell_variables(self, now_ns: int) -> None:
         if self._viewer.count != self._viewed:
@@ -225,9 +274,9 @@ class Presence:
             for place in self._places.values():
                 place.tell_variables()
 
-    def _status(self, standing: events.MachineStatus, told: _Told, now_ns: int) -> MachineStatus:
-        ringlets, overruns = self._arrangement.progress(standing.machine)
-        entered_ns = now_ns if standing.entered_ns is None else standing.entered_ns
+    def _status(self, name: str, told: _Told, arrival: Arrival, now_ns: int) -> MachineStatus:
+        ringlets, overruns = self._arrangement.progress(name)
+        entered_ns = now_ns if told.entered_ns is None else told.entered_ns
         return MachineStatus(
             state=told.state,
             suspended=told.suspended,
@@ -235,6 +284,9 @@ class Presence:
             ringlets=ringlets,
             overruns=overruns,
             in_state_s=(now_ns - entered_ns) / 1e9,
+            source=arrival.source,
+            transition=arrival.transition,
+            entered_ns=told.entered_ns or 0,
             obeyed=told.obeyed,
             pid=self._pid,
             born=self._born,

@@ -29,7 +29,7 @@ def ringlet(seat: Seat) -> bool:
                 setattr(machine, name, read())
         previous = seat.previous
         if state is not previous:
-            seat.previous = state
+            seat.previous, seat.source = state, previous
             if not seat.tells:  # 3
                 pass
             elif state is seat.suspension:
@@ -51,7 +51,7 @@ def ringlet(seat: Seat) -> bool:
                     continue
                 if value is not True:
                     raise not_a_bool(seat, state, code, value)
-            seat.current = target
+            seat.current, seat.fired = target, code
             if (code := state.on_exit) is not None:
                 code(machine)
             return True
