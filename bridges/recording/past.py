@@ -1,0 +1,143 @@
+"""The states that machines were in, all through a recording, read a little at a time.
+
+The events of machines tell each of their states, however short; where there are none, their
+statuses tell those that were seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any, Final, cast
+
+from llfsm.bridges.view.history import Track
+from llfsm.bridges.view.source import Change
+from llfsm.runtime.remote import SILENT_S
+from llfsm.whiteboard import Sample
+from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, status_slot
+
+from .errors import RecordingFileError
+from .reader import Moment, RecordedJournal, Recording
+
+__all__ = ["SILENT_NS", "Past"]
+
+SILENT_NS: Final = round(SILENT_S * 1e9)
+_MOST: Final = 50_000  # changes of a machine that are kept
+_TELLING: Final = (b'"event":"RoundEnd"', b'"event":"Eval"', b'"event":"End"', b'"event":"Lost"')
+_BEGINNING: Final = 24  # bytes of an entry that say what it is
+
+
+class _PastTrack(Track):
+    """The states of one machine, by its events while there are any."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.process = 0
+        self.told_ns = 0
+        self.by_events = False
+        self.fired = "", 0
+
+    def add(self, change: Change) -> None:
+        """Add a change, unless there are too many: then nothing is known any more."""
+        if len(self.changes) < _MOST:
+            super().add(change)
+        elif self.changes[-1].state:
+            super().add(Change(change.stamp_ns, "", False))
+
+    def status(self, sample: Sample[MachineStatus]) -> None:
+        """Add what a status says, unless events do."""
+        status = sample.message
+        if self.by_events and status.pid == self.process and status.loaded:
+            return
+        if self.told_ns and sample.stamp_ns - self.told_ns > SILENT_NS:
+            self.lose(self.told_ns + SILENT_NS)
+        self.told_ns, self.process = sample.stamp_ns, status.pid
+        if status.loaded:
+            self.tell(sample)
+        else:
+            self.lose(sample.stamp_ns)
+
+    def stand(self, now_ns: int, state: str, suspended: bool) -> None:
+        """Add what an event says."""
+        self.by_events, self.told_ns = True, now_ns
+        source, number = self.fired if not suspended else ("", 0)
+        self.fired = "", 0
+        last = self.changes[-1] if self.changes else Change(0, "", False)
+        if (state, suspended) != (last.state, last.suspended):
+            self.add(Change(now_ns, state, suspended, source, number))
+
+
+class Past:
+    """Read what each machine was in; each `read` goes on a little, up to the end."""
+
+    def __init__(self, recording: Recording):
+        self.changes: dict[str, Sequence[Change]] = {}
+        self._recording = recording
+        self._tracks: dict[str, _PastTrack] = {}
+        self._journals = {journal.channel: journal for journal in recording.journals}
+        self._slots = [n for n, each in recording.slots.items() if each.slot.type is MachineStatus]
+        self._found: dict[tuple[int, str], _PastTrack] = {}
+        self._next = 0
+
+    def read(self) -> Mapping[str, Sequence[Change]]:
+        """Read the next part of the file, and return what is known."""
+        number = len(self._recording.chunks)
+        if self._next < number:
+            for moment in self._recording.history(self._next, self._slots):
+                self._take(moment)
+            self._next += 1
+            if self._next == number:
+                self._end(self._recording.span_ns[1])
+        return self.changes
+
+    def _end(self, end_ns: int) -> None:
+        for track in self._tracks.values():
+            if end_ns - track.told_ns > SILENT_NS:
+                track.lose(track.told_ns + SILENT_NS)
+
+    def _take(self, moment: Moment) -> None:
+        if moment.entry is not None:
+            begins = moment.entry.data[:_BEGINNING]
+            if any(each in begins for each in _TELLING):
+                journal = self._journals[moment.entry.channel]
+                with suppress(RecordingFileError, ValueError, TypeError, LookupError):
+                    self._hear(journal, moment.now_ns, self._recording.entry(moment.entry))
+        elif moment.slot is not None and moment.recorded is not None:
+            with suppress(ValueError):
+                sample = cast("Sample[MachineStatus]", moment.slot.sample(moment.recorded))
+                self._track(moment.slot.slot.name.removeprefix(MACHINES)).status(sample)
+
+    def _hear(self, journal: RecordedJournal, now_ns: int, entry: Mapping[str, Any]) -> None:
+        match entry:
+            case {"event": "Eval", "value": True, "machine": machine}:
+                self._of(journal, machine).fired = entry["state"], entry["transition"]
+            case {"event": "RoundEnd", "machines": news}:
+                for name, *standing in news:
+                    track = self._of(journal, name)
+                    if standing:
+                        track.stand(now_ns, standing[1], bool(standing[2]))
+                    else:
+                        track.lose(now_ns)
+            case {"event": "End" | "Lost"}:
+                for track in self._tracks.values():
+                    if track.process == journal.process:
+                        track.by_events = False
+
+    def _of(self, journal: RecordedJournal, machine: str) -> _PastTrack:
+        """Return the track of a machine that events tell of; its slot may have another number."""
+        key = journal.process, machine
+        if key not in self._found:
+            name = status_slot(machine).name.removeprefix(MACHINES)
+            own = [n for n, each in self._tracks.items() if each.process == journal.process]
+            numbered = (n for n in own if n.startswith(f"{name}."))
+            track = self._track(name if name in own else next(numbered, name))
+            track.process = journal.process
+            self._found[key] = track
+        return self._found[key]
+
+    def _track(self, name: str) -> _PastTrack:
+        track = self._tracks.get(name)
+        if track is None:
+            track = self._tracks[name] = _PastTrack()
+            self.changes[name] = track.changes
+        return track
