@@ -35,7 +35,7 @@ class Feed:
         problems   why messages cannot be shown, by name of the slot
         samples    [slot's number, count, stamp, writer, fields' values]; no count: none any more
         machines   by name; see `_machine`
-        history    [stamp, state, suspended] of each change, by machine
+        history    each `Change`, by machine
     """
 
     def __init__(self, source: Source) -> None:
@@ -153,8 +153,7 @@ class Feed:
                 first = bisect_right(changes, self._told.get(name, -1), key=_stamp_ns)
                 self._told[name] = changes[-1].stamp_ns
                 new[name] = [
-                    (self._seconds(change.stamp_ns), change.state, change.suspended)
-                    for change in changes[first:]
+                    (self._seconds(change.stamp_ns), *change[1:]) for change in changes[first:]
                 ]
         return new
 

@@ -24,12 +24,16 @@ __all__ = ["Change", "Look", "Player", "Source"]
 class Change(NamedTuple):
     """A machine in another state than before, or suspended or resumed; without a state: gone.
 
-    So it is, too, while nobody looks.
+    So it is, too, while nobody looks. It has come there by number `transition` of state `source`,
+    if that is known. `skipped`: states in between were too short to be seen.
     """
 
     stamp_ns: int
     state: str
     suspended: bool
+    source: str = ""
+    transition: int = 0
+    skipped: bool = False
 
 
 class Look(NamedTuple):

@@ -35,8 +35,9 @@ export class Timeline {
     drawing.textBaseline = "middle";
     let i = changes.length - 1;
     while (i > 0 && changes[i][0] > from) i -= 1;
+    const gaps = [];
     for (; i < changes.length; i += 1) {
-      const [begins, state, suspended] = changes[i];
+      const [begins, state, suspended, , , skipped] = changes[i];
       const ends = changes[i + 1]?.[0] ?? (span === null ? now : span);
       if (begins > to) break;
       if (!state || ends < from) continue;
@@ -54,7 +55,17 @@ export class Timeline {
         drawing.fillStyle = dark ? "#eef3f7" : "#1b2a33";
         drawing.fillText(state, left + 6, high / 2 - 1);
       }
-      this.bands.push([left, left + width, state, ends - begins, suspended]);
+      this.bands.push([left, left + width, state, ends - begins, suspended, skipped]);
+      if (skipped && begins >= from) gaps.push(left);
+    }
+    // Where states were too short to be seen: a notch from above.
+    drawing.fillStyle = color("late");
+    for (const left of gaps) {
+      drawing.beginPath();
+      drawing.moveTo(left - 3, 0);
+      drawing.lineTo(left + 3, 0);
+      drawing.lineTo(left, 6);
+      drawing.fill();
     }
     if (span !== null) {
       drawing.fillStyle = color("ink");
@@ -66,7 +77,8 @@ export class Timeline {
     const at = event.offsetX;
     const band = this.bands.find(([left, right]) => left <= at && at <= right);
     this.canvas.title = band
-      ? `${band[2]}${band[4] ? " (suspended)" : ""}, ${duration(band[3])}`
+      ? `${band[2]}${band[4] ? " (suspended)" : ""}, ${duration(band[3])}` +
+        (band[5] ? "; states before it were too short to be seen" : "")
       : "";
   }
 }
