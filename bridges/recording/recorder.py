@@ -88,7 +88,7 @@ class BoardRecorder:
                 self._new.add(info.name)
             except BoardClosedError:
                 raise
-            except Exception as error:  # whatever a schema that is none makes of a class
+            except WhiteboardError as error:
                 self._warn(info.name, error)
 
     def _tell(self) -> None:

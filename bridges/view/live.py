@@ -131,8 +131,8 @@ class LiveSource(Source):
                 self._bound[name] = board[Slot(name, class_of(info), info.capacity)]
             except BoardClosedError:
                 raise
-            except Exception as error:  # whatever a schema that is none makes of a class
-                self._unbound[name] = f"its schema is not understood: {error}"
+            except WhiteboardError as error:
+                self._unbound[name] = str(error)
 
     def _tell(self, board: Whiteboard, now_ns: int) -> None:
         if now_ns >= self._view_ns:
