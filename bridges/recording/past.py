@@ -34,7 +34,6 @@ class _PastTrack(Track):
         super().__init__()
         self.process = 0
         self.told_ns = 0
-        self.by_events = False
         self.fired = "", 0
 
     def add(self, change: Change) -> None:
@@ -44,10 +43,11 @@ class _PastTrack(Track):
         elif self.changes[-1].state:
             super().add(Change(change.stamp_ns, "", False))
 
-    def status(self, sample: Sample[MachineStatus]) -> None:
+    def status(self, sample: Sample[MachineStatus], *, by_events: bool) -> None:
         """Add what a status says, unless events do."""
         status = sample.message
-        if self.by_events and status.pid == self.process and status.loaded:
+        if by_events and status.loaded:
+            self.told_ns, self.process = sample.stamp_ns, status.pid
             return
         if self.told_ns and sample.stamp_ns - self.told_ns > SILENT_NS:
             self.lose(self.told_ns + SILENT_NS)
@@ -59,7 +59,7 @@ class _PastTrack(Track):
 
     def stand(self, now_ns: int, state: str, suspended: bool) -> None:
         """Add what an event says."""
-        self.by_events, self.told_ns = True, now_ns
+        self.told_ns = max(self.told_ns, now_ns)
         source, number = self.fired if not suspended else ("", 0)
         self.fired = "", 0
         last = self.changes[-1] if self.changes else Change(0, "", False)
@@ -75,6 +75,8 @@ class Past:
         self._recording = recording
         self._tracks: dict[str, _PastTrack] = {}
         self._journals = {journal.channel: journal for journal in recording.journals}
+        # Since when the events of a process are known.
+        self._telling = {each.process: each.begin_ns for each in reversed(recording.journals)}
         self._slots = [n for n, each in recording.slots.items() if each.slot.type is MachineStatus]
         self._found: dict[tuple[int, str], _PastTrack] = {}
         self._next = 0
@@ -100,17 +102,24 @@ class Past:
             begins = moment.entry.data[:_BEGINNING]
             if any(each in begins for each in _TELLING):
                 journal = self._journals[moment.entry.channel]
+                self._telling.setdefault(journal.process, journal.begin_ns)
                 with suppress(RecordingFileError, ValueError, TypeError, LookupError):
                     self._hear(journal, moment.now_ns, self._recording.entry(moment.entry))
         elif moment.slot is not None and moment.recorded is not None:
             with suppress(ValueError):
                 sample = cast("Sample[MachineStatus]", moment.slot.sample(moment.recorded))
-                self._track(moment.slot.slot.name.removeprefix(MACHINES)).status(sample)
+                begun_ns = self._telling.get(sample.message.pid)
+                track = self._track(moment.slot.slot.name.removeprefix(MACHINES))
+                by_events = begun_ns is not None and begun_ns <= sample.stamp_ns
+                track.status(sample, by_events=by_events)
 
     def _hear(self, journal: RecordedJournal, now_ns: int, entry: Mapping[str, Any]) -> None:
         match entry:
             case {"event": "Eval", "value": True, "machine": machine}:
-                self._of(journal, machine).fired = entry["state"], entry["transition"]
+                track = self._of(journal, machine)
+                track.fired = entry["state"], entry["transition"]
+                if not track.changes:  # it has left its first state before its first round was over
+                    track.add(Change(now_ns, entry["state"], False))
             case {"event": "RoundEnd", "machines": news}:
                 for name, *standing in news:
                     track = self._of(journal, name)
@@ -119,9 +128,7 @@ class Past:
                     else:
                         track.lose(now_ns)
             case {"event": "End" | "Lost"}:
-                for track in self._tracks.values():
-                    if track.process == journal.process:
-                        track.by_events = False
+                self._telling.pop(journal.process, None)
 
     def _of(self, journal: RecordedJournal, machine: str) -> _PastTrack:
         """Return the track of a machine that events tell of; its slot may have another number."""

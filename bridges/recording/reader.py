@@ -64,6 +64,7 @@ class RecordedJournal(NamedTuple):
 
     channel: int
     process: int
+    begin_ns: int
     whole: bool
     about: Mapping[str, str]
     """The metadata of the arrangement: machines, plan and folder, as far as they are known."""
@@ -186,10 +187,11 @@ class Recording:
     def _add(self, channel: Channel) -> None:
         about = channel.metadata
         if channel.topic == EVENTS:
+            begin_ns = int(about["session"].partition("-")[2])
             said = self._arrangements.get(about["session"], {})
-            self.journals.append(
-                RecordedJournal(channel.id, int(about["writer"]), about["whole"] == "yes", said)
-            )
+            whole = about["whole"] == "yes"
+            journal = RecordedJournal(channel.id, int(about["writer"]), begin_ns, whole, said)
+            self.journals.append(journal)
             return
         schema = self._index.schemas[channel.schema_id]
         slot = self.slots.get(channel.topic)
