@@ -6,6 +6,7 @@ statuses tell those that were seen.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, Final, cast
@@ -22,6 +23,7 @@ from .reader import Moment, RecordedJournal, Recording
 __all__ = ["SILENT_NS", "Past"]
 
 SILENT_NS: Final = round(SILENT_S * 1e9)
+_READ_NS: Final = 10_000_000  # for which is read at a time, or longer for one chunk
 _MOST: Final = 50_000  # changes of a machine that are kept
 _TELLING: Final = (b'"event":"RoundEnd"', b'"event":"Eval"', b'"event":"End"', b'"event":"Lost"')
 _BEGINNING: Final = 24  # bytes of an entry that say what it is
@@ -80,19 +82,25 @@ class Past:
         self._slots = [n for n, each in recording.slots.items() if each.slot.type is MachineStatus]
         self._found: dict[tuple[int, str], _PastTrack] = {}
         self._next = 0
+        self.known_ns = recording.span_ns[0]
+        """Up to when it is known."""
 
     def read(self) -> Mapping[str, Sequence[Change]]:
-        """Read the next part of the file, and return what is known."""
-        number = len(self._recording.chunks)
-        if self._next < number:
+        """Read on for a moment, and return what is known."""
+        until_ns = time.monotonic_ns() + _READ_NS
+        while self._next < len(self._recording.chunks):
             for moment in self._recording.history(self._next, self._slots):
+                self.known_ns = max(self.known_ns, moment.now_ns)
                 self._take(moment)
             self._next += 1
-            if self._next == number:
-                self._end(self._recording.span_ns[1])
+            if self._next == len(self._recording.chunks):
+                self._end()
+            if time.monotonic_ns() > until_ns:
+                break
         return self.changes
 
-    def _end(self, end_ns: int) -> None:
+    def _end(self) -> None:
+        self.known_ns = end_ns = self._recording.span_ns[1]
         for track in self._tracks.values():
             if end_ns - track.told_ns > SILENT_NS:
                 track.lose(track.told_ns + SILENT_NS)

@@ -22,6 +22,7 @@ class RecordedPlayer(Player):
 
     def __init__(self, span_ns: tuple[int, int], clock: Clock):
         self.span_ns = span_ns
+        self.known_ns = span_ns[0]
         self.epoch = 0
         """Another number after each leap."""
         self._clock = clock
@@ -94,7 +95,9 @@ class RecordedSource(Source):
 
     def history(self) -> Mapping[str, Sequence[Change]]:
         """Return the states that each machine was in, as far as they are read, and read on."""
-        return self._past.read()
+        changes = self._past.read()
+        self.player.known_ns = self._past.known_ns
+        return changes
 
     def close(self) -> None:
         """Do nothing: the file is open only while something in it is read."""

@@ -29,6 +29,7 @@ class Feed:
         now        seconds on the clock of all stamps, which begins at the page's first look, or
                    with a recording
         speed      seconds that pass in a second: 1 live, 0 paused
+        known      up to when the history of a recording is known
         reset      true: forget all before
         trouble    why there is nothing to look at
         slots      [number, name, type, schema, capacity] of each new slot
@@ -64,6 +65,7 @@ class Feed:
             frame["reset"] = True
         rest = {
             "speed": 1.0 if player is None else player.speed,
+            "known": None if player is None else self._seconds(player.known_ns),
             "trouble": look.trouble,
             "problems": dict(look.problems),
         }

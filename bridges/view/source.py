@@ -62,6 +62,8 @@ class Player(ABC):
 
     span_ns: tuple[int, int]
     """The first and the last moment, on the clock of the samples' stamps."""
+    known_ns: int
+    """Up to when the source's `history` is known so far."""
     speed: float = 0.0
     """Seconds that pass in a second; 0 stands still."""
 

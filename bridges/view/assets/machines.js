@@ -179,7 +179,7 @@ class Card {
   drawTimes(machine, model) {
     const [changes, { now }] = [model.history.get(this.name) ?? [], model];
     setText(this.since, clock(now - machine.entered));
-    this.timeline.draw(changes, now, this.panel.span);
+    this.timeline.draw(changes, now, this.panel.span, model.known);
     if (this.panel.span === null) return;
     // All of a recording is known at once: a change is news when its time has come.
     const passed = now - (this.then ?? now);

@@ -18,8 +18,8 @@ export class Timeline {
     canvas.addEventListener("pointermove", (event) => this.tell(event));
   }
 
-  // `span` is all of a recording's time, null when live.
-  draw(changes, now, span) {
+  // `span` is all of a recording's time, null when live; `known` is up to when it is read.
+  draw(changes, now, span, known) {
     const drawing = context(this.canvas);
     if (!drawing) return;
     const { wide, high } = drawing;
@@ -38,7 +38,7 @@ export class Timeline {
     const gaps = [];
     for (; i < changes.length; i += 1) {
       const [begins, state, suspended, , , skipped] = changes[i];
-      const ends = changes[i + 1]?.[0] ?? (span === null ? now : span);
+      const ends = changes[i + 1]?.[0] ?? (span === null ? now : known);
       if (begins > to) break;
       if (!state || ends < from) continue;
       const left = Math.max(0, x(begins));

@@ -242,6 +242,7 @@ def test_with_events_every_state_is_known_however_short(file: Path) -> None:
     assert not any(change.skipped for change in changes)
     stamps = [change.stamp_ns for change in changes]
     assert stamps[6] - stamps[5] == 5 * MS
+    assert source.player.known_ns == source.player.span_ns[1]
 
 
 def test_without_events_what_was_too_short_is_marked(file: Path) -> None:

@@ -14,7 +14,13 @@ from llfsm.bridges.view.live import LiveSource
 from llfsm.runtime import Arrangement, Machine, State
 from llfsm.runtime.remote import born, host_name
 from llfsm.whiteboard import Sample, Slot, Whiteboard
-from llfsm.whiteboard.messages.llfsm import VIEWER, MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import (
+    VIEWER,
+    JournalPart,
+    MachineStatus,
+    journal_slot,
+    status_slot,
+)
 from llfsm.whiteboard.messages.std_msgs import Bool
 
 from .conftest import Server, wait_for
@@ -199,3 +205,12 @@ def test_states_that_nobody_saw_are_not_pretended() -> None:
     assert note("a", "", 0) == ("a", False)  # restarted, and no turn there yet
     assert note("a", "", 7) == ("a", False)
     assert len(history.changes["M"]) == 5
+
+
+def test_what_is_on_its_way_to_a_recorder_is_not_shown(board: str, source: LiveSource) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        wb.add_message(journal_slot(0), JournalPart(1, 2, 3, True, 0, data=bytes(100_000)))
+        assert "lamp" in source.look().samples
+        assert [*source.look().slots] == ["lamp"]
+        wb.remove()
