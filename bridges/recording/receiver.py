@@ -41,6 +41,7 @@ class JournalReceiver:
         self._slots: list[BoundSlot[JournalPart]] = []
         self._taken: list[int] = []
         self._journals: dict[int, _Incoming] = {}
+        self._full = False
         self.journals = 0
         """How many were begun."""
         pid = os.getpid()
@@ -63,6 +64,16 @@ class JournalReceiver:
         self._slots.append(slot)
         self._taken.append(slot.count)
 
+    def _listen_ahead(self) -> None:
+        """Listen to one slot more than are in use, so that the next journal is seen at once."""
+        try:
+            self._listen()
+        except BoardClosedError:
+            raise
+        except WhiteboardError as error:
+            self._full = True
+            logger().warning("no more machines can be recorded: %s", error)
+
     def _with_taken(self) -> Recorder:
         return msgspec.structs.replace(self._me, taken=tuple(self._taken))
 
@@ -74,8 +85,8 @@ class JournalReceiver:
                 new = True
                 self._take(number, slot)
         if new:
-            if self._taken[-1]:  # one more than are in use, so that the next one is seen at once
-                self._listen()
+            if self._taken[-1] and not self._full:
+                self._listen_ahead()
             self._recorder.add(self._with_taken())
 
     @property

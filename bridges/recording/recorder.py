@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
+from math import inf
 from typing import Any, Final
 
 from llfsm.bridges.view.classes import class_of
@@ -23,6 +24,7 @@ from .writer import RecordingWriter
 __all__ = ["BoardRecorder", "record"]
 
 _LOOK_S: Final = 0.001
+_PATIENCE_S: Final = 5.0  # for machines to end after their board was removed
 _LIST_NS: Final = 100_000_000  # between two looks for new slots
 _VIEW_NS: Final = 500_000_000  # between two signs that somebody wants the machines' variables
 
@@ -116,9 +118,13 @@ def record(
     is_over: Callable[[], bool],
 ) -> None:
     """Record until `is_over`, or the board is removed and the journals on it have ended."""
-    last = False
+    last, until = False, inf
     while not last:
-        last = is_over() or not (board.alive or (journals and not journals.idle))
+        if until == inf and not board.alive:
+            until = time.monotonic() + _PATIENCE_S
+        last = is_over() or (
+            until < inf and (journals is None or journals.idle or time.monotonic() > until)
+        )
         if journals is not None:
             journals.look()
         board.look(last=last)  # once more at the end, for what came meanwhile

@@ -15,9 +15,10 @@ from typing import Any
 
 import click
 
-from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard import Whiteboard, WhiteboardError
 
 from ..arrangement import Arrangement
+from ..failure import logger
 from ..handover import Handover, find_recorder
 from ..journalled import JournalledArrangement
 from ..plan import Plan
@@ -46,10 +47,14 @@ def recorded(
             )
         with _recorder(file, board):
             yield _made_for(board, plan)
-    elif recorder is not None and not forks:
-        yield _made_for(board, plan)
-    else:
-        yield Arrangement
+        return
+    make: Callable[..., Arrangement] = Arrangement
+    if recorder is not None and not forks:
+        try:
+            make = _made_for(board, plan)
+        except WhiteboardError as error:  # what somebody else records is no reason not to run
+            logger().warning("the machines go on unrecorded: %s", error)
+    yield make
 
 
 def _made_for(board: Whiteboard, plan: Plan) -> Callable[..., Arrangement]:

@@ -14,6 +14,7 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Attachment, Metadata
 from mcap.stream_reader import StreamReader
 
+from llfsm.bridges.recording import recorder
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.receiver import JournalReceiver
 from llfsm.bridges.recording.rerun import Rerun, whole_journals
@@ -22,7 +23,7 @@ from llfsm.runtime import Machine, ManualClock, State
 from llfsm.runtime.handover import Handover, find_recorder
 from llfsm.runtime.journalled import JournalledArrangement
 from llfsm.runtime.remote import born
-from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard import BoardFullError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
 
 from .conftest import end_of, entries_in, wait_for
@@ -289,3 +290,49 @@ def test_an_old_recorder_is_replaced(board: Whiteboard, file: Path) -> None:
         assert not receiver.other
         assert JournalReceiver(board, writer).other == os.getpid()
         receiver.close()
+
+
+def test_it_waits_for_the_machines_of_a_board_that_is_gone_but_not_for_ever(
+    board: Whiteboard, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder, "_PATIENCE_S", 0.2)
+    with RecordingWriter(file, {}) as writer:
+        receiver = JournalReceiver(board, writer)
+        clock = ManualClock()
+        arrangement, _ = arrange(board, clock)  # which will never end
+
+        def is_over() -> bool:
+            if receiver.journals == 0:
+                arrangement.round()
+            elif board.path.exists():
+                board.path.unlink()
+            return False
+
+        recorder.record(recorder.BoardRecorder(board, writer), receiver, writer, is_over)
+        assert receiver.journals == 1
+        assert not receiver.idle
+        receiver.close()
+
+
+def test_a_board_without_room_for_more_is_told_once(
+    board: Whiteboard,
+    file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with RecordingWriter(file, {}) as writer:
+        receiver = JournalReceiver(board, writer)
+
+        def full() -> None:
+            raise BoardFullError("no room")
+
+        monkeypatch.setattr(receiver, "_listen", full)
+        clock = ManualClock()
+        arrangement, _ = arrange(board, clock)
+        for _ in range(5):
+            clock.advance(ms=30)
+            arrangement.round()
+            receiver.look()
+        receiver.close()
+    assert caplog.text.count("no more machines can be recorded: no room") == 1
+    assert has_events(file, "Turn", 3)

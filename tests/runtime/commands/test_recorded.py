@@ -10,10 +10,12 @@ import pytest
 from mcap.stream_reader import StreamReader
 
 from llfsm.machines import RosPingPong
-from llfsm.runtime import handover
+from llfsm.runtime import Arrangement, handover
 from llfsm.runtime.commands import recorded
 from llfsm.runtime.plan import Plan
+from llfsm.runtime.remote import born
 from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import RECORDER, Recorder
 
 from .conftest import Llfsm, alive, children, exists, wait_for, wait_for_line
 
@@ -112,3 +114,16 @@ def test_runs_that_start_again_are_not_recorded(llfsm: Llfsm, board: str) -> Non
     assert done.returncode == 2
     assert "--record keeps one run, -n may start several" in done.stderr
     assert not exists(board)
+
+
+def test_machines_run_though_they_cannot_be_recorded(
+    board: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(handover, "_SLOTS", 0)
+    with Whiteboard(board) as wb:
+        wb.add_message(RECORDER, Recorder(os.getpid(), born(os.getpid())))
+        with recorded.recorded(None, wb, Plan()) as make:
+            assert make is Arrangement
+        assert "the machines go on unrecorded: " in caplog.text
+        with recorded.recorded(None, wb, Plan(), forks=True) as make:
+            assert make is Arrangement
