@@ -21,7 +21,9 @@ from .remote import born
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot
 
-__all__ = ["Handover", "find_recorder"]
+    from .arrangement import Arrangement
+
+__all__ = ["Handover", "Reporter", "find_recorder"]
 
 _SLOTS: Final = 64  # journals that a board may carry at a time
 _ROOM: Final = journal_slot(0).capacity - 128  # bytes of a journal in one part
@@ -147,6 +149,47 @@ class Handover:
         )
         self._count = self._slot.add_after(part, self._count)
         self.works = not over and self._count > 0
+
+
+class Reporter:
+    """Give the events of an arrangement to whoever records its board, for as long as somebody does.
+
+    To one that has come after the machines began it gives those from then on.
+    """
+
+    def __init__(self, arrangement: Arrangement, board: Board):
+        self._arrangement = arrangement
+        self._board = board
+        self._recorder = board[RECORDER]
+        self._seen = 0  # the latest of its messages that was looked at
+
+    def look(self) -> None:
+        """Begin if a recorder has come, go on while there is one, and end when it has gone."""
+        handover = self._arrangement.handover
+        try:
+            if handover is None and self._recorder.count != self._seen:
+                self._seen = self._recorder.count
+                recorder = find_recorder(self._board)
+                if recorder is not None:
+                    self._begin(Handover(self._board, recorder, whole=False))
+        except BoardClosedError:  # which stops the arrangement, when it looks
+            pass
+        except WhiteboardError as error:
+            logger().warning("the machines go on unrecorded: %s", error)
+        if handover is not None:
+            handover.journal.flush()
+            handover.go_on()
+            if not handover.works:
+                self._arrangement.handover = None
+                self._arrangement.detach(handover.journal)
+
+    def _begin(self, handover: Handover) -> None:
+        arrangement = self._arrangement
+        arrangement.handover = handover
+        for standing in filter(None, arrangement.standings()):
+            path = type(arrangement.machine(standing.machine)).table.path
+            handover.journal.add(("Loaded", standing.machine, path))
+        arrangement.attach(handover.journal)
 
 
 def _taken(recorder: Recorder, place: int) -> int:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
-    RECORDER,
     VIEWER,
     MachineRequest,
     MachineStatus,
@@ -20,10 +19,8 @@ from llfsm.whiteboard.messages.llfsm import (
     variables_slot,
 )
 
-from . import events
-from .events import Status
 from .failure import logger
-from .handover import Handover, find_recorder
+from .handover import Reporter
 from .machine import Machine
 from .portrait import definition_of, variables_of
 from .remote import born, host_name, is_live
@@ -31,7 +28,7 @@ from .remote import born, host_name, is_live
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot
 
-    from .clock import Clock
+    from .arrangement import Arrangement
     from .seat import Arrival
 
 __all__ = ["Presence"]
@@ -40,23 +37,6 @@ _PAUSE_NS = 20_000_000  # as often as anybody can look
 _BEAT_NS = 250_000_000  # after so long a status is posted again, to tell that it still holds
 _VIEW_NS = 2_000_000_000  # for so long after a viewer has told of itself somebody looks
 _VARIABLES_NS = 100_000_000
-
-
-class _Arrangement(Protocol):
-    handover: Handover | None
-
-    @property
-    def clock(self) -> Clock: ...
-    def attach(self, observer: events.Observer) -> None: ...
-    def detach(self, observer: events.Observer) -> None: ...
-    def machine(self, name: str) -> Machine: ...
-    def progress(self, name: str) -> tuple[int, int]: ...
-    def arrival(self, name: str) -> Arrival: ...
-    def standings(self) -> tuple[events.MachineStatus | None, ...]: ...
-    def hold(self, name: str) -> None: ...
-    def resume(self, name: str) -> Status: ...
-    def restart(self, name: str) -> Status: ...
-    def stop_machine(self, name: str) -> None: ...
 
 
 class _Told(NamedTuple):
@@ -142,7 +122,7 @@ class Presence:
     without a sleep it posts only fifty times a second, so that a fast arrangement stays fast.
     """
 
-    def __init__(self, arrangement: _Arrangement, board: Board) -> None:
+    def __init__(self, arrangement: Arrangement, board: Board) -> None:
         self._arrangement = arrangement
         self._board = board
         self._pid = os.getpid()
@@ -153,8 +133,7 @@ class Presence:
         self._viewer = board[VIEWER]
         self._viewed = self._viewer.count
         self._view_ends_ns = self._variables_due_ns = self._arrangement.clock.now_ns()
-        self._recorder = board[RECORDER]
-        self._recorded = 0  # the latest of its messages that was looked at
+        self._reporter = Reporter(arrangement, board)
         self._due_ns = 0
         self._works = True
         self.look(idle=True)
@@ -168,7 +147,7 @@ class Presence:
             if self._works:
                 with self._whatever_happens():
                     self._post(now_ns)
-            self._hand_over()
+            self._reporter.look()
 
     def hear(self) -> None:
         """Do what is asked for."""
@@ -235,35 +214,6 @@ class Presence:
         for name in left:
             self._places.pop(name).leave()
         self._tell_variables(now_ns)
-
-    def _hand_over(self) -> None:
-        """Give a recorder the events of the machines, from now on if it has come just now."""
-        arrangement = self._arrangement
-        handover = arrangement.handover
-        if handover is not None:
-            handover.journal.flush()
-            handover.go_on()
-            if not handover.works:
-                arrangement.handover = None
-                arrangement.detach(handover.journal)
-            return
-        try:
-            if self._recorder.count == self._recorded:
-                return
-            self._recorded = self._recorder.count
-            recorder = find_recorder(self._board)
-            if recorder is None:
-                return
-            arrangement.handover = handover = Handover(self._board, recorder, whole=False)
-        except BoardClosedError:
-            return
-        except WhiteboardError as error:
-            logger().warning("the machines go on unrecorded: %s", error)
-            return
-        for standing in filter(None, arrangement.standings()):
-            path = type(arrangement.machine(standing.machine)).table.path
-            handover.journal.add(("Loaded", standing.machine, path))
-        arrangement.attach(handover.journal)
 
     def _tell_variables(self, now_ns: int) -> None:
         if self._viewer.count != self._viewed:
