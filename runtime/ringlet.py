@@ -51,7 +51,7 @@ def ringlet(seat: Seat) -> bool:
                     continue
                 if value is not True:
                     raise not_a_bool(seat, state, code, value)
-            seat.current, seat.fired = target, code
+            seat.current = target
             if (code := state.on_exit) is not None:
                 code(machine)
             return True

@@ -98,7 +98,7 @@ class Seat:
         self.current = self.remembered = self.initial
         self.previous: BoundState | None = None
         self.source: BoundState | None = None  # the state that it was in before
-        self.fired: Callable[[Any], object] | None = type(self).finish  # guard of what fired last
+        self.fired = 0  # of the transitions to one state, the number of the one that fired last
         self.request: Request | None = None
         self.entered_ns = NEVER  # when the state clock started
         self.first_round = 0  # in which it had its first turn, counted from 1
@@ -179,10 +179,13 @@ class Seat:
         entered = self.current is self.previous
         source = self.source if entered else self.previous
         entered_ns = self.entered_ns if entered else None
-        if source is not None:
-            for number, (guard, target) in enumerate(source.transitions):
-                if guard is self.fired and target is self.current:
-                    return Arrival(source.name, number, entered_ns)
+        # What a request has done is no transition, also where there is one between the two.
+        asked = {source, self.current} == {self.suspension, self.remembered}
+        if source is not None and not asked:
+            ways = [n for n, (_, to) in enumerate(source.transitions) if to is self.current]
+            if ways:
+                number = self.fired if len(ways) > 1 and self.fired in ways else ways[0]
+                return Arrival(source.name, number, entered_ns)
         return Arrival("", 0, entered_ns)
 
     def connect(self, board: Board | None) -> None:
