@@ -29,7 +29,7 @@ _SLOTS: Final = 64  # journals that a board may carry at a time
 _ROOM: Final = journal_slot(0).capacity - 128  # bytes of a journal in one part
 _MOST: Final = 64 << 20  # bytes that are kept before the recorder counts as stuck
 _BEAT_NS: Final = 250_000_000  # between two looks whether the recorder lives
-_PATIENCE_S: Final = 5.0  # for the rest to be taken at the end
+_PATIENCE_S: Final = 5.0  # for the next part to be taken at the end
 
 
 def find_recorder(board: Board) -> Recorder | None:
@@ -102,13 +102,20 @@ class Handover:
             self._lose()
         self._left += len(data).to_bytes(4, "little") + data
         self.go_on()
-        until = time.monotonic() + _PATIENCE_S
-        while self.journal.ended and self.works:
-            time.sleep(0.001)
+        if self.journal.ended:
+            self._finish()
+
+    def _finish(self) -> None:
+        """Wait until the rest is taken, as long as any of it is."""
+        until, part = 0.0, -1
+        while self.works:
+            if part != self._part:
+                until, part = time.monotonic() + _PATIENCE_S, self._part
             if time.monotonic() > until:
                 if self._left:
                     self._lose()
                 self._stop()
+            time.sleep(0.001)
             self.go_on()
 
     def _lose(self) -> None:
@@ -117,9 +124,7 @@ class Handover:
         self._part += 1
         if not self._told:
             self._told = True
-            logger().warning(
-                "the recorder has stood still for too long: events of this time are lost"
-            )
+            logger().warning("the recorder does not keep up: events are lost on the way to it")
 
     def _is_dead(self, recorder: Recorder) -> bool:
         now_ns = time.monotonic_ns()
