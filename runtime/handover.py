@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, WhiteboardError
@@ -144,7 +145,9 @@ class Handover:
     def _stop(self) -> None:
         """Leave the slot to others."""
         self._left.clear()
-        self._add(b"", over=True)
+        with suppress(WhiteboardError):
+            self._add(b"", over=True)
+        self.works = False
 
     def _add(self, data: bytes, *, over: bool) -> None:
         self._part += 1

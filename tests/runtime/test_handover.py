@@ -283,3 +283,16 @@ def test_machines_do_the_same_while_they_are_recorded_and_after() -> None:
         return found
 
     assert run(record=True) == run(record=False)
+
+
+def test_a_board_that_is_closed_at_the_end_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_PATIENCE_S", 0.0)
+    board = Whiteboard.local()
+    handover = Handover(board, Taker(board).tell(), whole=True)
+    arrangement = JournalledArrangement([Echo], journal=handover.journal, whiteboard=board)
+    arrangement.handover = handover
+    arrangement.round()
+    board.close()
+    arrangement.end()
+    assert not handover.works
+    handover._stop()
