@@ -4,6 +4,7 @@ import { color, context } from "./dom.js";
 import { duration } from "./format.js";
 
 const SHOWN_S = 60; // of a live machine
+const NOTCH = 7; // pixels
 const HUES = [168, 214, 268, 32, 338, 96, 190, 300, 52, 8, 140, 236];
 
 export function hue(index) {
@@ -56,14 +57,14 @@ export class Timeline {
         drawing.fillText(state, left + 6, high / 2 - 1);
       }
       this.bands.push([left, left + width, state, ends - begins, suspended, skipped]);
-      if (skipped && begins >= from) gaps.push(left);
+      if (skipped && begins >= from && left - (gaps.at(-1) ?? -NOTCH) >= NOTCH) gaps.push(left);
     }
     // Where states were too short to be seen: a notch from above.
     drawing.fillStyle = color("late");
     for (const left of gaps) {
       drawing.beginPath();
-      drawing.moveTo(left - 3, 0);
-      drawing.lineTo(left + 3, 0);
+      drawing.moveTo(left - NOTCH / 2 + 0.5, 0);
+      drawing.lineTo(left + NOTCH / 2 - 0.5, 0);
       drawing.lineTo(left, 6);
       drawing.fill();
     }
