@@ -31,6 +31,8 @@ from .statistics import MachineStatistics, Stopwatch
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
+    from .handover import Handover
+
 
 __all__ = ["Arrangement", "Reason"]
 
@@ -92,6 +94,7 @@ class Arrangement(Roster):
         self.on_error = on_error
         self.reason: Reason | None = None
         self.stop_cause: str | None = None
+        self.handover: Handover | None = None  # of a journal, while somebody records it
         self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
         self._execution: Execution | None = None
         cycle_us = period_us if timetable is None else timetable.cycle_us

@@ -48,7 +48,7 @@ def bind(seat: Seat, *, observed: bool) -> None:
     for state in type(seat.machine).table.states:
         bound = seat.states[state.name]
         code = [state.sections.get(section) for section in SECTIONS]
-        guards = [_guard(seat, transition) for transition in state.transitions]
+        guards = [_guard(seat, state, number) for number in range(len(state.transitions))]
         if observed:
             code = [_watch_section(seat, state, *pair) for pair in zip(SECTIONS, code, strict=True)]
             guards = [_watch_guard(seat, state, *pair) for pair in enumerate(guards)]
@@ -59,8 +59,23 @@ def bind(seat: Seat, *, observed: bool) -> None:
     seat.tells = any(bound.on_suspend or bound.on_resume for bound in states)
 
 
-def _guard(seat: Seat, transition: Transition) -> Guard | None:
-    """Return the function that evaluates `transition`; None if it always fires."""
+def _guard(seat: Seat, state: State, number: int) -> Guard | None:
+    """Return the function that evaluates a transition; None if it always fires."""
+    guard = _timed(seat, state.transitions[number])
+    target = state.transitions[number].target
+    if sum(each.target is target for each in state.transitions) == 1:
+        return guard
+
+    def evaluate_and_note(machine: Any) -> bool:  # which one it was cannot be told by its target
+        value = guard is None or guard(machine)
+        if value is True:
+            seat.fired = number
+        return value
+
+    return evaluate_and_note
+
+
+def _timed(seat: Seat, transition: Transition) -> Guard | None:
     guard = transition.guard
     if transition.after_ms is None:
         return guard

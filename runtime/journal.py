@@ -8,7 +8,8 @@ What is in it is enough to run the machines again just as they ran. An entry is 
 * `Asked`: something was asked of a machine, or of all (`stop`), from outside the arrangement;
 * `Answered`: a machine of another process was asked for its state, or to do something;
 * `Loaded`: a machine was loaded, but not by another one;
-* `Plan`, at the beginning: what the arrangement was made from, if that was a plan.
+* `Plan`, at the beginning: what the arrangement was made from, if that was a plan;
+* `Lost`, written by a recorder: entries that should be here were lost on their way to it.
 
 Time that passes between turns is nobody's input, so that its reads are left out. Entries are
 gathered in memory and written, many at once, between rounds.
@@ -38,6 +39,7 @@ _MOST: Final = 4096  # entries that are gathered even if no round ends
 
 FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "Plan": ("plan", "folder"),
+    "Lost": (),
     "Loaded": ("machine", "path"),
     "Sensed": ("machine", "sensor", "slot", "message", "error"),
     "Posted": ("machine", "actuator", "slot", "message", "count"),
@@ -72,6 +74,8 @@ class Journal:
         self.reads: list[int] = []
         self.outside = True
         """Whether no code of a machine can be running."""
+        self.ended = False
+        """Whether the arrangement has ended: there is nothing to come."""
         self.between: Callable[[], None] = lambda: None
         """Called whenever none is running any more."""
         self._entries: list[tuple[Any, ...]] = []
@@ -102,10 +106,15 @@ class Journal:
 
     def _pause(self, event: events.Event) -> None:
         self.between()
-        ended = isinstance(event, events.End)
-        if ended or event.time_ns - self._written_ns >= _WRITE_NS or len(self._entries) >= _MOST:
+        self.ended = isinstance(event, events.End)
+        due = event.time_ns - self._written_ns >= _WRITE_NS or len(self._entries) >= _MOST
+        if self.ended or due:
             self._written_ns = event.time_ns
             self.flush()
+
+    def close(self) -> None:
+        """Take nothing any more."""
+        self.add = lambda _: None
 
     def flush(self) -> None:
         """Write what was gathered."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 from .arrangement import Arrangement
 from .clock import Clock, MonotonicClock
 from .errors import UnknownMachineError
-from .events import Status
+from .events import Observer, Status
 from .journal import Journal
 from .remote import RemoteMachine
 from .roster import Loadable, LoadOptions
@@ -47,9 +47,22 @@ class JournalledArrangement(Arrangement):
     ):
         self.journal = journal
         self._deferred: str | None = None  # why a stop was asked for
-        super().__init__(machines, clock=_Clock(clock or MonotonicClock(), journal), **options)
+        self._taps = True
+        self._told = _Clock(clock or MonotonicClock(), journal)
+        super().__init__(machines, clock=self._told, **options)
         journal.between = self._stop_deferred
         self.attach(journal)
+
+    def detach(self, observer: Observer) -> None:
+        """Tell `observer` nothing more; if that is the journal, none is kept from now on."""
+        if observer is self.journal:
+            self.journal.close()
+            self._told.close()
+            self._taps = False
+            for seat in self._named.values():
+                seat.connect(self.whiteboard)
+                seat.now = self.clock.now_ns if seat.first_round else seat.now
+        super().detach(observer)
 
     def stop(self, cause: str = "stop() was called") -> None:
         """Ask the machines to reach accepting states; may be called from any thread."""
@@ -97,7 +110,8 @@ class JournalledArrangement(Arrangement):
         seat = super()._seat_at(loadable, **how)
         if self.journal.outside:
             self.journal.add(("Loaded", seat.name, seat.path))
-        self._tap(seat)
+        if self._taps:
+            self._tap(seat)
         return seat
 
     def _tap(self, seat: Seat) -> None:
@@ -150,7 +164,8 @@ class JournalledArrangement(Arrangement):
 
     def _elsewhere(self, name: str) -> RemoteMachine:
         try:
-            return _Elsewhere(super()._elsewhere(name), self.journal)
+            machine = super()._elsewhere(name)
+            return _Elsewhere(machine, self.journal) if self._taps else machine
         except UnknownMachineError:
             self.journal.add(("Answered", name, None))
             raise
@@ -168,7 +183,16 @@ class _Clock:
             told(value)
             return value
 
+        def close() -> None:
+            nonlocal told
+            told, self.now_ns = _forget, now_ns  # some keep `read`
+
         self.now_ns = read
+        self.close = close
+
+
+def _forget(_: int) -> None:
+    pass
 
 
 class _Elsewhere(RemoteMachine):

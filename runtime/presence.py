@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import (
@@ -19,9 +19,8 @@ from llfsm.whiteboard.messages.llfsm import (
     variables_slot,
 )
 
-from . import events
-from .events import Status
 from .failure import logger
+from .handover import Reporter
 from .machine import Machine
 from .portrait import definition_of, variables_of
 from .remote import born, host_name, is_live
@@ -29,7 +28,8 @@ from .remote import born, host_name, is_live
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot
 
-    from .clock import Clock
+    from .arrangement import Arrangement
+    from .seat import Arrival
 
 __all__ = ["Presence"]
 
@@ -39,18 +39,6 @@ _VIEW_NS = 2_000_000_000  # for so long after a viewer has told of itself somebo
 _VARIABLES_NS = 100_000_000
 
 
-class _Arrangement(Protocol):
-    @property
-    def clock(self) -> Clock: ...
-    def machine(self, name: str) -> Machine: ...
-    def progress(self, name: str) -> tuple[int, int]: ...
-    def standings(self) -> tuple[events.MachineStatus | None, ...]: ...
-    def hold(self, name: str) -> None: ...
-    def resume(self, name: str) -> Status: ...
-    def restart(self, name: str) -> Status: ...
-    def stop_machine(self, name: str) -> None: ...
-
-
 class _Told(NamedTuple):
     """What is worth a message as soon as it changes."""
 
@@ -58,6 +46,7 @@ class _Told(NamedTuple):
     suspended: bool
     pending: str
     obeyed: int
+    entered_ns: int | None
 
 
 class _Place:
@@ -133,7 +122,7 @@ class Presence:
     without a sleep it posts only fifty times a second, so that a fast arrangement stays fast.
     """
 
-    def __init__(self, arrangement: _Arrangement, board: Board) -> None:
+    def __init__(self, arrangement: Arrangement, board: Board) -> None:
         self._arrangement = arrangement
         self._board = board
         self._pid = os.getpid()
@@ -144,6 +133,7 @@ class Presence:
         self._viewer = board[VIEWER]
         self._viewed = self._viewer.count
         self._view_ends_ns = self._variables_due_ns = self._arrangement.clock.now_ns()
+        self._reporter = Reporter(arrangement, board)
         self._due_ns = 0
         self._works = True
         self.look(idle=True)
@@ -152,10 +142,12 @@ class Presence:
         """Do what is asked for; then post what has changed, if there is time or it is due."""
         self.hear()
         now_ns = self._arrangement.clock.now_ns()
-        if self._works and (idle or now_ns >= self._due_ns):
+        if idle or now_ns >= self._due_ns:
             self._due_ns = now_ns + _PAUSE_NS
-            with self._whatever_happens():
-                self._post(now_ns)
+            if self._works:
+                with self._whatever_happens():
+                    self._post(now_ns)
+            self._reporter.look()
 
     def hear(self) -> None:
         """Do what is asked for."""
@@ -207,11 +199,18 @@ class Presence:
                 place = self._places[standing.machine] = _Place(
                     self._board, standing.machine, self._arrangement.machine(standing.machine)
                 )
-            told = _Told(standing.state, standing.suspended, standing.request or "", place.obeyed)
+            arrival = self._arrangement.arrival(standing.machine)
+            told = _Told(
+                standing.state,
+                standing.suspended,
+                standing.request or "",
+                place.obeyed,
+                arrival.entered_ns,
+            )
             if told != place.told or now_ns - place.beat_ns >= _BEAT_NS:
                 place.keep_name()
                 told = told._replace(obeyed=place.obeyed)
-                place.post(told, self._status(standing, told, now_ns), now_ns)
+                place.post(told, self._status(standing.machine, told, arrival, now_ns), now_ns)
         for name in left:
             self._places.pop(name).leave()
         self._tell_variables(now_ns)
@@ -225,9 +224,9 @@ class Presence:
             for place in self._places.values():
                 place.tell_variables()
 
-    def _status(self, standing: events.MachineStatus, told: _Told, now_ns: int) -> MachineStatus:
-        ringlets, overruns = self._arrangement.progress(standing.machine)
-        entered_ns = now_ns if standing.entered_ns is None else standing.entered_ns
+    def _status(self, name: str, told: _Told, arrival: Arrival, now_ns: int) -> MachineStatus:
+        ringlets, overruns = self._arrangement.progress(name)
+        entered_ns = now_ns if told.entered_ns is None else told.entered_ns
         return MachineStatus(
             state=told.state,
             suspended=told.suspended,
@@ -235,6 +234,9 @@ class Presence:
             ringlets=ringlets,
             overruns=overruns,
             in_state_s=(now_ns - entered_ns) / 1e9,
+            source=arrival.source,
+            transition=arrival.transition,
+            entered_ns=told.entered_ns or 0,
             obeyed=told.obeyed,
             pid=self._pid,
             born=self._born,

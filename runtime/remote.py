@@ -6,9 +6,11 @@ import os
 import socket
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING
 
+from llfsm.whiteboard.errors import MessageUnreadableError, SlotError
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
     MACHINES,
@@ -109,18 +111,20 @@ class Directory:
     def machines(self) -> list[RemoteMachine]:
         """Return all of them."""
         self._look()
-        samples = [(slot, bound.sample()) for slot, bound in self._slots.items()]
-        return [
-            RemoteMachine(self._board, slot.removeprefix(MACHINES), sample)
-            for slot, sample in samples
-            if sample is not None and is_live(sample)
-        ]
+        found = []
+        for slot, bound in self._slots.items():
+            with suppress(MessageUnreadableError):
+                sample = bound.sample()
+                if sample is not None and is_live(sample):
+                    found.append(RemoteMachine(self._board, slot.removeprefix(MACHINES), sample))
+        return found
 
     def _look(self) -> None:
         for slot in self._board.slots():
             if slot.name.startswith(MACHINES) and slot.name not in self._slots:
                 machine = slot.name.removeprefix(MACHINES)
-                self._slots[slot.name] = self._board[status_slot(machine)]
+                with suppress(SlotError):  # it is no machine's, whatever it is called
+                    self._slots[slot.name] = self._board[status_slot(machine)]
 
 
 def is_live(sample: Sample[MachineStatus]) -> bool:

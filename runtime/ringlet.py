@@ -29,7 +29,7 @@ def ringlet(seat: Seat) -> bool:
                 setattr(machine, name, read())
         previous = seat.previous
         if state is not previous:
-            seat.previous = state
+            seat.previous, seat.source = state, previous
             if not seat.tells:  # 3
                 pass
             elif state is seat.suspension:

@@ -10,7 +10,7 @@ from .errors import LoadError, ObserverError, UnknownMachineError
 from .events import Event, MachineStatus, Observer, Request, Status
 from .machine import Machine
 from .ringlet import ringlet
-from .seat import Seat
+from .seat import Arrival, Seat
 from .submachine import Submachine
 
 if TYPE_CHECKING:
@@ -210,6 +210,10 @@ class Roster:
     def standings(self) -> tuple[MachineStatus | None, ...]:
         """Return where each machine stands, in order of index, with None for each hole."""
         return tuple(None if seat is None else seat.status() for seat in self._seats)
+
+    def arrival(self, name: str) -> Arrival:
+        """Tell how a machine has come into its state."""
+        return self._find(name).arrival()
 
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""

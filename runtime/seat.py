@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from .binding import BoundState
 from .errors import LoadError
@@ -18,9 +18,20 @@ if TYPE_CHECKING:
     from .machine import Machine
     from .roster import Roster
 
-__all__ = ["Seat"]
+__all__ = ["Arrival", "Seat"]
 
 NEVER = -1
+
+
+class Arrival(NamedTuple):
+    """How a machine has come into its state: by a transition, unless `source` is empty."""
+
+    source: str
+    transition: int
+    """Its place among those of `source`, from 0."""
+    entered_ns: int | None
+    """When the state's clock started; None if it has had no turn there yet."""
+
 
 Read: TypeAlias = Callable[[], object]
 
@@ -38,6 +49,7 @@ class Seat:
         "doing",
         "entered_ns",
         "failed",
+        "fired",
         "first_round",
         "held",
         "index",
@@ -53,6 +65,7 @@ class Seat:
         "request",
         "roster",
         "sensors",
+        "source",
         "states",
         "stopping",
         "suspension",
@@ -84,6 +97,8 @@ class Seat:
         )
         self.current = self.remembered = self.initial
         self.previous: BoundState | None = None
+        self.source: BoundState | None = None  # the state that it was in before
+        self.fired = 0  # of the transitions to one state, the number of the one that fired last
         self.request: Request | None = None
         self.entered_ns = NEVER  # when the state clock started
         self.first_round = 0  # in which it had its first turn, counted from 1
@@ -158,6 +173,20 @@ class Seat:
         return MachineStatus(
             self.index, self.name, self.current.name, self.suspended, self.request, entered_ns
         )
+
+    def arrival(self) -> Arrival:
+        """Tell how the machine has come into its state."""
+        entered = self.current is self.previous
+        source = self.source if entered else self.previous
+        entered_ns = self.entered_ns if entered else None
+        # What a request has done is no transition, also where there is one between the two.
+        asked = {source, self.current} == {self.suspension, self.remembered}
+        if source is not None and not asked:
+            ways = [n for n, (_, to) in enumerate(source.transitions) if to is self.current]
+            if ways:
+                number = self.fired if len(ways) > 1 and self.fired in ways else ways[0]
+                return Arrival(source.name, number, entered_ns)
+        return Arrival("", 0, entered_ns)
 
     def connect(self, board: Board | None) -> None:
         """Bind the machine's sensors and actuators to the slots of `board`."""

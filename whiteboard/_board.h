@@ -111,6 +111,27 @@ static PyObject *board_shared(Board *self, PyObject *unused)
     return is_open(self, self->path) ? PyBool_FromLong(lwb_shared(&self->board)) : NULL;
 }
 
+/* What stands in a slot's record: name and type as far as they are text, no schema if it is
+ * damaged, fingerprint and capacity. */
+static PyObject *board_record(const struct lwb_record *r)
+{
+    const char *name = lwb_texts(r), *type = name + r->name_length;
+    PyObject *texts[3] = {
+        PyUnicode_DecodeUTF8(name, (Py_ssize_t)r->name_length, "surrogateescape"),
+        PyUnicode_DecodeUTF8(type, (Py_ssize_t)r->type_length, "replace"),
+        lwb_is_sound(r)
+            ? PyBytes_FromStringAndSize(type + r->type_length, (Py_ssize_t)r->schema_length)
+            : Py_NewRef(Py_None),
+    };
+    PyObject *item = NULL;
+    if (texts[0] && texts[1] && texts[2])
+        item = Py_BuildValue("OOOKK", texts[0], texts[1], texts[2],
+                             (unsigned long long)r->fingerprint, (unsigned long long)r->capacity);
+    for (int i = 0; i < 3; i++)
+        Py_XDECREF(texts[i]);
+    return item;
+}
+
 static PyObject *board_slots(Board *self, PyObject *unused)
 {
     (void)unused;
@@ -124,16 +145,7 @@ static PyObject *board_slots(Board *self, PyObject *unused)
         uint64_t offset;
         if (!(r = lwb_slot_at(&self->board, i, &offset, &status)))
             break;
-        if (!lwb_is_sound(r)) {
-            status = LWB_CORRUPT;
-            break;
-        }
-        const char *texts = lwb_texts(r);
-        PyObject *item = Py_BuildValue(
-            "s#s#y#KK", texts, (Py_ssize_t)r->name_length, texts + r->name_length,
-            (Py_ssize_t)r->type_length, texts + r->name_length + r->type_length,
-            (Py_ssize_t)r->schema_length, (unsigned long long)r->fingerprint,
-            (unsigned long long)r->capacity);
+        PyObject *item = board_record(r);
         if (!item || PyList_Append(list, item))
             Py_CLEAR(list);
         Py_XDECREF(item);

@@ -9,8 +9,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self
 
+from .errors import MessageTypeError
 from .message import M
-from .schema import Schema
+from .schema import Schema, type_from_schema
 from .slots import Slot
 
 if TYPE_CHECKING:
@@ -40,6 +41,18 @@ class SlotInfo(NamedTuple):
     schema: Schema
     capacity: int
     """Bytes of the longest encoded message."""
+    problem: str = ""
+    """Why nobody can use it: what some process wrote of it is damaged, or no schema. Then the
+    schema is empty."""
+
+    def slot(self) -> Slot[Any]:
+        """Return the slot, with a class made from its schema.
+
+        Raise :class:`.MessageTypeError` if there is none, :class:`.SlotNameError` for its name.
+        """
+        if self.problem:
+            raise MessageTypeError(f"slot {self.name!r}: {self.problem}")
+        return Slot(self.name, type_from_schema(self.schema), self.capacity)
 
 
 class BoundSlot(ABC, Generic[M]):

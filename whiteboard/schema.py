@@ -157,6 +157,15 @@ def type_from_schema(schema: Schema) -> type[Message]:
 
     Raise :class:`.MessageTypeError` if it is no schema as :func:`describe` makes them.
     """
+    try:
+        return _made(schema)
+    except MessageTypeError:
+        raise
+    except Exception as error:  # whatever another process calls a schema
+        raise MessageTypeError(f"not a message's schema: {error}") from error
+
+
+def _made(schema: Schema) -> type[Message]:
     from .message import Message
 
     if not ("title" in schema and isinstance(schema.get("properties"), dict)):
@@ -182,7 +191,7 @@ def _annotation(schema: Schema) -> Any:
         case {"enum": values}:
             return Literal[tuple(values)]
         case {"type": "object"}:
-            return type_from_schema(schema)
+            return _made(schema)
         case {"type": "array", "prefixItems": items}:
             return tuple[tuple(_annotation(i) for i in items)]  # type: ignore[misc]
         case {"type": "array", "items": item}:

@@ -15,7 +15,6 @@ from msgspec import inspect as mi
 
 from .board import Board, BoundSlot, SlotInfo
 from .errors import (
-    BoardCorruptError,
     BoardNotFoundError,
     SchemaClash,
     SharedMemoryUnavailableError,
@@ -25,7 +24,7 @@ from .errors import (
 )
 from .local import LocalBoard
 from .message import M, Message
-from .schema import Schema, type_from_schema
+from .schema import Schema
 from .slots import Slot
 
 try:
@@ -111,31 +110,21 @@ class Whiteboard(Board):
                 slot.decoder.decode,
             )
         except SchemaClash as clash:
-            raise slot.clash(self._decode_schema(slot.name, clash.schema)) from None
+            raise slot.clash(_schema(clash.schema)[0]) from None
 
     def slots(self) -> list[SlotInfo]:
         """Describe the slots on the board, in the order in which they were made."""
-        return [
-            SlotInfo(name, type_name, self._decode_schema(name, schema), capacity)
-            for name, type_name, schema, _, capacity in self._core.slots()
-        ]
-
-    def _decode_schema(self, slot: str, text: bytes) -> Schema:
-        try:
-            return _schema(text)
-        except msgspec.DecodeError as error:
-            raise BoardCorruptError(
-                f"{self.path}: the schema of slot {slot!r} is no JSON object: {error}"
-            ) from error
+        return [_info(*told) for told in self._core.slots()]
 
     def find(self, name: str) -> Slot[Message]:
         """Return a slot that is on the board, with a class made from its schema.
 
-        For tools that do not have the slot's own class. Raise :class:`.SlotNotFoundError`.
+        For tools that do not have the slot's own class. Raise :class:`.SlotNotFoundError`, or
+        :class:`.MessageTypeError` if its schema is none.
         """
         for info in self.slots():
             if info.name == name:
-                return Slot(name, type_from_schema(info.schema), info.capacity)
+                return info.slot()
         there = ", ".join(info.name for info in self.slots()) or "none"
         raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}; its slots: {there}")
 
@@ -168,9 +157,27 @@ class Whiteboard(Board):
         self.close()
 
 
+def _info(
+    name: str, type_name: str, text: bytes | None, _fingerprint: int, capacity: int
+) -> SlotInfo:
+    """Describe a slot; one whose record makes no sense is no reason to refuse the others."""
+    damaged: Schema = {}
+    schema, problem = damaged, "what the board's file says of it is damaged"
+    if text is not None:
+        schema, problem = _schema(text)
+    if not name.isprintable():  # as bytes that are no UTF-8
+        name = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+        problem = "its name is no text"
+    return SlotInfo(name, type_name, schema, capacity, problem)
+
+
 @lru_cache(maxsize=1024)  # slots are listed again and again, and many have the same type
-def _schema(text: bytes) -> Schema:
-    return msgspec.json.decode(text, type=Schema)
+def _schema(text: bytes) -> tuple[Schema, str]:
+    """Return a schema, or an empty one and why it is none."""
+    try:
+        return msgspec.json.decode(text, type=Schema), ""
+    except (msgspec.DecodeError, RecursionError) as error:
+        return {}, f"its schema is no JSON object: {error}"
 
 
 class BoardInfo(NamedTuple):

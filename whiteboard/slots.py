@@ -78,10 +78,12 @@ class Slot(Generic[M]):
 
     def clash(self, theirs: Schema) -> SlotTypeError:
         """Describe how the type of the board's slot of this name differs from ours."""
-        return SlotTypeError(
-            f"slot {self.name!r} holds {theirs['title']}, not our {self.type_name}: "
-            + "; ".join(differences(theirs, self.schema))
-        )
+        try:
+            how = "; ".join(differences(theirs, self.schema))
+        except Exception:  # whatever another process calls a schema
+            how = "its schema is none of a message"
+        holds = theirs.get("title", "something else")
+        return SlotTypeError(f"slot {self.name!r} holds {holds}, not our {self.type_name}: {how}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Slot, (self.name, self.type, self.capacity))

@@ -7,7 +7,7 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -16,20 +16,22 @@ from msgspec.structs import replace
 
 from llfsm.runtime.commands.options import board_option
 from llfsm.runtime.commands.planned import Planned, plan_of
+from llfsm.runtime.commands.supervised import end_with_input, until_eof_option
 from llfsm.runtime.dispatch import DispatchTable
 from llfsm.runtime.plan import Plan, PlannedMachine, assemble
 from llfsm.runtime.remote import host_name
 from llfsm.runtime.signals import stop_on_signals
-from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard import BoardClosedError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.schema import to_plain
 
 from .errors import NoEventsError
-from .reader import Recording
-from .recorder import BoardRecorder, JournalRecorder
+from .reader import RecordedJournal, Recording
+from .receiver import JournalReceiver
+from .recorder import BoardRecorder
 from .recorder import record as record_until
 from .replay import Replay
-from .rerun import Rerun
-from .writer import RecordingWriter
+from .rerun import Rerun, whole_journals, why_not
+from .writer import EVENTS, RecordingWriter
 
 __all__ = ["record", "replay", "rerun"]
 
@@ -57,25 +59,28 @@ _slots_option = click.option(
 @_slots_option
 @click.option("--max-size", metavar="MB", type=click.FloatRange(0.001), help="End when so large.")
 @click.option("--max-time", metavar="S", type=click.FloatRange(0), help="End after so long.")
-@click.option("--events", type=int, hidden=True)  # where `llfsm run --record` writes its journal
+@until_eof_option
 def record(
     output: Path,
     board: str,
     slots: tuple[str, ...],
     max_size: float | None,
     max_time: float | None,
-    events: int | None,
+    until_eof: bool,
 ) -> None:
-    """Record a whiteboard, until Ctrl-C or it is removed, for `llfsm view` and other MCAP tools.
+    """Record a whiteboard and its machines, until Ctrl-C or it is removed.
 
-    What is recorded can be read even if this process is killed, up to its last second. What
-    machines do in each turn is only known to `llfsm run --record FILE`, which `llfsm rerun` needs.
+    What is recorded can be read even if this process is killed, up to its last second, by
+    `llfsm view` and other MCAP tools. Machines that start later can be run again from it, by
+    `llfsm rerun`; of those that run already the events are recorded from now on.
 
     \b
     llfsm record -o run.mcap
     llfsm record -o poses.mcap --slots '*/pose' --max-time 60
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    if until_eof:
+        end_with_input()
     about = {
         "board": board,
         "host": host_name(),
@@ -88,7 +93,7 @@ def record(
         RecordingWriter(output, about) as writer,
     ):
         recorder = BoardRecorder(wb, writer, slots)
-        journal = None if events is None else JournalRecorder(events, writer)
+        journals = _receiver(wb, writer) if recorder.wants(EVENTS) else None
         click.echo(f"recording the whiteboard {board!r} to {output}")
         sys.stdout.flush()
         until = float("inf") if max_time is None else time.monotonic() + max_time
@@ -97,9 +102,33 @@ def record(
         def is_over() -> bool:
             return bool(asked) or time.monotonic() >= until or writer.size >= largest
 
-        record_until(recorder, journal, writer, is_over)
+        try:
+            record_until(recorder, journals, writer, is_over)
+        finally:
+            if journals is not None:
+                journals.close()
     missed = sum(writer.missed().values())
-    click.echo(f"{output}: {writer.messages} messages, {missed} more came too fast", err=True)
+    text = f"{output}: {writer.messages} messages, {missed} more came too fast"
+    if journals is not None and journals.journals:
+        text += f"; {writer.events} events of machines"
+        text += ", and some were lost" if writer.lost else ""
+    click.echo(text, err=True)
+
+
+def _receiver(board: Whiteboard, writer: RecordingWriter) -> JournalReceiver | None:
+    """Return what records the machines; None, and say why, if that cannot be."""
+    try:
+        receiver = JournalReceiver(board, writer)
+    except BoardClosedError:
+        raise
+    except WhiteboardError as error:  # a board that is full can be recorded all the same
+        click.echo(f"only slots are recorded, no events of machines: {error}", err=True)
+        return None
+    if receiver.other:
+        text = f"process {receiver.other} records the machines already, this one only slots"
+        click.echo(text, err=True)
+        return None
+    return receiver
 
 
 @click.command()
@@ -180,9 +209,9 @@ def _step(player: Replay, from_s: float, is_over: Callable[[], bool]) -> None:
 def rerun(file: Path, machines: tuple[str, ...]) -> None:
     """Run MACHINES on what they learnt in a recording, and tell what they do differently first.
 
-    The recording is one of `llfsm run --record`. Without MACHINES those that it names run; else
-    they take the places of the recorded ones, in the same order. The exit status is 0 if all that
-    they do is as recorded, else 1.
+    The recording is one that was there when they began, as with `llfsm run --record`. Without
+    MACHINES those that it names run; else they take the places of the recorded ones, in the same
+    order. The exit status is 0 if all that they do is as recorded, else 1.
 
     \b
     llfsm rerun run.mcap
@@ -191,34 +220,45 @@ def rerun(file: Path, machines: tuple[str, ...]) -> None:
     # How late turns were, and what failed, was told then.
     logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
-    again = Rerun(recording.entries, str(file))
-    planned = _planned(recording, machines)
-    assemble(
-        planned.plan, planned.classes, again.board, library=planned.library, make=again.arrange
-    )
-    difference = again.compare()
-    if difference is not None:
-        raise click.ClickException(f"{file}: {difference}")
-    click.echo(f"all {again.events} events and messages are as recorded")
-
-
-def _planned(recording: Recording, machines: tuple[str, ...]) -> Planned:
-    """Return the plan of a recording, with other machines in their places if any are given."""
-    found = next((entry for entry in recording.entries if entry["event"] == "Plan"), None)
-    if found is None:
-        raise NoEventsError(
-            f"{recording.path} does not say how its machines were made: "
-            f"rerun it from Python, with llfsm.bridges.recording.rerun"
+    journals = whole_journals(recording)
+    plans = _plans(journals, file)
+    given = plan_of(machines, None, (), ()).plan.machines if machines else ()
+    if given and len(given) != sum(len(plan.machines) for plan in plans):
+        names = ", ".join(each.name or each.definition for plan in plans for each in plan.machines)
+        raise click.UsageError(f"the recording is of these machines: {names}")
+    number, lost = 0, False
+    for journal, plan in zip(journals, plans, strict=True):
+        if given:
+            ours, given = given[: len(plan.machines)], given[len(plan.machines) :]
+            plan = replace(plan, machines=tuple(map(_in_place_of, plan.machines, ours)))
+        planned = Planned(plan, [Path(), Path(journal.about["folder"])])
+        again = Rerun(recording.entries(journal), str(file))
+        assemble(
+            planned.plan, planned.classes, again.board, library=planned.library, make=again.arrange
         )
-    kind = DispatchTable if "slots" in found["plan"] else Plan
-    plan = msgspec.convert(found["plan"], kind)
-    if machines:
-        given = plan_of(machines, None, (), ()).plan.machines
-        if len(given) != len(plan.machines):
-            names = ", ".join(each.name or each.definition for each in plan.machines)
-            raise click.UsageError(f"the recording is of {len(plan.machines)} machines: {names}")
-        plan = replace(plan, machines=tuple(map(_in_place_of, plan.machines, given)))
-    return Planned(plan, [Path(), Path(found["folder"])])
+        difference = again.compare()
+        if difference is not None:
+            raise click.ClickException(f"{file}: {difference}")
+        number, lost = number + again.events, lost or again.lost
+    for journal in recording.journals:
+        if not journal.whole:
+            click.echo(f"not run again: {why_not(journal)}", err=True)
+    until = ", up to where some were lost as they were recorded" if lost else ""
+    click.echo(f"all {number} events and messages are as recorded{until}")
+
+
+def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
+    """Return what the arrangements were made from, or raise `NoEventsError`."""
+    plans = []
+    for journal in journals:
+        if "plan" not in journal.about:
+            raise NoEventsError(
+                f"{file} does not say how its machines were made: "
+                f"rerun it from Python, with llfsm.bridges.recording.rerun"
+            )
+        plain = msgspec.json.decode(journal.about["plan"])
+        plans.append(msgspec.convert(plain, DispatchTable if "slots" in plain else Plan))
+    return plans
 
 
 def _in_place_of(recorded: PlannedMachine, given: PlannedMachine) -> PlannedMachine:

@@ -6,7 +6,7 @@
     ├── RecordingError             a recording cannot be made or used as asked
     │   ├── RecordingFileError         the file cannot be read or written, or is no recording
     │   ├── McapMissingError           the library is not installed (also an ImportError)
-    │   ├── NoEventsError              it holds no events of machines: there is nothing to rerun
+    │   ├── NoEventsError              it holds no events from machines' start: nothing to rerun
     │   └── OtherMachinesError         the machines given are not those recorded
     └── (AssertionError)
         └── RerunError                 machines do something else than they did (no FsmError)
@@ -39,7 +39,7 @@ class McapMissingError(RecordingError, ImportError):
 
 
 class NoEventsError(RecordingError):
-    """Say that a recording holds no events of machines, and how to make one that does."""
+    """Say that a recording holds no events from machines' start, and how to make one that does."""
 
 
 class OtherMachinesError(RecordingError):

@@ -43,6 +43,10 @@ class Codec:
         plain = msgspec.json.decode(text)
         if not isinstance(plain, dict):
             raise ValueError("no JSON object")
+        return self.message(plain)
+
+    def message(self, plain: dict[str, Any]) -> Message:
+        """Return the message of a decoded object; raise ``ValueError`` if it is none."""
         if EXACT in plain:
             message = self.slot.decoder.decode(a2b_base64(plain[EXACT]))
         else:

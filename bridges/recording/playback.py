@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from operator import attrgetter
 from pathlib import Path
 
 from llfsm.bridges.view.source import Change, Look, Player, Source
 from llfsm.runtime import Clock, MonotonicClock
-from llfsm.runtime.remote import SILENT_S
 from llfsm.whiteboard import Message, Sample
 from llfsm.whiteboard.board import SlotInfo
-from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
+from llfsm.whiteboard.messages.llfsm import MachineStatus
 
-from .reader import RecordedSlot, Recording
+from .past import SILENT_NS, Past
+from .reader import Recording
 
 __all__ = ["RecordedPlayer", "RecordedSource"]
-
-_SILENT_NS = round(SILENT_S * 1e9)
-_seen_ns = attrgetter("seen_ns")
 
 
 class RecordedPlayer(Player):
@@ -27,6 +22,7 @@ class RecordedPlayer(Player):
 
     def __init__(self, span_ns: tuple[int, int], clock: Clock):
         self.span_ns = span_ns
+        self.known_ns = span_ns[0]
         self.epoch = 0
         """Another number after each leap."""
         self._clock = clock
@@ -60,7 +56,7 @@ class RecordedPlayer(Player):
 
 
 class RecordedSource(Source):
-    """Show a recording, which is read as a whole; raise `RecordingFileError` if it is none."""
+    """Show a recording; raise `RecordingFileError` if it is none."""
 
     def __init__(self, path: Path, clock: Clock | None = None):
         self._recording = recording = Recording(path)
@@ -68,14 +64,10 @@ class RecordedSource(Source):
         self.player: RecordedPlayer = RecordedPlayer(recording.span_ns, clock or MonotonicClock())
         self._samples: dict[str, Sample[Message]] = {}  # the latest that were looked at
         self._now_ns = recording.span_ns[0]
+        self._past = Past(recording)
         self._slots = {
             name: SlotInfo(name, each.slot.type_name, each.slot.schema, each.slot.capacity)
             for name, each in recording.slots.items()
-        }
-        self._history = {
-            name.removeprefix(MACHINES): _changes(each, recording.span_ns[1])
-            for name, each in recording.slots.items()
-            if each.slot.type is MachineStatus
         }
 
     def look(self) -> Look:
@@ -84,10 +76,9 @@ class RecordedSource(Source):
         samples: dict[str, Sample[Message]] = {}
         problems: dict[str, str] = {}
         for name, slot in self._recording.slots.items():
-            number = bisect_right(slot.messages, now_ns, key=_seen_ns)
-            if number == 0:
+            recorded, before = self._recording.latest(slot, now_ns), self._samples.get(name)
+            if recorded is None:
                 continue
-            recorded, before = slot.messages[number - 1], self._samples.get(name)
             if before is not None and before.count == recorded.count:
                 samples[name] = before
                 continue
@@ -100,38 +91,13 @@ class RecordedSource(Source):
 
     def is_live(self, sample: Sample[MachineStatus]) -> bool:
         """Tell whether a machine was loaded, and told of itself no long time before."""
-        return sample.message.loaded and self._now_ns - sample.stamp_ns <= _SILENT_NS
+        return sample.message.loaded and self._now_ns - sample.stamp_ns <= SILENT_NS
 
     def history(self) -> Mapping[str, Sequence[Change]]:
-        """Return the states that each machine was in, from the beginning to the end."""
-        return self._history
+        """Return the states that each machine was in, as far as they are read, and read on."""
+        changes = self._past.read()
+        self.player.known_ns = self._past.known_ns
+        return changes
 
     def close(self) -> None:
-        """Do nothing: the file was closed when it was read."""
-
-
-def _changes(slot: RecordedSlot, end_ns: int) -> list[Change]:
-    changes = [Change(0, "", False)]
-
-    def note(stamp_ns: int, state: str, suspended: bool) -> None:
-        last = changes[-1]
-        if (state, suspended) != last[1:]:
-            changes.append(Change(max(stamp_ns, last.stamp_ns + 1), state, suspended))
-
-    told_ns = 0
-    for recorded in slot.messages:
-        try:
-            status = slot.sample(recorded).message
-        except ValueError:
-            continue
-        assert isinstance(status, MachineStatus)
-        if told_ns and recorded.stamp_ns - told_ns > _SILENT_NS:
-            note(told_ns + _SILENT_NS, "", False)
-        told_ns = recorded.stamp_ns
-        if status.loaded:
-            note(told_ns - round(status.in_state_s * 1e9), status.state, status.suspended)
-        else:
-            note(told_ns, "", False)
-    if end_ns - told_ns > _SILENT_NS:
-        note(told_ns + _SILENT_NS, "", False)
-    return changes[1:]
+        """Do nothing: the file is open only while something in it is read."""

@@ -1,31 +1,32 @@
-"""The file of a recording, complete or cut short, as what happened in order of time."""
+"""A recording, complete or cut short: its slots, its journals, and what was when.
+
+It is read where it is looked at, and never as a whole.
+"""
 
 from __future__ import annotations
 
 from binascii import a2b_base64
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Collection, Iterator, Mapping
+from heapq import merge
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
-from mcap.records import Channel, Chunk, Footer, Metadata, Schema
-from mcap.records import Message as Record
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Attachment, Channel
 
 from llfsm.bridges.view.classes import class_of
 from llfsm.runtime.journal import FIELDS, Entry
-from llfsm.whiteboard import Message, Sample, Slot
+from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
+from llfsm.whiteboard.messages.llfsm import DEFINITIONS, definition_slot
 
 from .errors import RecordingFileError
 from .exact import Codec
-from .writer import ABOUT, EVENTS
+from .index import Index, Record
+from .writer import ABOUT, ARRANGEMENT, COUNT, EVENTS, WRAP, WRITER
 
-__all__ = ["Recorded", "RecordedSlot", "Recording"]
-
-_WRAP = 1 << 32  # a file counts messages modulo this
+__all__ = ["Moment", "Recorded", "RecordedJournal", "RecordedSlot", "Recording"]
 
 
 class Recorded(NamedTuple):
@@ -41,11 +42,12 @@ class Recorded(NamedTuple):
 
 
 class RecordedSlot:
-    """A slot with all its messages, in order of count."""
+    """A slot of which messages were recorded."""
 
     def __init__(self, slot: Slot[Any]):
         self.slot = slot
-        self.messages: list[Recorded] = []
+        self.channels: list[int] = []
+        self.attached: list[Recorded] = []  # in place of channels
         self._codec = Codec(slot)
 
     def sample(self, recorded: Recorded) -> Sample[Message]:
@@ -53,129 +55,196 @@ class RecordedSlot:
         message = self._codec.decode(recorded.data)
         return Sample(message, recorded.count, recorded.stamp_ns, recorded.writer)
 
-    @property
-    def missed(self) -> int:
-        """How many messages came and went without being recorded."""
-        if not self.messages:
-            return 0
-        return self.messages[-1].count - self.messages[0].count + 1 - len(self.messages)
+
+class RecordedJournal(NamedTuple):
+    """The journal of an arrangement.
+
+    `whole` if it begins with its machines; else what they had learnt before is not known.
+    """
+
+    channel: int
+    process: int
+    begin_ns: int
+    whole: bool
+    about: Mapping[str, str]
+    """The metadata of the arrangement: machines, plan and folder, as far as they are known."""
+
+
+class Moment(NamedTuple):
+    """What was recorded at a moment: a message of a slot, or an entry of a journal, undecoded."""
+
+    now_ns: int
+    slot: RecordedSlot | None
+    recorded: Recorded | None
+    entry: Record | None
 
 
 class Recording:
-    """Read a recording; raise :class:`.RecordingFileError` if it is none.
-
-    `complete` is False for one that was cut short or is damaged: it has all up to there.
-    """
+    """Read a recording; raise :class:`.RecordingFileError` if it is none."""
 
     def __init__(self, path: Path):
         self.path = path
-        self.complete = False
         self.slots: dict[str, RecordedSlot] = {}
-        self._about: Mapping[str, str] | None = None
-        self._offset_ns = self._begin_ns = 0
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, tuple[RecordedSlot | None, int]] = {}
-        self._events: list[bytes] = []
-        self._end_ns = 0
+        self.journals: list[RecordedJournal] = []
+        self._index = Index(path)
+        about = [told.metadata for told in self._index.metadata if told.name == ABOUT]
         try:
-            with path.open("rb") as file:
-                self._read(StreamReader(file, emit_chunks=True))
-        except OSError as error:
-            raise self._wrong(f"cannot be read: {error.strerror}") from error
-        if self._about is None:
-            raise self._wrong("is no recording of llfsm")
-        for recorded in self.slots.values():
-            recorded.messages.sort(key=attrgetter("count"))
+            self.about: Mapping[str, str] = about[0]
+            """What the recorder says of itself: board, host, version."""
+            self._offset_ns = int(self.about["offset_ns"])
+            self._begin_ns = int(self.about["begin_ns"])
+        except LookupError as error:
+            raise self._wrong("is no recording of llfsm") from error
+        self._of: dict[int, tuple[RecordedSlot, int, int]] = {}  # channel -> slot, writer, wraps
+        self._arrangements = {
+            told.metadata.get("session", ""): told.metadata
+            for told in self._index.metadata
+            if told.name == ARRANGEMENT
+        }
+        try:
+            for attachment in self._index.attachments:
+                self._attach(attachment)
+            for channel in self._index.channels.values():
+                self._add(channel)
+        except (LookupError, ValueError, WhiteboardError) as error:
+            raise self._wrong(f"has a channel or attachment that is none: {error}") from error
 
     @property
-    def about(self) -> Mapping[str, str]:
-        """What the recorder says of itself: board, host, version."""
-        return self._about or {}
+    def complete(self) -> bool:
+        """False for one that was cut short or is damaged: it has what can be read."""
+        return self._index.complete
 
     @property
     def span_ns(self) -> tuple[int, int]:
         """When it begins and ends, on the clock of the whiteboard."""
-        return self._begin_ns, max(self._begin_ns, self._end_ns)
+        end_ns = self._index.end_ns - self._offset_ns
+        attached = (each.seen_ns for slot in self.slots.values() for each in slot.attached)
+        return self._begin_ns, max(self._begin_ns, end_ns, *attached)
 
-    @cached_property
-    def entries(self) -> Sequence[Entry]:
-        """The journal of the arrangement that was recorded; empty without one."""
-        try:
-            return [_entry(data) for data in self._events]
-        except ValueError as error:
-            raise self._wrong(f"has an event that is none: {error}") from error
+    def messages(
+        self, slots: Collection[str] | None = None, from_ns: int = 0
+    ) -> Iterator[tuple[RecordedSlot, Recorded]]:
+        """Return the messages of these slots, or of all, in the order in which they were seen.
 
-    def messages(self) -> Iterator[tuple[RecordedSlot, Recorded]]:
-        """Return all messages of all slots, in the order in which they were seen."""
-        every = [(slot, each) for slot in self.slots.values() for each in slot.messages]
-        every.sort(key=lambda pair: (pair[1].seen_ns, pair[1].stamp_ns))
-        return iter(every)
+        `from_ns` is the moment since when.
+        """
+        for moment in self.timeline(slots, from_ns, events=False):
+            if moment.recorded is not None and moment.slot is not None:
+                yield moment.slot, moment.recorded
 
-    def _read(self, stream: StreamReader) -> None:
-        try:
-            for record in stream.records:
-                match record:
-                    case Chunk():
-                        for inner in breakup_chunk(record, validate_crc=True):
-                            self._take(inner)
-                    case Footer():
-                        self.complete = True
-                    case _:
-                        self._take(record)
-        except OSError:
-            raise
-        except Exception:  # whatever the library makes of a file that is cut short, or damaged
-            return
+    def timeline(
+        self, slots: Collection[str] | None = None, from_ns: int = 0, *, events: bool = True
+    ) -> Iterator[Moment]:
+        """Return messages and what journals say, in the order of time."""
+        names = self.slots.keys() if slots is None else self.slots.keys() & {*slots}
+        channels = {number for name in names for number in self.slots[name].channels}
+        if events:
+            channels |= {journal.channel for journal in self.journals}
+        attached = [
+            Moment(recorded.seen_ns, self.slots[name], recorded, None)
+            for name in names
+            for recorded in self.slots[name].attached
+            if recorded.seen_ns >= from_ns
+        ]
+        attached.sort(key=attrgetter("now_ns"))
+        found = self._index.in_order(channels, max(0, from_ns + self._offset_ns))
+        yield from merge(attached, map(self._moment, found), key=attrgetter("now_ns"))
 
-    def _take(self, record: object) -> None:
-        match record:
-            case Metadata(name=name, metadata=metadata) if name == ABOUT:
-                self._offset_ns = int(metadata["offset_ns"])
-                self._begin_ns = int(metadata["begin_ns"])
-                self._about = metadata
-            case Schema(id=number):
-                self._schemas[number] = record
-            case Channel(id=number) if number not in self._channels:
-                self._channels[number] = self._channel(record)
-            case Record():
-                self._message(record)
+    def entries(self, journal: RecordedJournal) -> Iterator[Entry]:
+        """Return what a journal says; where something is missing, that it is `Lost`."""
+        after = 0
+        for number in self._index.chunks:
+            if self._index.has(number, (journal.channel,)):
+                for record in self._index.chunk(number).get(journal.channel, ()):
+                    if record.sequence != after % WRAP:
+                        yield {"event": "Lost"}
+                    after = record.sequence + 1
+                    yield self.entry(record)
 
-    def _channel(self, channel: Channel) -> tuple[RecordedSlot | None, int]:
+    def latest(self, slot: RecordedSlot, now_ns: int) -> Recorded | None:
+        """Return the message that a slot had at a moment; None before its first."""
+        found = [recorded for recorded in slot.attached if recorded.seen_ns <= now_ns]
+        for channel in slot.channels:
+            record = self._index.latest(channel, now_ns + self._offset_ns)
+            if record is not None:
+                found.append(self._recorded(record))
+        return max(found, key=attrgetter("count"), default=None)
+
+    def history(self, number: int, slots: Collection[str]) -> Iterator[Moment]:
+        """Return the messages of these slots, and all entries, of one of the `chunks`."""
+        channels = [n for name in slots for n in self.slots[name].channels]
+        channels += [journal.channel for journal in self.journals]
+        if self._index.has(number, channels):
+            found = self._index.chunk(number)
+            for record in sorted(r for channel in channels for r in found.get(channel, ())):
+                yield self._moment(record)
+
+    @property
+    def chunks(self) -> range:
+        """The parts of the file, in the order in which it was written."""
+        return self._index.chunks
+
+    def _add(self, channel: Channel) -> None:
+        about = channel.metadata
         if channel.topic == EVENTS:
-            return None, 0
-        schema = msgspec.json.decode(self._schemas[channel.schema_id].data, type=dict[str, Any])
-        capacity, writer = int(channel.metadata["capacity"]), int(channel.metadata["writer"])
+            begin_ns = int(about["session"].partition("-")[2])
+            said = self._arrangements.get(about["session"], {})
+            whole = about["whole"] == "yes"
+            journal = RecordedJournal(channel.id, int(about["writer"]), begin_ns, whole, said)
+            self.journals.append(journal)
+            return
+        schema = self._index.schemas[channel.schema_id]
         slot = self.slots.get(channel.topic)
         if slot is None:
-            name = self._schemas[channel.schema_id].name
-            cls = class_of(SlotInfo(channel.topic, name, schema, capacity))
-            slot = RecordedSlot(Slot(channel.topic, cls, capacity))
-            self.slots[channel.topic] = slot
-        return slot, writer
+            plain = msgspec.json.decode(schema.data, type=dict[str, Any])
+            capacity = int(about["capacity"])
+            cls = class_of(SlotInfo(channel.topic, schema.name, plain, capacity))
+            slot = self.slots[channel.topic] = RecordedSlot(Slot(channel.topic, cls, capacity))
+        slot.channels.append(channel.id)
+        self._of[channel.id] = slot, int(about["writer"]), int(about["wraps"])
 
-    def _message(self, record: Record) -> None:
-        slot, writer = self._channels[record.channel_id]
-        self._end_ns = max(self._end_ns, record.log_time - self._offset_ns)
-        if slot is None:
-            self._events.append(record.data)
+    def _attach(self, attachment: Attachment) -> None:
+        if not attachment.name.startswith(DEFINITIONS):
             return
-        messages = slot.messages
-        before = messages[-1].count if messages else 0
-        count = record.sequence + before // _WRAP * _WRAP
-        if messages and count + _WRAP // 2 < before:
-            count += _WRAP
-        stamp_ns = record.publish_time - self._offset_ns
-        seen_ns = record.log_time - self._offset_ns
-        messages.append(Recorded(stamp_ns, seen_ns, count, writer, record.data))
+        slot = self.slots.get(attachment.name)
+        if slot is None:
+            slot = RecordedSlot(definition_slot(attachment.name.removeprefix(DEFINITIONS)))
+            self.slots[attachment.name] = slot
+        plain = msgspec.json.decode(attachment.data, type=dict[str, Any])
+        count, writer = int(plain.pop(COUNT)), int(plain.pop(WRITER))
+        stamp_ns = attachment.create_time - self._offset_ns
+        seen_ns = attachment.log_time - self._offset_ns
+        data = msgspec.json.encode(plain)
+        slot.attached.append(Recorded(stamp_ns, seen_ns, count, writer, data))
+
+    def _recorded(self, record: Record) -> Recorded:
+        _, writer, wraps = self._of[record.channel]
+        return Recorded(
+            record.published_ns - self._offset_ns,
+            record.log_ns - self._offset_ns,
+            wraps * WRAP + record.sequence,
+            writer,
+            record.data,
+        )
+
+    def _moment(self, record: Record) -> Moment:
+        now_ns = record.log_ns - self._offset_ns
+        if record.channel not in self._of:
+            return Moment(now_ns, None, None, record)
+        return Moment(now_ns, self._of[record.channel][0], self._recorded(record), None)
+
+    def entry(self, record: Record) -> Entry:
+        """Return an entry of a journal."""
+        try:
+            entry = msgspec.json.decode(record.data, type=dict[str, Any])
+            kind = entry.get("event")
+            if kind not in FIELDS or not entry.keys() >= {*FIELDS[kind]}:
+                raise ValueError(f"{kind!r} with {', '.join(entry)}")
+            if entry.get("message") is not None:
+                entry["message"] = a2b_base64(entry["message"], strict_mode=True)
+        except (ValueError, TypeError) as error:
+            raise self._wrong(f"has an event that is none: {error}") from error
+        return entry
 
     def _wrong(self, what: str) -> RecordingFileError:
         return RecordingFileError(f"{self.path}: {what}")
-
-
-def _entry(data: bytes) -> Entry:
-    entry = msgspec.json.decode(data, type=dict[str, Any])
-    kind = entry.get("event")
-    if kind not in FIELDS or not entry.keys() >= {*FIELDS[kind]}:
-        raise ValueError(f"{kind!r} with {', '.join(entry)}")
-    message = entry.get("message")
-    return entry if message is None else {**entry, "message": a2b_base64(message, strict_mode=True)}

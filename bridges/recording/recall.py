@@ -7,7 +7,7 @@ answered by the segment that its next event will end.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -36,13 +36,17 @@ class Segment:
         self.asked: deque[Entry] = deque()
         self.posts: deque[Entry] = deque()
         self.event: Entry | None = None  # None for the last one, of a recording cut short
+        self.lost = False
 
 
-def segments_of(entries: Iterable[Entry]) -> list[Segment]:
-    """Return a journal's segments; the last one, often empty, ends with no event."""
-    segments, in_round = [Segment()], False
+def segments_of(entries: Iterable[Entry]) -> Iterator[Segment]:
+    """Return a journal's segments; the last one, often empty, ends with no event.
+
+    It is also the one in which entries were lost, as nothing is known of what came after.
+    """
+    segment, in_round = Segment(), False
     for entry in entries:
-        segment, kind = segments[-1], entry["event"]
+        kind = entry["event"]
         if kind == "Sensed":
             segment.sensed[entry["machine"], entry["sensor"]] = entry
         elif kind == "Answered":
@@ -57,8 +61,12 @@ def segments_of(entries: Iterable[Entry]) -> list[Segment]:
             if kind == "IdleSleep" and in_round:
                 continue  # that of a timetable, which belongs to the turn after it
             segment.event = entry
-            segments.append(Segment())
-    return segments
+            yield segment
+            segment = Segment()
+        elif kind == "Lost":
+            segment.lost = True
+            break
+    yield segment
 
 
 class _Clock(ManualClock):
@@ -93,20 +101,12 @@ class Memory:
         self.error: RecordingFileError | None = None
         """Why the machines cannot learn what they did."""
         self.arrangement: RecalledArrangement | None = None
-        self._segments = deque(segments_of(entries))
-        self._enter(0)
-
-    @property
-    def segment(self) -> Segment:
-        """What comes next."""
-        return self._segments[0]
+        self._segments = segments_of(entries)
+        self.advance(0)
 
     def advance(self, now_ns: int) -> None:
         """Go on to the next segment: the event that ends this one, at `now_ns`, has come."""
-        self._segments.popleft()
-        self._enter(now_ns)
-
-    def _enter(self, now_ns: int) -> None:
+        self.segment = next(self._segments)
         self.clock.expect(now_ns, self.segment.reads)
 
     def ask(self) -> None:

@@ -1,4 +1,4 @@
-"""From a whiteboard, and the journal of an arrangement on it, into a file.
+"""From a whiteboard into a file.
 
 The board is looked at a thousand times a second. Of a slot that changes more often only the newest
 message is recorded; its count tells how many were missed.
@@ -7,23 +7,24 @@ message is recorded; its count tells how many were missed.
 from __future__ import annotations
 
 import os
-import select
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
+from math import inf
 from typing import Any, Final
 
 from llfsm.bridges.view.classes import class_of
 from llfsm.runtime.failure import logger
-from llfsm.runtime.journal import Entry, entries_of
 from llfsm.whiteboard import BoardClosedError, BoundSlot, Slot, Whiteboard, WhiteboardError
-from llfsm.whiteboard.messages.llfsm import VARIABLES, VIEWER, Viewer
+from llfsm.whiteboard.messages.llfsm import JOURNALS, RECORDER, VARIABLES, VIEWER, Viewer
 
+from .receiver import JournalReceiver
 from .writer import RecordingWriter
 
-__all__ = ["BoardRecorder", "JournalRecorder", "record"]
+__all__ = ["BoardRecorder", "record"]
 
 _LOOK_S: Final = 0.001
+_PATIENCE_S: Final = 5.0  # for machines to end after their board was removed
 _LIST_NS: Final = 100_000_000  # between two looks for new slots
 _VIEW_NS: Final = 500_000_000  # between two signs that somebody wants the machines' variables
 
@@ -54,7 +55,7 @@ class BoardRecorder:
         if last or now_ns >= self._list_ns:
             self._find_slots()
             self._list_ns = now_ns + _LIST_NS
-        if now_ns >= self._view_ns and self._wants(VARIABLES):
+        if now_ns >= self._view_ns and self.wants(VARIABLES):
             self._view_ns = now_ns + _VIEW_NS
             self._tell()
         for name, (slot, bound) in self._slots.items():
@@ -78,7 +79,9 @@ class BoardRecorder:
         for info in self._board.slots():
             if info.name in self._slots or info.name in self._unreadable:
                 continue
-            if not self._wants(info.name):
+            if info.name.startswith(JOURNALS) or info.name == RECORDER.name:
+                continue
+            if not self.wants(info.name):
                 continue
             try:
                 slot = Slot(info.name, class_of(info), info.capacity)
@@ -87,7 +90,7 @@ class BoardRecorder:
                 self._new.add(info.name)
             except BoardClosedError:
                 raise
-            except Exception as error:  # whatever a schema that is none makes of a class
+            except WhiteboardError as error:
                 self._warn(info.name, error)
 
     def _tell(self) -> None:
@@ -98,7 +101,8 @@ class BoardRecorder:
         except WhiteboardError as error:  # a board that is full can be recorded all the same
             self._warn(VARIABLES + "*", error)
 
-    def _wants(self, name: str) -> bool:
+    def wants(self, name: str) -> bool:
+        """Tell whether a name matches one of the patterns, if there are any."""
         return not self._patterns or any(fnmatchcase(name, each) for each in self._patterns)
 
     def _warn(self, name: str, error: Exception) -> None:
@@ -107,52 +111,23 @@ class BoardRecorder:
             logger().warning("slot %s is not recorded, or not all of it: %s", name, error)
 
 
-class JournalRecorder:
-    """Write the journal of an arrangement that comes through a pipe."""
-
-    def __init__(self, pipe: int, writer: RecordingWriter):
-        self.over = False
-        """Whether the arrangement has ended, or died."""
-        self._pipe = pipe
-        self._writer = writer
-        self._left = bytearray()
-
-    def wait(self, seconds: float) -> None:
-        """Write what comes, waiting for it so long at most."""
-        if self.over or not select.select([self._pipe], [], [], seconds)[0]:
-            return
-        data = os.read(self._pipe, 1 << 20)
-        self.over = not data
-        self._left += data
-        for entry in self._entries():
-            self._writer.add_entry(entry)
-
-    def _entries(self) -> Iterator[Entry]:
-        while len(self._left) >= 4:
-            end = 4 + int.from_bytes(self._left[:4], "little")
-            if len(self._left) < end:
-                return
-            data = bytes(self._left[4:end])
-            del self._left[:end]
-            yield from entries_of(data)
-
-
 def record(
     board: BoardRecorder,
-    journal: JournalRecorder | None,
+    journals: JournalReceiver | None,
     writer: RecordingWriter,
     is_over: Callable[[], bool],
 ) -> None:
-    """Record until `is_over`; without a journal, also until the board is removed.
-
-    With one it is until the arrangement has ended, which may be after that.
-    """
-    last = False
+    """Record until `is_over`, or the board is removed and the journals on it have ended."""
+    last, until = False, inf
     while not last:
-        last = is_over() or (not board.alive if journal is None else journal.over)
+        if until == inf and not board.alive:
+            until = time.monotonic() + _PATIENCE_S
+        last = is_over() or (
+            until < inf and (journals is None or journals.idle or time.monotonic() > until)
+        )
+        if journals is not None:
+            journals.look()
         board.look(last=last)  # once more at the end, for what came meanwhile
         writer.flush_if_due()
-        if journal is not None:
-            journal.wait(_LOOK_S)
-        elif not last:
+        if not last:
             time.sleep(_LOOK_S)

@@ -52,7 +52,6 @@ class Replay:
             for name, each in recording.slots.items()
             if _wanted(name, patterns)
         }
-        self._messages = [pair for pair in recording.messages() if pair[0].slot.name in self._slots]
 
     def play(
         self,
@@ -68,44 +67,49 @@ class Replay:
         """
         clock = clock or MonotonicClock()
         first_ns = self._begin_ns + round(from_s * 1e9)
-        left = self._catch_up(first_ns)
+        self._catch_up(first_ns)
         start_ns = clock.now_ns()
-        for pair in left:
-            due_ns = start_ns + round((pair[1].seen_ns - first_ns) / speed)
+        for slot, recorded in self._recording.messages(self._slots.keys(), first_ns):
+            due_ns = start_ns + round((recorded.seen_ns - first_ns) / speed)
             if not _wait(clock, due_ns, is_over):
                 return
-            self._post(pair)
+            self._post(slot, recorded)
         _wait(clock, start_ns + round((self._end_ns - first_ns) / speed), is_over)
 
     def steps(self, *, from_s: float = 0.0) -> Iterator[Step]:
-        """Post what belongs to a ringlet, or in a recording without events one message, a step."""
+        """Post what belongs to a ringlet a step, and each message that belongs to none."""
         first_ns = self._begin_ns + round(from_s * 1e9)
-        left = self._catch_up(first_ns)
-        turns = [e for e in self._recording.entries if e["event"] == "Turn"]
-        turns = [turn for turn in turns if turn["time_ns"] >= first_ns]
-        for number, turn in enumerate(turns):
-            last = number + 1 == len(turns)
-            end_ns = self._end_ns + 1 if last else turns[number + 1]["time_ns"]
-            posted = []
-            while left and left[0][1].seen_ns < end_ns:
-                posted.append(self._post(left.pop(0)))
-            text = f"round {turn['round']}: {turn['machine']} in {turn['state']}"
-            yield Step(turn["time_ns"] - self._begin_ns, text, posted)
-        for pair in left:
-            yield Step(pair[1].seen_ns - self._begin_ns, "", [self._post(pair)])
+        self._catch_up(first_ns)
+        turn: Step | None = None  # under way
+        posted: list[Posted] = []  # in it
+        for moment in self._recording.timeline(self._slots.keys(), first_ns):
+            since_ns = moment.now_ns - self._begin_ns
+            if moment.slot is not None and moment.recorded is not None:
+                each = self._post(moment.slot, moment.recorded)
+                if turn is None:
+                    yield Step(since_ns, "", [each])
+                else:
+                    posted.append(each)
+            elif moment.entry is not None:
+                entry = self._recording.entry(moment.entry)
+                if entry["event"] in ("Turn", "End") and turn is not None:
+                    yield turn._replace(posted=posted)
+                    turn, posted = None, []
+                if entry["event"] == "Turn":
+                    text = f"round {entry['round']}: {entry['machine']} in {entry['state']}"
+                    turn = Step(since_ns, text, ())
+        if turn is not None:
+            yield turn._replace(posted=posted)
 
-    def _catch_up(self, first_ns: int) -> list[tuple[RecordedSlot, Recorded]]:
-        """Post the latest message of each slot before a moment; return all the later ones."""
-        latest = {slot.slot.name: (slot, each) for slot, each in self._before(first_ns)}
-        for pair in latest.values():
-            self._post(pair)
-        return [pair for pair in self._messages if pair[1].seen_ns >= first_ns]
+    def _catch_up(self, first_ns: int) -> None:
+        """Post the message that each slot had at a moment."""
+        for name in self._slots:
+            slot = self._recording.slots[name]
+            latest = self._recording.latest(slot, first_ns - 1)
+            if latest is not None:
+                self._post(slot, latest)
 
-    def _before(self, first_ns: int) -> Iterator[tuple[RecordedSlot, Recorded]]:
-        return (pair for pair in self._messages if pair[1].seen_ns < first_ns)
-
-    def _post(self, pair: tuple[RecordedSlot, Recorded]) -> Posted:
-        slot, recorded = pair
+    def _post(self, slot: RecordedSlot, recorded: Recorded) -> Posted:
         name = slot.slot.name
         try:
             message = slot.sample(recorded).message

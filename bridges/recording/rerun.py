@@ -7,7 +7,7 @@ Compared is what the machines do: their events, without times, and the messages 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -21,10 +21,10 @@ from llfsm.runtime.roster import Loadable
 from llfsm.whiteboard import Whiteboard
 
 from .errors import NoEventsError, OtherMachinesError, RecordingFileError, RerunError
-from .reader import Recording
+from .reader import RecordedJournal, Recording
 from .recall import Memory, RecalledArrangement
 
-__all__ = ["Difference", "Rerun", "assert_reruns", "rerun"]
+__all__ = ["Difference", "Rerun", "assert_reruns", "rerun", "whole_journals", "why_not"]
 
 _INPUTS: Final = ("Sensed", "Answered", "Asked", "Loaded")
 _NOT_COMPARED: Final = ("reads", "time_ns", "duration_ns")
@@ -54,13 +54,13 @@ class Rerun:
     `board` is where they post, which is nobody's. Raise `NoEventsError` if nothing was recorded.
     """
 
-    def __init__(self, entries: Sequence[Entry], source: str = "the recording"):
+    def __init__(self, entries: Iterable[Entry], source: str = "the recording"):
         self.board = Whiteboard.local()
-        self._memory = Memory(entries)
+        self._machines: list[str] = []  # that were there from the beginning
+        self._memory = Memory(self._noting_machines(entries))
         self._journal = Journal(lambda _: None)
         self._journal.add = lambda entry: self._take(as_entry(entry))
         self._source = source
-        self._machines = _loaded(entries)
         first = self._memory.segment.event
         if first is None:
             raise NoEventsError(
@@ -103,9 +103,22 @@ class Rerun:
         return self._difference
 
     @property
+    def lost(self) -> bool:
+        """Whether entries were lost as they were recorded: it was compared up to there."""
+        return self._memory.segment.lost
+
+    @property
     def events(self) -> int:
         """How many events and posted messages were as recorded."""
         return self._number
+
+    def _noting_machines(self, entries: Iterable[Entry]) -> Iterator[Entry]:
+        begun = False
+        for entry in entries:
+            begun = begun or "reads" in entry
+            if entry["event"] == "Loaded" and not begun:
+                self._machines.append(entry["machine"])
+            yield entry
 
     def _step(self, arrangement: RecalledArrangement, event: Entry) -> None:
         match event["event"]:
@@ -171,18 +184,34 @@ def assert_reruns(
 def _open(recording: Path | str | Recording) -> Rerun:
     if not isinstance(recording, Recording):
         recording = Recording(Path(recording))
-    return Rerun(recording.entries, str(recording.path))
+    journals = whole_journals(recording)
+    if len(journals) > 1:
+        raise OtherMachinesError(
+            f"{recording.path} is of several arrangements: give `Rerun` the entries of one"
+        )
+    return Rerun(recording.entries(journals[0]), str(recording.path))
 
 
-def _loaded(entries: Iterable[Entry]) -> list[str]:
-    """Return the names of the machines that were there from the beginning."""
-    names = []
-    for entry in entries:
-        if "reads" in entry:
-            break
-        if entry["event"] == "Loaded":
-            names.append(entry["machine"])
-    return names
+def whole_journals(recording: Recording) -> list[RecordedJournal]:
+    """Return the journals that can be run again, or raise `NoEventsError`."""
+    journals = [journal for journal in recording.journals if journal.whole]
+    if not recording.journals:
+        raise NoEventsError(
+            f"{recording.path} holds no events of machines: record them with llfsm run --record, "
+            f"or start llfsm record before the machines"
+        )
+    if not journals:
+        raise NoEventsError(f"{recording.path}: {', '.join(map(why_not, recording.journals))}")
+    return journals
+
+
+def why_not(journal: RecordedJournal) -> str:
+    """Say why machines that do not have a whole journal cannot be run again."""
+    return (
+        f"{journal.about.get('machines', 'machines')} (process {journal.process}) ran before they "
+        f"were recorded, so what they had learnt is missing: start llfsm record first, or use "
+        f"llfsm run --record"
+    )
 
 
 def _compared(entry: Entry) -> Mapping[str, Any]:

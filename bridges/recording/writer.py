@@ -4,9 +4,12 @@ Messages are compressed in chunks; a chunk is ended, and handed to the system, a
 the latest. Nothing is synced to the disk, so that only a crash of the whole host may take more.
 
 A slot has a channel for each process that writes to it, all of the slot's name: `writer` in its
-metadata is the process, the sequence of a message is its count. Times are those of the whiteboard
-plus `offset_ns`, which makes them the time of the day; a message that was on the board before was
-logged when the recording began, and published when it was added.
+metadata is the process, the sequence of a message is its count (modulo 2**32, `wraps` says how
+often). Times are those of the whiteboard plus `offset_ns`, which makes them the time of the day; a
+message that was on the board before was logged when the recording began, and published when it
+was added.
+
+What arrangements and machines consist of is metadata and attachments: tools list these.
 """
 
 from __future__ import annotations
@@ -23,17 +26,32 @@ from mcap.writer import Writer
 
 from llfsm.runtime.journal import Entry
 from llfsm.whiteboard import Message, Sample, Slot
+from llfsm.whiteboard.messages.llfsm import MachineDefinition
 
 from .errors import RecordingFileError
 from .exact import Codec
 
-__all__ = ["ABOUT", "EVENTS", "STATISTICS", "RecordingWriter"]
+__all__ = [
+    "ABOUT",
+    "ARRANGEMENT",
+    "COUNT",
+    "EVENTS",
+    "STATISTICS",
+    "WRAP",
+    "WRITER",
+    "RecordingWriter",
+]
 
 EVENTS = "llfsm/events"
-"""The channel of what an arrangement's journal says."""
+"""The topic of what the journals of arrangements say; each has a channel."""
 ABOUT = "llfsm/recording"
+ARRANGEMENT = "llfsm/arrangement"
 STATISTICS = "llfsm/statistics"
+COUNT, WRITER = "$count", "$writer"
+"""Members of an attachment besides a definition's fields, of which no name begins with a `$`."""
 
+WRAP = 1 << 32
+"""A file counts modulo this."""
 _FLUSH_NS = 1_000_000_000
 _CHUNK = 1 << 20  # bytes, before compression
 _EVENT_SCHEMA = {
@@ -58,15 +76,17 @@ class RecordingWriter:
         self._flushed_ns = self.begin_ns
         self._writer = Writer(cast("IO[bytes]", self._file), chunk_size=_CHUNK)
         self._schemas: dict[tuple[str, bytes], int] = {}
-        self._channels: dict[tuple[str, int], int] = {}
+        self._channels: dict[tuple[str, int, int], int] = {}
         self._codecs: dict[str, Codec] = {}
         self._seen: dict[str, tuple[int, int, int]] = {}  # first count, last count, number
-        self._events: int | None = None
-        self._now_ns = self.begin_ns  # of the entry before: not all have a time
+        self._journals: dict[int, tuple[int, int]] = {}  # latest time, number of entries
+        self.events = 0
+        """How many events of machines were written."""
+        self.lost = 0
+        """How often some were lost."""
         self._writer.start(profile="llfsm")
         times = {"offset_ns": str(self._offset_ns), "begin_ns": str(self.begin_ns)}
-        self._writer.add_metadata(ABOUT, {**about, **times})
-        self._writer.flush()
+        self.add_metadata(ABOUT, {**about, **times})
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -81,28 +101,46 @@ class RecordingWriter:
 
     def add(self, slot: Slot[Any], sample: Sample[Message], *, new: bool = False) -> None:
         """Write a message of a slot; of a `new` one all since the first are expected."""
-        channel = self._channels.get((slot.name, sample.writer))
-        if channel is None:
-            channel = self._add_channel(slot, sample.writer)
         first, _, number = self._seen.get(slot.name, (1 if new else sample.count, 0, 0))
         self._seen[slot.name] = first, sample.count, number + 1
         published_ns = sample.stamp_ns + self._offset_ns
-        self._writer.add_message(
-            channel,
-            log_time=max(published_ns, self.begin_ns + self._offset_ns),
-            data=self._codecs[slot.name].encode(sample.message),
-            publish_time=published_ns,
-            sequence=sample.count & 0xFFFFFFFF,
-        )
+        logged_ns = max(published_ns, self.begin_ns + self._offset_ns)
+        if slot.type is MachineDefinition:
+            self._attach(slot, sample, published_ns, logged_ns)
+            return
+        wraps, sequence = divmod(sample.count, WRAP)
+        channel = self._channels.get((slot.name, sample.writer, wraps))
+        if channel is None:
+            channel = self._add_channel(slot, sample.writer, wraps)
+        data = self._codecs[slot.name].encode(sample.message)
+        self._writer.add_message(channel, logged_ns, data, published_ns, sequence)
 
-    def add_entry(self, entry: Entry) -> None:
-        """Write an entry of an arrangement's journal."""
-        if self._events is None:
-            schema = self._schema("llfsm/Event", msgspec.json.encode(_EVENT_SCHEMA))
-            self._events = self._writer.register_channel(EVENTS, MessageEncoding.JSON, schema)
-        self._now_ns = entry.get("time_ns", self._now_ns)
-        stamp_ns = self._now_ns + self._offset_ns
-        self._writer.add_message(self._events, stamp_ns, msgspec.json.encode(entry), stamp_ns)
+    def add_journal(self, about: Mapping[str, str]) -> int:
+        """Begin the journal of an arrangement, and return the number by which it is written to."""
+        schema = self._schema("llfsm/Event", msgspec.json.encode(_EVENT_SCHEMA))
+        channel = self._writer.register_channel(EVENTS, MessageEncoding.JSON, schema, {**about})
+        self._journals[channel] = self.begin_ns, 0
+        return channel
+
+    def add_entry(self, journal: int, entry: Entry) -> None:
+        """Write an entry of a journal."""
+        before_ns, number = self._journals[journal]
+        now_ns = entry.get("time_ns", before_ns)
+        self._journals[journal] = now_ns, number + 1
+        stamp_ns = now_ns + self._offset_ns
+        data = msgspec.json.encode(entry)
+        self._writer.add_message(journal, stamp_ns, data, stamp_ns, number & (WRAP - 1))
+        self.events += "reads" in entry
+
+    def add_lost(self, journal: int) -> None:
+        """Write that entries of a journal are missing here."""
+        self.lost += 1
+        self.add_entry(journal, {"event": "Lost"})
+
+    def add_metadata(self, name: str, about: Mapping[str, str]) -> None:
+        """Write metadata, which is in the file at once."""
+        self._writer.add_metadata(name, {**about})
+        self._file.flush()
 
     def flush(self) -> None:
         """Make sure that what was written is not lost if the process dies."""
@@ -135,6 +173,8 @@ class RecordingWriter:
                 name: f"{self._seen[name][2]} recorded, {missed} missed"
                 for name, missed in self.missed().items()
             }
+            if self._journals:
+                counts[EVENTS] = f"{self.events} recorded, {self.lost} times some were lost"
             self._writer.flush()
             self._writer.add_metadata(STATISTICS, counts)
             self._writer.finish()
@@ -142,12 +182,21 @@ class RecordingWriter:
         finally:
             self._file.close()
 
-    def _add_channel(self, slot: Slot[Any], writer: int) -> int:
+    def _attach(
+        self, slot: Slot[Any], sample: Sample[Message], published_ns: int, logged_ns: int
+    ) -> None:
+        codec = self._codecs.setdefault(slot.name, Codec(slot))
+        plain = msgspec.json.decode(codec.encode(sample.message))
+        data = msgspec.json.encode({**plain, COUNT: sample.count, WRITER: sample.writer})
+        self._writer.add_attachment(published_ns, logged_ns, slot.name, "application/json", data)
+        self._file.flush()
+
+    def _add_channel(self, slot: Slot[Any], writer: int, wraps: int) -> int:
         self._codecs.setdefault(slot.name, Codec(slot))
         schema = self._schema(slot.type_name, msgspec.json.encode(slot.schema))
-        metadata = {"writer": str(writer), "capacity": str(slot.capacity)}
+        metadata = {"writer": str(writer), "capacity": str(slot.capacity), "wraps": str(wraps)}
         channel = self._writer.register_channel(slot.name, MessageEncoding.JSON, schema, metadata)
-        self._channels[slot.name, writer] = channel
+        self._channels[slot.name, writer, wraps] = channel
         return channel
 
     def _schema(self, name: str, data: bytes) -> int:

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import msgspec
 
-from llfsm.whiteboard import Message
+from llfsm.whiteboard import Message, MessageTypeError
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import (
     DEFINITIONS,
@@ -27,6 +27,8 @@ def class_of(info: SlotInfo) -> type[Message]:
 
     Raise :class:`.MessageTypeError` if the schema is none.
     """
+    if info.problem:
+        raise MessageTypeError(info.problem)
     for prefix, cls in _OURS.items():
         if info.name.startswith(prefix) and info.schema == _SCHEMAS[prefix]:
             return cls

@@ -29,13 +29,14 @@ class Feed:
         now        seconds on the clock of all stamps, which begins at the page's first look, or
                    with a recording
         speed      seconds that pass in a second: 1 live, 0 paused
+        known      up to when the history of a recording is known
         reset      true: forget all before
         trouble    why there is nothing to look at
         slots      [number, name, type, schema, capacity] of each new slot
         problems   why messages cannot be shown, by name of the slot
         samples    [slot's number, count, stamp, writer, fields' values]; no count: none any more
         machines   by name; see `_machine`
-        history    [stamp, state, suspended] of each change, by machine
+        history    each `Change`, by machine
     """
 
     def __init__(self, source: Source) -> None:
@@ -64,6 +65,7 @@ class Feed:
             frame["reset"] = True
         rest = {
             "speed": 1.0 if player is None else player.speed,
+            "known": None if player is None else self._seconds(player.known_ns),
             "trouble": look.trouble,
             "problems": dict(look.problems),
         }
@@ -153,8 +155,7 @@ class Feed:
                 first = bisect_right(changes, self._told.get(name, -1), key=_stamp_ns)
                 self._told[name] = changes[-1].stamp_ns
                 new[name] = [
-                    (self._seconds(change.stamp_ns), change.state, change.suspended)
-                    for change in changes[first:]
+                    (self._seconds(change.stamp_ns), *change[1:]) for change in changes[first:]
                 ]
         return new
 

@@ -18,7 +18,7 @@ from llfsm.whiteboard import (
     WhiteboardError,
 )
 from llfsm.whiteboard.board import SlotInfo
-from llfsm.whiteboard.messages.llfsm import VIEWER, MachineStatus, Viewer
+from llfsm.whiteboard.messages.llfsm import JOURNALS, VIEWER, MachineStatus, Viewer
 
 from .classes import class_of
 from .history import History
@@ -123,7 +123,11 @@ class LiveSource(Source):
         if now_ns < self._list_ns:
             return
         self._list_ns = now_ns + _LIST_NS
-        new = {info.name: info for info in board.slots() if info.name not in self._slots}
+        new = {
+            info.name: info
+            for info in board.slots()
+            if info.name not in self._slots and not info.name.startswith(JOURNALS)
+        }
         if new:
             self._slots = self._slots | new
         for name, info in new.items():
@@ -131,8 +135,8 @@ class LiveSource(Source):
                 self._bound[name] = board[Slot(name, class_of(info), info.capacity)]
             except BoardClosedError:
                 raise
-            except Exception as error:  # whatever a schema that is none makes of a class
-                self._unbound[name] = f"its schema is not understood: {error}"
+            except WhiteboardError as error:
+                self._unbound[name] = str(error)
 
     def _tell(self, board: Whiteboard, now_ns: int) -> None:
         if now_ns >= self._view_ns:

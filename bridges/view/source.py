@@ -24,12 +24,16 @@ __all__ = ["Change", "Look", "Player", "Source"]
 class Change(NamedTuple):
     """A machine in another state than before, or suspended or resumed; without a state: gone.
 
-    So it is, too, while nobody looks.
+    So it is, too, while nobody looks. It has come there by number `transition` of state `source`,
+    if that is known. `skipped`: states in between were too short to be seen.
     """
 
     stamp_ns: int
     state: str
     suspended: bool
+    source: str = ""
+    transition: int = 0
+    skipped: bool = False
 
 
 class Look(NamedTuple):
@@ -58,6 +62,8 @@ class Player(ABC):
 
     span_ns: tuple[int, int]
     """The first and the last moment, on the clock of the samples' stamps."""
+    known_ns: int
+    """Up to when the source's `history` is known so far."""
     speed: float = 0.0
     """Seconds that pass in a second; 0 stands still."""
 

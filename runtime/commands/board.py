@@ -12,16 +12,20 @@ import click
 import msgspec
 
 from llfsm.whiteboard import (
+    BoardClosedError,
     BoardError,
     BoundSlot,
     Message,
     MessageFieldError,
+    MessageUnreadableError,
     Sample,
     Slot,
     SlotNotFoundError,
     Whiteboard,
+    WhiteboardError,
 )
 from llfsm.whiteboard.errors import name_fields
+from llfsm.whiteboard.messages.llfsm import JOURNALS
 from llfsm.whiteboard.schema import from_plain, to_plain
 from llfsm.whiteboard.shared import boards, remove_board
 
@@ -55,8 +59,13 @@ def list_(board: str | None) -> None:
     if board is not None:
         with Whiteboard(board, create=False) as wb:
             for info in wb.slots():
-                bound = wb[wb.find(info.name)]
-                click.echo(f"{info.name}  {info.type_name}  {_age(bound.sample())}")
+                try:
+                    how = _age(wb[info.slot()].sample())
+                except BoardClosedError:
+                    raise
+                except WhiteboardError as error:
+                    how = f"cannot be read: {error}"
+                click.echo(f"{info.name}  {info.type_name}  {how}")
         return
     for found in boards():
         click.echo(f"{found.name}  {'in use' if found.used else 'not in use'}")
@@ -115,13 +124,33 @@ def watch(slots: tuple[str, ...], changes: int | None, board: str) -> None:
 def _changes(wb: Whiteboard, names: tuple[str, ...]) -> Iterator[tuple[str, Sample[Message]]]:
     bound: dict[str, BoundSlot[Message]] = {name: wb[wb.find(name)] for name in names}
     seen: dict[str, int] = {}
+    unreadable: set[str] = set()
+
+    def warn(name: str, error: WhiteboardError) -> None:
+        if name not in unreadable:
+            unreadable.add(name)
+            click.echo(f"{name} cannot be read: {error}", err=True)
+
+    def find_all() -> None:
+        for info in wb.slots():
+            if info.name in bound or info.name in unreadable or info.name.startswith(JOURNALS):
+                continue
+            try:
+                bound[info.name] = wb[info.slot()]
+            except BoardClosedError:
+                raise
+            except WhiteboardError as error:
+                warn(info.name, error)
+
     while wb.alive:
         if not names:
-            for info in wb.slots():
-                if info.name not in bound:
-                    bound[info.name] = wb[wb.find(info.name)]
+            find_all()
         for name, slot in bound.items():
-            sample = slot.sample()
+            try:
+                sample = slot.sample()
+            except MessageUnreadableError as error:
+                warn(name, error)
+                continue
             if sample is not None and seen.get(name) != sample.count:
                 seen[name] = sample.count
                 yield name, sample

@@ -1,112 +1,100 @@
-"""What ``llfsm run --record`` does: a recorder as a process beside this one.
+"""Machines of which all is recorded: by a process of their own, or by whoever records the board.
 
-Machines share neither a core nor a fate with it: they hand their journal over in a pipe, which
-never makes them wait. If the recorder dies they go on; if they are killed it completes its file.
+Machines share neither a core nor a fate with a recorder: they hand their journal over on the
+whiteboard and never wait. If it dies they go on; if they are killed it completes its file.
 """
 
 from __future__ import annotations
 
-import fcntl
-import os
-import select
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import click
 
+from llfsm.whiteboard import Whiteboard, WhiteboardError
+
 from ..arrangement import Arrangement
 from ..failure import logger
-from ..journal import Journal
+from ..handover import Handover, find_recorder
 from ..journalled import JournalledArrangement
 from ..plan import Plan
 
 __all__ = ["recorded"]
 
-_PIPE = 1 << 20  # bytes that the system keeps for the recorder
-_MOST = 64 << 20  # bytes that we keep, too, before the recorder counts as stuck
-_PATIENCE_S = 5.0  # for the rest to be taken and the file to be completed
+_PATIENCE_S = 5.0  # for the file to be completed
 
 
 @contextmanager
-def recorded(file: Path | None, board: str, plan: Plan) -> Iterator[Callable[..., Arrangement]]:
-    """Give what makes an arrangement that is recorded in `file`; without one, just an arrangement.
+def recorded(
+    file: Path | None, board: Whiteboard, plan: Plan, *, forks: bool = False
+) -> Iterator[Callable[..., Arrangement]]:
+    """Give what makes an arrangement of which all is recorded, if anybody records the board.
 
-    Raise ``click.ClickException`` if the recorder does not start, which says why by itself.
+    With `file`, a recorder that makes it is started, and ends with the ``with`` block. Of one that
+    `forks` the events alone are recorded, from when it runs. Raise ``click.ClickException`` if
+    that cannot be.
     """
-    if file is None:
-        yield Arrangement
+    recorder = find_recorder(board)
+    if file is not None:
+        if recorder is not None:
+            raise click.ClickException(
+                f"process {recorder.pid} records the machines of {board.name!r} already: "
+                f"end it, or leave out --record; nothing was run"
+            )
+        with _recorder(file, board):
+            yield _made_for(board, plan)
         return
-    with _Recorder(file, board) as recorder:
-        recorder.journal.add(("Plan", plan, str(Path.cwd())))
-        yield partial(JournalledArrangement, journal=recorder.journal)
+    make: Callable[..., Arrangement] = Arrangement
+    if recorder is not None and not forks:
+        try:
+            make = _made_for(board, plan)
+        except WhiteboardError as error:  # what somebody else records is no reason not to run
+            logger().warning("the machines go on unrecorded: %s", error)
+    yield make
 
 
-class _Recorder:
-    """Have a board and a `journal` recorded in a file; leaving the ``with`` block ends that."""
+def _made_for(board: Whiteboard, plan: Plan) -> Callable[..., Arrangement]:
+    recorder = find_recorder(board)
+    if recorder is None:
+        raise click.ClickException("the recorder does not record machines, nothing was run")
+    handover = Handover(board, recorder, whole=True)
+    handover.journal.add(("Plan", plan, str(Path.cwd())))
 
-    def __init__(self, file: Path, board: str):
-        taken, self._pipe = os.pipe()
-        os.set_blocking(self._pipe, False)
-        fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE)
-        self._left = bytearray()
-        self._works = True
-        self._process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "llfsm.runtime", "record"),
-                *("-o", str(file), "-b", board, "--events", str(taken)),
-            ],
-            stdout=subprocess.PIPE,
-            pass_fds=[taken],
-            start_new_session=True,  # a Ctrl-C is for the machines, whose last events it must see
-        )
-        os.close(taken)
-        assert self._process.stdout is not None
-        with self._process.stdout as said:
+    def make(**options: Any) -> Arrangement:
+        arrangement = JournalledArrangement(journal=handover.journal, **options)
+        arrangement.handover = handover
+        return arrangement
+
+    return make
+
+
+@contextmanager
+def _recorder(file: Path, board: Whiteboard) -> Iterator[None]:
+    """Have a process record the board; it ends when it cannot read what we write any more."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "llfsm.runtime", "record", "--until-eof"),
+            *("-o", str(file), "-b", board.name),
+        ],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,  # a Ctrl-C is for the machines, whose last events it must see
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        with process.stdout as said:
             if not said.readline():
-                self._close(time.monotonic() + _PATIENCE_S)
                 raise click.ClickException("the recorder did not start, nothing was run")
-        self.journal = Journal(self._write)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.journal.flush()
-        until = time.monotonic() + _PATIENCE_S
-        while self._works and self._left and time.monotonic() < until:
-            select.select([], [self._pipe], [], 0.1)
-            self._write_left()
-        self._close(until)
-
-    def _write(self, data: bytes) -> None:
-        if self._works:
-            self._left += len(data).to_bytes(4, "little") + data
-            self._write_left()
-
-    def _write_left(self) -> None:
+        yield
+    finally:
+        process.stdin.close()
         try:
-            del self._left[: os.write(self._pipe, self._left)]
-        except BlockingIOError:
-            if len(self._left) > _MOST:
-                self._give_up("has stood still for too long")
-        except OSError as error:
-            self._give_up(f"is gone ({error.strerror})")
-
-    def _give_up(self, why: str) -> None:
-        self._works = False
-        self._left.clear()
-        logger().warning("the recorder %s: the machines go on unrecorded", why)
-
-    def _close(self, until: float) -> None:
-        os.close(self._pipe)
-        try:
-            self._process.wait(max(0.1, until - time.monotonic()))
+            process.wait(_PATIENCE_S)
         except subprocess.TimeoutExpired:
-            self._process.kill()  # what it has written can be read
-            self._process.wait()
+            process.kill()  # what it has written can be read
+            process.wait()

@@ -120,7 +120,10 @@ def run(
     planned = plan_of(machines, table, suspended, preloaded)
     plan = _with_options(planned.plan, keep, idle_us, period_us, on_error)
     _log()
-    with Whiteboard(_board(plan, board)) as wb, recorded(recording, wb.name, plan) as make:
+    with (
+        Whiteboard(_board(plan, board)) as wb,
+        recorded(recording, wb, plan, forks=nonstop) as make,
+    ):
         try:
             arrangement = assemble(
                 plan, planned.classes, wb, library=planned.library, timed=timed, make=make

@@ -12,12 +12,11 @@ from llfsm.whiteboard import (
     BoundSlot,
     Message,
     Sample,
-    Slot,
     Whiteboard,
     WhiteboardError,
 )
 from llfsm.whiteboard.messages.turtlesim import Pose
-from llfsm.whiteboard.schema import to_plain, type_from_schema
+from llfsm.whiteboard.schema import to_plain
 
 from ..remote import SILENT_S, Directory, RemoteMachine
 
@@ -105,11 +104,10 @@ class Watcher:
             if name in self._slots or name in self._problems or name.startswith(_OWN):
                 continue
             try:
-                slot = Slot(name, type_from_schema(info.schema), info.capacity)
-                self._slots[name] = self._board[slot]
+                self._slots[name] = self._board[info.slot()]
             except BoardClosedError:
                 raise
-            except Exception as error:  # whatever a schema that is none makes of a class
+            except WhiteboardError as error:
                 self._problems[name] = str(error)
 
 

@@ -150,8 +150,8 @@ def test_slots_are_listed_as_they_were_made(board: Board) -> None:
     for slot in (PATH, POINT):
         board.add_message(slot, slot.type())
     assert board.slots() == [
-        ("robot/path", "Path", PATH.schema, PATH.capacity),
-        ("robot/point", "test/Point", POINT.schema, POINT.capacity),
+        ("robot/path", "Path", PATH.schema, PATH.capacity, ""),
+        ("robot/point", "test/Point", POINT.schema, POINT.capacity, ""),
     ]
 
 

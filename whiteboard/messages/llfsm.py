@@ -11,8 +11,10 @@ from ..slots import Slot
 __all__ = [
     "BELL",
     "DEFINITIONS",
+    "JOURNALS",
     "MACHINES",
     "MIRROR",
+    "RECORDER",
     "REQUESTS",
     "VARIABLES",
     "VIEWER",
@@ -22,16 +24,19 @@ __all__ = [
     "DefinedSection",
     "DefinedState",
     "DefinedTransition",
+    "JournalPart",
     "MachineDefinition",
     "MachineRequest",
     "MachineStatus",
     "MachineVariables",
     "MirrorStatus",
     "PeerStatus",
+    "Recorder",
     "Refusal",
     "Variable",
     "Viewer",
     "definition_slot",
+    "journal_slot",
     "request_slot",
     "status_slot",
     "variables_slot",
@@ -41,6 +46,8 @@ MACHINES = "llfsm/machine/"
 DEFINITIONS = "llfsm/definition/"
 VARIABLES = "llfsm/variables/"
 REQUESTS = "llfsm/request/"
+JOURNALS = "llfsm/journal/"
+"""Slots that carry bytes from arrangements to a recorder, and are nothing to be shown or kept."""
 
 _LONGEST = 230  # bytes of a machine's name that a slot's has room for
 
@@ -51,8 +58,10 @@ class MachineStatus(Message):
     """How a machine is: posted when that changes, and four times a second all the same.
 
     `state` since `in_state_s` seconds before the message's stamp; `pending` is a request that
-    takes effect at its next turn; `obeyed` is the count of the latest request seen. The process
-    is number `pid` of `host`, started `born` clock ticks after that came up.
+    takes effect at its next turn; `obeyed` is the count of the latest request seen. It has come
+    there by number `transition` (from 0) of state `source`, if by any; `entered_ns` is when on its
+    own clock, or 0 before its turn there. The process is number `pid` of `host`, started `born`
+    clock ticks after that came up.
     """
 
     state: str = ""
@@ -62,6 +71,9 @@ class MachineStatus(Message):
     ringlets: int = 0
     overruns: int = 0
     in_state_s: float = 0.0
+    source: str = ""
+    transition: int = 0
+    entered_ns: int = 0
     obeyed: int = 0
     pid: int = 0
     born: int = 0
@@ -150,6 +162,37 @@ class Viewer(Message):
 VIEWER = Slot("llfsm/viewer", Viewer)
 
 
+class Recorder(Message):
+    """Tell that process `pid`, started `born`, records what machines do; 0 that nobody does.
+
+    `taken` are the counts up to which it has taken the slots of journals, by their numbers.
+    """
+
+    pid: int = 0
+    born: int = 0
+    taken: tuple[int, ...] = ()
+
+
+RECORDER = Slot("llfsm/recorder", Recorder)
+
+
+class JournalPart(Message):
+    """A part of an arrangement's journal on its way to the recorder.
+
+    Process `pid`, started `born`, has begun this journal at `session`, nanoseconds of the host's
+    monotonic clock; `whole` if that was before its machines did anything. Part `number` 0 opens it;
+    if a number is left out, what it held is lost. With `over` there are no more.
+    """
+
+    pid: int
+    born: int
+    session: int
+    whole: bool
+    number: int
+    over: bool = False
+    data: bytes = b""
+
+
 class PeerStatus(Message):
     """Another host, as the daemon of a board sees it."""
 
@@ -213,6 +256,12 @@ def definition_slot(machine: str) -> Slot[MachineDefinition]:
 def variables_slot(machine: str) -> Slot[MachineVariables]:
     """Return the slot on which a machine's variables are told."""
     return Slot(VARIABLES + _legal(machine), MachineVariables, 16 << 10)
+
+
+@lru_cache(maxsize=4096)
+def journal_slot(number: int) -> Slot[JournalPart]:
+    """Return the slot that carries the journal of that number."""
+    return Slot(f"{JOURNALS}{number}", JournalPart, 128 << 10)
 
 
 def _legal(machine: str) -> str:

@@ -176,7 +176,7 @@ class Exchange:
 
     def _known(self) -> list[tuple[str, int, int]]:
         """Return the versions of what others may know of."""
-        names = [info.name for info in self._store.board.slots()]
+        names = self._store.names()
         shared = (n for n in names if self._leaves(n) or self._enters(n))
         versions = ((n, self._version(n)) for n in shared if n not in self._puzzling)
         return [(name, *version) for name, version in versions if version is not None]
@@ -195,7 +195,7 @@ class Exchange:
             if ask is None:
                 return []
             known = {slot: Version(*of) for slot, *of in ask.known}
-            names = filter(self._leaves, [info.name for info in self._store.board.slots()])
+            names = filter(self._leaves, self._store.names())
             newer = [
                 name
                 for name in names
@@ -354,7 +354,7 @@ class Exchange:
             return MirrorStatus(
                 host=f"{self._store.host:016x}",
                 pid=os.getpid(),
-                slots=sum(self._leaves(info.name) for info in self._store.board.slots()),
+                slots=sum(map(self._leaves, self._store.names())),
                 left=totals.left,
                 entered=totals.entered,
                 leave_rate=round((totals.left - before.left) / seconds, 1),

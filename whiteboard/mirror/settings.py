@@ -11,7 +11,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from ..messages.llfsm import BELL, MIRROR
+from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER
 
 __all__ = ["DEFAULT_ENDPOINT", "Settings", "matcher"]
 
@@ -58,13 +58,15 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 def matcher(globs: tuple[str, ...]) -> Callable[[str], bool]:
     """Return whether a slot's name matches one of the globs, in which ``*`` matches ``/`` too.
 
-    What is told on a board of the board itself never does.
+    What is told on a board of the board itself, or to a recorder of this host, never does.
     """
     pattern = re.compile("|".join(map(translate, globs)) or r"(?!)")
-    private = {BELL.name, MIRROR.name}
+    private = {BELL.name, MIRROR.name, RECORDER.name}
 
     @lru_cache(maxsize=8192)
     def matches(slot: str) -> bool:
-        return slot not in private and pattern.match(slot) is not None
+        if slot in private or slot.startswith(JOURNALS):
+            return False
+        return pattern.match(slot) is not None
 
     return matches

@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from ..board import Board, BoundSlot, Sample
-from ..errors import MessageUnreadableError
+from ..board import Board, BoundSlot, Sample, SlotInfo
+from ..errors import MessageTypeError, MessageUnreadableError, SlotError
 from ..message import Message
 from ..schema import differences, type_from_schema
 from ..slots import Slot
@@ -66,8 +66,22 @@ class Store:
 
     def has_news(self, name: str) -> bool:
         """Tell whether somebody here has added to a slot since it was last looked at."""
-        cell = self._cell(name)
+        try:
+            cell = self._cell(name)
+        except Refused:
+            return False
         return cell.bound.count != cell.count
+
+    def names(self) -> list[str]:
+        """Return the slots on the board that can be read."""
+        return [info.name for info in self.board.slots() if self._is_readable(info)]
+
+    def _is_readable(self, info: SlotInfo) -> bool:
+        try:
+            self._cell(info.name)
+        except Refused:
+            return False
+        return True
 
     def take_news(self) -> list[str]:
         """Return the slots in which a message of this host was found since the last call."""
@@ -95,8 +109,11 @@ class Store:
     def _cell(self, name: str) -> _Cell:
         cell = self._cells.get(name)
         if cell is None:
-            slot = self.board.find(name)
-            cell = self._cells[name] = _Cell(slot, self.board[slot])
+            try:
+                slot = self.board.find(name)
+                cell = self._cells[name] = _Cell(slot, self.board[slot])
+            except (SlotError, MessageTypeError) as error:  # what some process wrote of it
+                raise Refused(str(error)) from error
         return cell
 
     def _settle(self, cell: _Cell) -> Sample[Message] | None:
@@ -139,9 +156,7 @@ class Store:
     def has(self, name: str) -> bool:
         """Tell whether the board has the slot, used here or not."""
         if name not in self._cells:
-            for info in self.board.slots():
-                if info.name not in self._cells:
-                    self._cell(info.name)
+            self.names()
         return name in self._cells
 
     def agrees(self, value: Value) -> bool:

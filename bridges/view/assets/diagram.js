@@ -107,10 +107,10 @@ export class Diagram {
     }
   }
 
-  // Light the transitions that lead from one state to the other; they fade by themselves.
-  fire(from, to) {
+  // Light a transition; it fades by itself.
+  fire(source, number) {
     for (const edge of this.edges) {
-      if (edge.source !== from || edge.target !== to) continue;
+      if (edge.source !== source || edge.number !== number) continue;
       for (const element of edge.elements) {
         element.classList.remove("fired");
         element.getBoundingClientRect(); // so that the fading begins anew

@@ -135,10 +135,9 @@ class Card {
   // Light what was taken to get to each of these changes: `first` and those after it, up to `now`.
   note(changes, first, now = Infinity) {
     if (!this.diagram || this.folded) return;
-    for (let i = Math.max(1, first); i < changes.length && changes[i][0] <= now; i += 1) {
-      const [, from, wasSuspended] = changes[i - 1];
-      const [, to, isSuspended] = changes[i];
-      if (from && to && !wasSuspended && !isSuspended) this.diagram.fire(from, to);
+    for (let i = first; i < changes.length && changes[i][0] <= now; i += 1) {
+      const [, , , source, transition] = changes[i];
+      if (source) this.diagram.fire(source, transition);
     }
   }
 
@@ -180,12 +179,14 @@ class Card {
   drawTimes(machine, model) {
     const [changes, { now }] = [model.history.get(this.name) ?? [], model];
     setText(this.since, clock(now - machine.entered));
-    this.timeline.draw(changes, now, this.panel.span);
+    this.timeline.draw(changes, now, this.panel.span, model.known);
     if (this.panel.span === null) return;
     // All of a recording is known at once: a change is news when its time has come.
     const passed = now - (this.then ?? now);
     if (passed > 0 && passed < LEAP_S) this.note(changes, firstAfter(changes, this.then), now);
     this.then = now;
+    setText(this.state, this.stateOf(machine));
+    this.light(machine);
   }
 
   draw(machine, model) {
@@ -194,8 +195,8 @@ class Card {
     this.zoom.lastChild.setAttribute("aria-pressed", String(Boolean(this.diagram?.isFollowing)));
     if (!this.stale) return;
     this.stale = false;
-    const { condition, state, pending } = machine;
-    setText(this.state, state);
+    const { condition, pending } = machine;
+    setText(this.state, this.stateOf(machine));
     setText(this.condition, pending && condition !== "ended" ? `${condition}, ${pending} …` : condition);
     setData(this.condition, "is", condition);
     setData(this.element, "condition", condition);
@@ -213,8 +214,18 @@ class Card {
 
   light(machine) {
     const changes = this.panel.model.history.get(this.name) ?? [];
-    const before = machine.suspended && changes.findLast(([, state, suspended]) => state && !suspended);
-    this.diagram?.light(machine.state, machine.condition, before ? before[1] : null);
+    const past = this.panel.span === null ? changes : changes.slice(0, firstAfter(changes, this.panel.model.now));
+    const before = machine.suspended && past.findLast(([, state, suspended]) => state && !suspended);
+    this.diagram?.light(this.stateOf(machine), machine.condition, before ? before[1] : null);
+  }
+
+  // In a recording the events of machines are known, too: they tell of each state, however short.
+  stateOf(machine) {
+    const { model, span } = this.panel;
+    if (span === null || machine.condition !== "running") return machine.state;
+    const changes = model.history.get(this.name) ?? [];
+    const last = changes[firstAfter(changes, model.now) - 1];
+    return last?.[1] || machine.state;
   }
 
   drawVariables(slot) {
@@ -351,6 +362,11 @@ export class Machines {
 }
 
 function firstAfter(changes, time) {
-  const first = changes.findIndex(([at]) => at > time);
-  return first < 0 ? changes.length : first;
+  let [first, end] = [0, changes.length];
+  while (first < end) {
+    const middle = (first + end) >> 1;
+    if (changes[middle][0] > time) end = middle;
+    else first = middle + 1;
+  }
+  return first;
 }

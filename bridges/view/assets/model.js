@@ -66,6 +66,7 @@ class Slot {
 export class Model {
   constructor() {
     this.speed = 1;
+    this.known = null; // up to when the history of a recording is known so far
     this.trouble = "";
     this.epoch = 0;
     this.forget();
@@ -92,6 +93,7 @@ export class Model {
       changed.reset = changed.listed = true;
     }
     if ("speed" in frame) this.speed = frame.speed;
+    if ("known" in frame) this.known = frame.known;
     if ("trouble" in frame) this.trouble = frame.trouble;
     this.anchor = [frame.now, performance.now()];
     for (const told of frame.slots ?? []) {

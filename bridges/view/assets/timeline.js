@@ -4,6 +4,7 @@ import { color, context } from "./dom.js";
 import { duration } from "./format.js";
 
 const SHOWN_S = 60; // of a live machine
+const NOTCH = 7; // pixels
 const HUES = [168, 214, 268, 32, 338, 96, 190, 300, 52, 8, 140, 236];
 
 export function hue(index) {
@@ -18,8 +19,8 @@ export class Timeline {
     canvas.addEventListener("pointermove", (event) => this.tell(event));
   }
 
-  // `span` is all of a recording's time, null when live.
-  draw(changes, now, span) {
+  // `span` is all of a recording's time, null when live; `known` is up to when it is read.
+  draw(changes, now, span, known) {
     const drawing = context(this.canvas);
     if (!drawing) return;
     const { wide, high } = drawing;
@@ -35,9 +36,10 @@ export class Timeline {
     drawing.textBaseline = "middle";
     let i = changes.length - 1;
     while (i > 0 && changes[i][0] > from) i -= 1;
+    const gaps = [];
     for (; i < changes.length; i += 1) {
-      const [begins, state, suspended] = changes[i];
-      const ends = changes[i + 1]?.[0] ?? (span === null ? now : span);
+      const [begins, state, suspended, , , skipped] = changes[i];
+      const ends = changes[i + 1]?.[0] ?? (span === null ? now : known);
       if (begins > to) break;
       if (!state || ends < from) continue;
       const left = Math.max(0, x(begins));
@@ -54,7 +56,17 @@ export class Timeline {
         drawing.fillStyle = dark ? "#eef3f7" : "#1b2a33";
         drawing.fillText(state, left + 6, high / 2 - 1);
       }
-      this.bands.push([left, left + width, state, ends - begins, suspended]);
+      this.bands.push([left, left + width, state, ends - begins, suspended, skipped]);
+      if (skipped && begins >= from && left - (gaps.at(-1) ?? -NOTCH) >= NOTCH) gaps.push(left);
+    }
+    // Where states were too short to be seen: a notch from above.
+    drawing.fillStyle = color("late");
+    for (const left of gaps) {
+      drawing.beginPath();
+      drawing.moveTo(left - NOTCH / 2 + 0.5, 0);
+      drawing.lineTo(left + NOTCH / 2 - 0.5, 0);
+      drawing.lineTo(left, 6);
+      drawing.fill();
     }
     if (span !== null) {
       drawing.fillStyle = color("ink");
@@ -66,7 +78,8 @@ export class Timeline {
     const at = event.offsetX;
     const band = this.bands.find(([left, right]) => left <= at && at <= right);
     this.canvas.title = band
-      ? `${band[2]}${band[4] ? " (suspended)" : ""}, ${duration(band[3])}`
+      ? `${band[2]}${band[4] ? " (suspended)" : ""}, ${duration(band[3])}` +
+        (band[5] ? "; states before it were too short to be seen" : "")
       : "";
   }
 }

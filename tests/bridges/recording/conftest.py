@@ -6,14 +6,16 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 import pytest
 
+from llfsm.bridges.recording.reader import Recorded, Recording
 from llfsm.bridges.recording.writer import RecordingWriter
+from llfsm.runtime.journal import Entry
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot, Whiteboard
 from llfsm.whiteboard.local import LocalBoard
 
@@ -91,6 +93,24 @@ def write(file: Path, samples: list[tuple[Slot[Any], Sample[Any]]]) -> None:
     with RecordingWriter(file, {"board": "test"}) as writer:
         for slot, sample in samples:
             writer.add(slot, sample)
+
+
+def keep_journal(
+    writer: RecordingWriter, entries: Iterable[Entry], *, process: int = 1, whole: bool = True
+) -> None:
+    """Write the journal of an arrangement."""
+    told = {"session": f"{process}-0", "writer": str(process), "whole": "yes" if whole else "no"}
+    journal = writer.add_journal(told)
+    for entry in entries:
+        writer.add_entry(journal, entry)
+
+
+def messages_of(recording: Recording, slot: str) -> list[Recorded]:
+    return [recorded for _, recorded in recording.messages([slot])]
+
+
+def entries_in(recording: Recording) -> list[Entry]:
+    return [entry for journal in recording.journals for entry in recording.entries(journal)]
 
 
 def samples_of(board: Board, slot: Slot[Any], messages: list[Any]) -> list[tuple[Slot[Any], Any]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
@@ -10,14 +12,18 @@ import msgspec
 import pytest
 
 from llfsm.bridges.recording.errors import RecordingFileError
+from llfsm.bridges.recording.exact import Codec
 from llfsm.bridges.recording.playback import RecordedSource
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.source import Change
-from llfsm.runtime import ManualClock
-from llfsm.whiteboard import Sample
+from llfsm.runtime import Machine, ManualClock, State
+from llfsm.runtime.journal import Journal, entries_of
+from llfsm.runtime.journalled import JournalledArrangement
+from llfsm.runtime.presence import Presence
+from llfsm.whiteboard import Sample, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
-from .conftest import OTHER, READING, Reading, end_of
+from .conftest import OTHER, READING, Reading, end_of, keep_journal
 
 MS = 1_000_000
 STATUS = status_slot("Patrol")
@@ -151,12 +157,13 @@ def test_a_machine_that_dies_is_gone_in_history(file: Path) -> None:
     assert not source.is_live(source.look().samples[STATUS.name])
 
 
-def test_a_message_that_is_none_is_a_problem_of_its_slot(file: Path) -> None:
+def test_a_message_that_is_none_is_a_problem_of_its_slot(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with RecordingWriter(file, {}) as writer:
         writer.add(READING, Sample(Reading(1), 1, writer.begin_ns, 1))
     source = RecordedSource(file)
-    slot = source._recording.slots[READING.name]
-    slot.messages[0] = slot.messages[0]._replace(data=b"{")
+    monkeypatch.setattr(Codec, "decode", lambda _, text: msgspec.json.decode(text[:-1]))
     look = source.look()
     assert not look.samples
     assert "message 1" in look.problems[READING.name]
@@ -184,3 +191,67 @@ def test_the_command_says_what_is_no_recording(llfsm: Any, file: Path) -> None:
         1,
         "Error: run.mcap: is no recording of llfsm\n",
     )
+
+
+class Hasty(Machine):
+    """States that are shorter than anybody can look, and one that stays."""
+
+    a = State()
+    b = State()
+    c = State()
+    stay = State()
+    a.to(b)
+    b.to(c)
+    c.to(stay)
+    stay.to(a, after_ms=200)
+
+
+def hasty(file: Path, *, events: bool) -> RecordedSource:
+    """Record three rounds of it, with the statuses that can be seen."""
+    clock, written, board = ManualClock(), [], Whiteboard.local()
+    with RecordingWriter(file, {}) as writer:
+        clock.advance(ns=writer.begin_ns)
+        arrangement = JournalledArrangement(
+            [Hasty], journal=Journal(written.append), clock=clock, whiteboard=board
+        )
+        presence, count = Presence(arrangement, board), 0
+        for number in range(160):
+            clock.advance(ms=5)
+            arrangement.round()
+            presence.look(idle=False)  # fifty times a second
+            sample = board[status_slot("Hasty")].sample()
+            if sample is not None and sample.count != count:
+                count = sample.count
+                writer.add(status_slot("Hasty"), sample._replace(stamp_ns=clock.now_ns()))
+            if number == 80:
+                writer.flush()
+        arrangement.end()
+        entries = [entry for data in written for entry in entries_of(data)]
+        if events:
+            keep_journal(writer, entries, process=os.getpid())
+    return RecordedSource(file)
+
+
+def test_with_events_every_state_is_known_however_short(file: Path) -> None:
+    source = hasty(file, events=True)
+    while len(changes := source.history()["Hasty"]) < 13:
+        assert source.history()
+    assert [change.state for change in changes[:9]] == [*"abc", "stay", *"abc", "stay", "a"]
+    ways = [(change.source, change.transition) for change in changes[4:9]]
+    assert ways == [("stay", 0), ("a", 0), ("b", 0), ("c", 0), ("stay", 0)]
+    assert not any(change.skipped for change in changes)
+    stamps = [change.stamp_ns for change in changes]
+    assert stamps[6] - stamps[5] == 5 * MS
+    assert source.player.known_ns == source.player.span_ns[1]
+
+
+def test_without_events_what_was_too_short_is_marked(file: Path) -> None:
+    changes = hasty(file, events=False).history()["Hasty"]
+    states = [change.state for change in changes if change.state]
+    assert len(states) < 12  # it was in more
+    before = {"a": "stay", "b": "a", "c": "b", "stay": "c"}
+    for last, change in pairwise(changes):
+        if last.state and change.state:
+            assert change.skipped == (before[change.state] != last.state), changes
+            assert change.source == before[change.state]
+    assert any(change.skipped for change in changes)

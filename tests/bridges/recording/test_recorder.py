@@ -24,8 +24,7 @@ OWN = VIEWER.name
 
 def numbers(file: Path, slot: str = READING.name) -> list[int]:
     recording = Recording(file)
-    each = recording.slots.get(slot)
-    return [each.sample(m).message.number for m in each.messages] if each else []
+    return [each.sample(m).message.number for each, m in recording.messages([slot])]
 
 
 def start(llfsm: Any, board: Whiteboard, *arguments: object) -> Any:
@@ -177,6 +176,7 @@ def test_a_full_disk_ends_it_and_what_was_written_can_be_read(
         resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
 
     process = llfsm("record", "-o", "run.mcap", "-b", board.name, preexec_fn=small)
+    assert "only slots are recorded" in process.stdout.readline()
     process.stdout.readline()
     assert "llfsm/variables/" in process.stdout.readline()  # it cannot ask for those either
     while process.poll() is None:

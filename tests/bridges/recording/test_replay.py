@@ -20,7 +20,7 @@ from llfsm.whiteboard.messages.llfsm import BELL, Bell, MachineRequest, request_
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.shared import boards
 
-from .conftest import OTHER, READING, Reading, Spy, end_of
+from .conftest import OTHER, READING, Reading, Spy, end_of, keep_journal
 
 MS = 1_000_000
 
@@ -166,9 +166,7 @@ def test_a_step_posts_what_belongs_to_one_ringlet(file: Path) -> None:
                     count = 10 * number + each + 1
                     writer.add(READING, Sample(Reading(count), count, clock.now_ns(), 1))
                 clock.advance(ms=10)
-        for data in written:
-            for entry in entries_of(data):
-                writer.add_entry(entry)
+        keep_journal(writer, (entry for data in written for entry in entries_of(data)))
     spy = Spy()
     steps = list(Replay(Recording(file), spy).steps())
     assert [(step.text, [m.number for _, m in step.posted]) for step in steps] == [

@@ -43,7 +43,7 @@ from llfsm.whiteboard import Board, Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
 from . import machines
-from .conftest import end_of, write
+from .conftest import end_of, entries_in, keep_journal, write
 from .machines import COMMAND, SEEN, Failing, Follower, Keeper, Number
 
 OURS = (str(Path(journal.__file__).parent), str(Path(machines.__file__)))
@@ -259,8 +259,7 @@ def wall(rounds: int) -> Run:
 
 def keep(run: Run, file: Path) -> Path:
     with RecordingWriter(file, {"board": "test"}) as writer:
-        for entry in run.entries:
-            writer.add_entry(entry)
+        keep_journal(writer, run.entries)
     return file
 
 
@@ -424,9 +423,9 @@ POSTED = {"machine": "m", "actuator": "a", "slot": "s", "count": 1}
 )
 def test_an_event_that_is_none_is_told(file: Path, entry: Entry) -> None:
     with RecordingWriter(file, {}) as writer:
-        writer.add_entry(entry)
+        keep_journal(writer, [entry])
     with pytest.raises(RecordingFileError, match="has an event that is none"):
-        Recording(file).entries  # noqa: B018  is read when it is asked for
+        entries_in(Recording(file))
 
 
 # The command
@@ -444,7 +443,7 @@ def test_a_demo_that_was_recorded_runs_again(llfsm: Any, board: Whiteboard, file
     assert {"turtle1/pose", "turtle1/cmd_vel"} <= {*recording.slots}
     status, said = end_of(llfsm("rerun", file))
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
-    events = sum(entry["event"] == "Turn" for entry in recording.entries)
+    events = sum(entry["event"] == "Turn" for entry in entries_in(recording))
     assert events > 50
     status, said = end_of(llfsm("rerun", file, "RosWallTurttleBot=RosBlindTurttleBot"))
     assert status == 1

@@ -145,4 +145,4 @@ def test_history_is_told_once_in_order_even_if_its_beginning_was_forgotten() -> 
     assert [c[1] for c in _frame(feed, look)["history"]["M"]] == ["a", "b"]
     assert _frame(feed, look) is None
     source.changes["M"] = [Change(2, "b", False), Change(3, "c", True)]
-    assert _frame(feed, look)["history"] == {"M": [[3e-9, "c", True]]}
+    assert _frame(feed, look)["history"] == {"M": [[3e-9, "c", True, "", 0, False]]}

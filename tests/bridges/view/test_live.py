@@ -14,12 +14,19 @@ from llfsm.bridges.view.live import LiveSource
 from llfsm.runtime import Arrangement, Machine, State
 from llfsm.runtime.remote import born, host_name
 from llfsm.whiteboard import Sample, Slot, Whiteboard
-from llfsm.whiteboard.messages.llfsm import VIEWER, MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import (
+    VIEWER,
+    JournalPart,
+    MachineStatus,
+    journal_slot,
+    status_slot,
+)
 from llfsm.whiteboard.messages.std_msgs import Bool
 
 from .conftest import Server, wait_for
 
 LAMP = Slot("lamp", Bool)
+SLOTS = 448  # in the file, by llfsm_whiteboard.h
 
 
 class Blink(Machine):
@@ -157,13 +164,53 @@ def test_machines_tell_their_variables_to_whoever_looks(board: str, source: Live
 def test_a_damaged_board_is_trouble_until_it_is_whole(board: str, source: LiveSource) -> None:
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
-        damaged = Slot("damaged", Bool)
-        damaged.type_name = "Damaged"
-        damaged.schema = json.loads("[" * 200 + "]" * 200)
-        wb.add_message(damaged, Bool(True))
+        with wb.path.open("r+b") as file:  # where its second slot is
+            file.seek(SLOTS + 8)
+            file.write(b"\xff" * 8)
         assert "cannot be read" in source.look().trouble
         wb.remove()
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
         wait_for(lambda: "lamp" in source.look().samples, "the new board was seen")
         assert source.look().trouble == ""
+
+
+def test_states_that_nobody_saw_are_not_pretended() -> None:
+    history, pid = History(), os.getpid()
+    stamps = iter(range(1, 100))
+
+    def note(state: str, source: str, entered_ms: int, transition: int = 0) -> tuple[str, bool]:
+        status = MachineStatus(
+            state=state,
+            source=source,
+            transition=transition,
+            entered_ns=entered_ms * 1_000_000,
+            pid=pid,
+            born=born(pid),
+            host=host_name(),
+        )
+        now_ns = next(stamps) * 100_000_000
+        history.note({"llfsm/machine/M": Sample(status, 1, now_ns, 1)}, now_ns, lambda _: True)
+        last = history.changes["M"][-1]
+        return last.state, last.skipped
+
+    assert note("a", "", 1) == ("a", False)
+    assert note("b", "a", 2) == ("b", False)
+    assert history.changes["M"][-1][3:5] == ("a", 0)
+    assert note("d", "c", 4) == ("d", True)  # c was between them
+    assert note("d", "c", 4) == ("d", True)
+    assert len(history.changes["M"]) == 3
+    assert note("d", "e", 6, transition=2) == ("d", True)  # and back again
+    assert history.changes["M"][-1][3:] == ("e", 2, True)
+    assert note("a", "", 0) == ("a", False)  # restarted, and no turn there yet
+    assert note("a", "", 7) == ("a", False)
+    assert len(history.changes["M"]) == 5
+
+
+def test_what_is_on_its_way_to_a_recorder_is_not_shown(board: str, source: LiveSource) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        wb.add_message(journal_slot(0), JournalPart(1, 2, 3, True, 0, data=bytes(100_000)))
+        assert "lamp" in source.look().samples
+        assert [*source.look().slots] == ["lamp"]
+        wb.remove()

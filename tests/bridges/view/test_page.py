@@ -276,3 +276,33 @@ def test_a_recording_has_a_slider_over_all_that_the_page_shows(
     wait_for(lambda: shown() > early + 5, "it played")
     page.wait_for_selector(f"{MACHINE} .fired")
     assert seen.errors == []
+
+
+def test_of_two_ways_to_a_state_the_one_that_was_taken_is_lit(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    (tmp_path / "twin.py").write_text(
+        "from llfsm.runtime import Machine, State\n"
+        "class Twin(Machine):\n"
+        "    a, b, c, rest = State(), State(), State(), State()\n"
+        "    a.to(rest, when=lambda m: m.after_ms(600))\n"
+        "    rest.to(b, when=lambda m: m.after_ms(10**9))\n"
+        "    rest.to(b, when=lambda m: m.after_ms(600))\n"
+        "    b.to(c)\n"
+        "    c.to(a)\n"
+    )
+    start("run", "twin:Twin", "-q", "-b", board)
+    page = visit(start(Server, board).address).page
+    page.wait_for_selector(".fired[data-transition='a:0']")
+    # b is too short to be seen: it has come from c, which is lit, and not from what was seen.
+    page.wait_for_selector(".fired[data-transition='c:0']")
+    assert page.locator("[data-transition='rest:0'].fired").count() == 0
+    told = page.evaluate(
+        "new Promise((done) => { const socket = new WebSocket(`ws://${location.host}/live`);"
+        " const skipped = []; socket.onmessage = ({data}) => { const frame = JSON.parse(data);"
+        " for (const each of Object.values(frame.history ?? {}).flat()) skipped.push(each);"
+        ' if (skipped.length > 8) done(skipped); else socket.send(\'{"type": "seen"}\'); } })'
+    )
+    ways = {(state, source, number) for _, state, _, source, number, _ in told if source}
+    assert ways <= {("rest", "a", 0), ("b", "rest", 1), ("c", "b", 0), ("a", "c", 0)}
+    assert any(skipped for *_, skipped in told)

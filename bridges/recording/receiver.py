@@ -1,0 +1,221 @@
+"""The journals of a board's arrangements, taken as their processes hand them over."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import Any, Final
+
+import msgspec
+
+from llfsm.runtime.failure import logger
+from llfsm.runtime.handover import find_recorder
+from llfsm.runtime.journal import Entry, entries_of
+from llfsm.runtime.remote import born
+from llfsm.whiteboard import BoardClosedError, BoundSlot, Whiteboard, WhiteboardError
+from llfsm.whiteboard.messages.llfsm import (
+    JOURNALS,
+    RECORDER,
+    JournalPart,
+    Recorder,
+    journal_slot,
+)
+
+from .writer import ARRANGEMENT, RecordingWriter
+
+__all__ = ["JournalReceiver"]
+
+_MOST: Final = 1 << 27  # bytes of entries that a process can have written at once
+
+
+class JournalReceiver:
+    """Say on a board that its machines are recorded, and write what they hand over.
+
+    `other` is the process that does so already; then this one is of no use.
+    """
+
+    def __init__(self, board: Whiteboard, writer: RecordingWriter):
+        self._board = board
+        self._writer = writer
+        self._recorder = board[RECORDER]
+        self._slots: list[BoundSlot[JournalPart]] = []
+        self._taken: list[int] = []
+        self._journals: dict[int, _Incoming] = {}
+        self._full = False
+        self.journals = 0
+        """How many were begun."""
+        pid = os.getpid()
+        self._me = Recorder(pid, born(pid))
+        names = {info.name for info in board.slots()}
+        while f"{JOURNALS}{len(self._slots)}" in names or not self._slots:
+            self._listen()  # what stands there was for somebody before us
+        self.other = self._claim()
+
+    def _claim(self) -> int:
+        while True:
+            recorder, count = find_recorder(self._board), self._recorder.count
+            if recorder is not None:
+                return recorder.pid
+            if self._recorder.add_after(self._with_taken(), count):
+                return 0
+
+    def _listen(self) -> None:
+        slot = self._board[journal_slot(len(self._slots))]
+        self._slots.append(slot)
+        self._taken.append(slot.count)
+
+    def _listen_ahead(self) -> None:
+        """Listen to one slot more than are in use, so that the next journal is seen at once."""
+        try:
+            self._listen()
+        except BoardClosedError:
+            raise
+        except WhiteboardError as error:
+            self._full = True
+            logger().warning("no more machines can be recorded: %s", error)
+
+    def _with_taken(self) -> Recorder:
+        return msgspec.structs.replace(self._me, taken=tuple(self._taken))
+
+    def look(self) -> None:
+        """Write what has come."""
+        new = False
+        for number, slot in enumerate(self._slots):
+            if slot.count != self._taken[number]:
+                new = True
+                self._take(number, slot)
+        if new:
+            if self._taken[-1] and not self._full:
+                self._listen_ahead()
+            self._recorder.add(self._with_taken())
+
+    @property
+    def idle(self) -> bool:
+        """Whether all journals have ended, or their processes have."""
+        return all(journal.over for journal in self._journals.values())
+
+    def close(self) -> None:
+        """Say that nobody records any more, and complete what was begun."""
+        for journal in self._journals.values():
+            journal.close()
+        try:
+            self._recorder.add(Recorder())
+        except BoardClosedError:
+            pass
+        except WhiteboardError as error:
+            logger().warning("%s", error)
+
+    def _take(self, number: int, slot: BoundSlot[JournalPart]) -> None:
+        self._taken[number] = slot.count
+        try:
+            sample = slot.sample()
+        except BoardClosedError:
+            raise
+        except WhiteboardError as error:
+            logger().warning("a part of a journal is lost: %s", error)
+            return
+        if sample is None:
+            return
+        self._taken[number] = sample.count
+        part, journal = sample.message, self._journals.get(number)
+        if journal is None or not journal.is_of(part):
+            if part.number or part.over:  # of one that was begun for somebody before us
+                return
+            if journal is not None:
+                journal.close()
+            self._journals[number] = journal = _Incoming(part, self._writer)
+            self.journals += 1
+        journal.take(part)
+
+
+class _Incoming:
+    """A journal that comes in parts."""
+
+    def __init__(self, first: JournalPart, writer: RecordingWriter):
+        self._first = first
+        self._writer = writer
+        self._next = first.number
+        self._left = bytearray()
+        self._ended = False
+        self._machines: list[str] = []
+        self._made: dict[str, str] = {}
+        self._is_told = False
+        about = {
+            "session": f"{first.pid}-{first.session}",
+            "writer": str(first.pid),
+            "whole": "yes" if first.whole else "no",
+        }
+        self._about: Final = about
+        self._channel = writer.add_journal(about)
+
+    def is_of(self, part: JournalPart) -> bool:
+        """Tell whether a part belongs to it."""
+        return (part.pid, part.session) == (self._first.pid, self._first.session)
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing comes any more."""
+        return self._ended or born(self._first.pid) != self._first.born
+
+    def take(self, part: JournalPart) -> None:
+        """Write what is in a part."""
+        if self._ended:
+            return
+        if part.number != self._next:
+            self._left.clear()
+            self._writer.add_lost(self._channel)
+        self._next = part.number + 1
+        self._left += part.data
+        try:
+            for entry in self._entries():
+                self._write(entry)
+        except (ValueError, LookupError, TypeError) as error:  # also msgspec's
+            logger().warning("process %d writes no journal: %s", self._first.pid, error)
+            self._ended = True
+        if part.over:
+            self.close()
+
+    def close(self) -> None:
+        """Tell of it if that was not done."""
+        self._ended = True
+        self._tell()
+
+    def _entries(self) -> Iterator[Entry]:
+        while len(self._left) >= 4:
+            end = 4 + int.from_bytes(self._left[:4], "little")
+            if end > _MOST:
+                raise ValueError(f"{end} bytes at once")
+            if len(self._left) < end:
+                return
+            data = bytes(self._left[4:end])
+            del self._left[:end]
+            yield from entries_of(data)
+
+    def _write(self, entry: Entry) -> None:
+        kind: Any = entry["event"]
+        if kind == "Plan":
+            self._made = {
+                "plan": msgspec.json.encode(entry["plan"]).decode(),
+                "folder": str(entry["folder"]),
+            }
+            return
+        if kind == "Loaded":
+            self._machines.append(str(entry["machine"]))
+        elif "reads" in entry:
+            self._tell()
+        self._writer.add_entry(self._channel, entry)
+
+    def _tell(self) -> None:
+        """Write what is known of the arrangement, now that its machines are loaded."""
+        if self._is_told:
+            return
+        self._is_told = True
+        machines = ", ".join(self._machines)
+        self._writer.add_metadata(ARRANGEMENT, {**self._about, "machines": machines, **self._made})
+        if not self._first.whole:
+            logger().warning(
+                "%s (process %d) ran before: its events are recorded from now on, "
+                "and cannot be run again",
+                machines or "an arrangement",
+                self._first.pid,
+            )
