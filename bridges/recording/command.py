@@ -68,7 +68,7 @@ def record(
     max_time: float | None,
     until_eof: bool,
 ) -> None:
-    """Record a whiteboard and its machines, until Ctrl-C or it is removed.
+    """Record a whiteboard and its machines, until Ctrl-C or it is removed; make it if need be.
 
     What is recorded can be read even if this process is killed, up to its last second, by
     `llfsm view` and other MCAP tools. Machines that start later can be run again from it, by
@@ -89,7 +89,7 @@ def record(
     asked: list[str] = []  # the signal by which an end is
     with (
         stop_on_signals(asked.append),
-        Whiteboard(board, create=False) as wb,
+        Whiteboard(board) as wb,  # made if nobody has: who comes later is recorded from its start
         RecordingWriter(output, about) as writer,
     ):
         recorder = BoardRecorder(wb, writer, slots)

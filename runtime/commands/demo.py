@@ -60,6 +60,12 @@ class _EndError(Exception):
     "-b", "--board", metavar="NAME", default="demo", show_default=True, help="The whiteboard."
 )
 @click.option("--view", is_flag=True, help="Serve it on a page, too, and tell its address.")
+@click.option(
+    "--record",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record it, for llfsm rerun; not with --ros.",
+)
 @ros_options
 def demo(
     name: str,
@@ -67,6 +73,7 @@ def demo(
     target: Path | None,
     board: str,
     view: bool,
+    record: Path | None,
     graph: RosGraph | None,
 ) -> None:
     """Watch machines and a turtle simulator, each in a process, meet on a whiteboard.
@@ -88,6 +95,8 @@ def demo(
     draws = chosen.with_turtle and (graph is None or graph.simulator)
     if target is not None and not draws:
         raise click.UsageError("--picture: the path is drawn by a simulator, and there is none")
+    if record is not None and graph is not None:
+        raise click.UsageError("--record is not for --ros: a file is not begun again")
     target = target or Path(f"demo-{name}")
     where = f"whiteboard {board!r}" if graph is None else f"whiteboard {board!r}, {graph}"
     title = f"llfsm demo {name}: {chosen.text} ({where})"
@@ -96,7 +105,7 @@ def demo(
         try:
             with _processes(graph) as processes:
                 if graph is None:
-                    _start(processes, chosen, board, target)
+                    _start(processes, chosen, board, target, record)
                 else:
                     _start_on_ros(processes, chosen, board, target, graph)
                 if view:
@@ -128,7 +137,9 @@ def _processes(graph: RosGraph | None) -> Processes:
     return Processes(restart=True, environment=graph.environment())
 
 
-def _start(processes: Processes, chosen: _Demo, board: str, target: Path) -> None:
+def _start(
+    processes: Processes, chosen: _Demo, board: str, target: Path, record: Path | None
+) -> None:
     """Start what meets on a whiteboard; one removes it if this process is killed."""
     on_board = ("--board", board)
     if chosen.with_turtle:
@@ -136,7 +147,8 @@ def _start(processes: Processes, chosen: _Demo, board: str, target: Path) -> Non
             "simulator", "turtlesim", *on_board, "--picture", str(target), "--remove-board"
         )
     owner = () if chosen.with_turtle else ("--remove-board",)
-    processes.start("machine", "run", *chosen.machines, "-q", *on_board, *owner)
+    recorded = () if record is None else ("--record", str(record))
+    processes.start("machine", "run", *chosen.machines, "-q", *on_board, *owner, *recorded)
 
 
 def _start_on_ros(

@@ -59,6 +59,16 @@ def end(process: Any) -> str:
     return said
 
 
+def test_it_may_be_there_before_the_board(llfsm: Any, board: Whiteboard, file: Path) -> None:
+    board.remove()
+    recorder = start(llfsm, board)
+    machine = run(llfsm, board, "RosPingPong")
+    wait_for(lambda: has_events(file, "Turn", 5), "events")
+    end(machine)
+    assert "ran before" not in end(recorder)
+    assert end_of(llfsm("rerun", file))[0] == 0
+
+
 def test_machines_that_start_later_run_again(llfsm: Any, board: Whiteboard, file: Path) -> None:
     recorder = start(llfsm, board)
     both = ["RosPingPong", "TurtleSuspendResume"]

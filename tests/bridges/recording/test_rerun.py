@@ -453,6 +453,17 @@ def test_a_demo_that_was_recorded_runs_again(llfsm: Any, board: Whiteboard, file
     assert "its machines are RosWallTurttleBot, not RosBlindTurttleBot" in said
 
 
+def test_llfsm_demo_records_what_runs_again(llfsm: Any, file: Path) -> None:
+    name = f"test-demo-{os.getpid()}"
+    demo = llfsm("demo", "wall", "--seconds", "3", "-b", name, "--record", file)
+    assert end_of(demo)[0] == 0
+    recording = Recording(file)
+    assert recording.about["board"] == name
+    assert "turtle1/pose" in recording.slots
+    status, said = end_of(llfsm("rerun", file, "RosWallTurttleBot"))
+    assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
+
+
 def board_type(_: Whiteboard) -> Any:
     from llfsm.whiteboard.messages.geometry_msgs import Twist
 
