@@ -127,10 +127,11 @@ def others(llfsm: Llfsm, graph: tuple[str, ...]) -> None:
 def test_it_joins_a_graph_that_has_a_router_and_a_simulator(
     start: Callable[..., Demo], board: str, tmp_path: Path
 ) -> None:
-    demo = start("--no-simulator", "--seconds", "4")
+    demo = start("--no-simulator")
     pids = children(demo.pid)
     assert set(pids) == {"bridge", "run"}
     assert drives_on(board)
+    demo.send_signal(signal.SIGINT)
     said = demo.stdout.read()
     assert demo.wait() == 0, said
     assert_nothing_left(board, list(pids.values()))
