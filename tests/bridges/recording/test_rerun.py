@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +45,7 @@ from llfsm.whiteboard import Board, Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
 from . import machines
-from .conftest import end_of, entries_in, keep_journal, write
+from .conftest import end_of, entries_in, keep_journal, wait_for, write
 from .machines import COMMAND, SEEN, Failing, Follower, Keeper, Number
 
 OURS = (str(Path(journal.__file__).parent), str(Path(machines.__file__)))
@@ -455,11 +457,17 @@ def test_a_demo_that_was_recorded_runs_again(llfsm: Any, board: Whiteboard, file
 
 def test_llfsm_demo_records_what_runs_again(llfsm: Any, file: Path) -> None:
     name = f"test-demo-{os.getpid()}"
-    demo = llfsm("demo", "wall", "--seconds", "3", "-b", name, "--record", file)
+    demo = llfsm("demo", "wall", "-b", name, "--record", file)
+
+    def has_pose() -> bool:
+        with suppress(FileNotFoundError, RecordingFileError):  # not begun yet
+            return "turtle1/pose" in Recording(file).slots
+        return False
+
+    wait_for(has_pose, "a pose")
+    demo.send_signal(signal.SIGINT)
     assert end_of(demo)[0] == 0
-    recording = Recording(file)
-    assert recording.about["board"] == name
-    assert "turtle1/pose" in recording.slots
+    assert Recording(file).about["board"] == name
     status, said = end_of(llfsm("rerun", file, "RosWallTurttleBot"))
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
 
