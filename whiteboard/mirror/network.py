@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from ctypes import pythonapi
 from pathlib import Path
+from threading import get_ident
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import NetworkError
 from .exchange import Question
+from .links import watch_links
 from .settings import DEFAULT_ENDPOINT, Settings
 from .wire import VERSION
 
@@ -32,14 +35,16 @@ _RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor":
 # Each host connects to all that it hears of, so that no host is between two others.
 _EVERYBODY = {"router": ["router", "peer"], "peer": ["router", "peer"], "client": []}
 
-# Zenoh closes a connection by waiting up to ten seconds in one of its threads for what the other
-# side has not received (eclipse-zenoh/zenoh#2350). With its default of one or two threads, a host
-# that is cut off would silence all others for so long.
-_THREADS = "(rx: (worker_threads: 4), tx: (worker_threads: 4))"
+# The thread that sees a message arrive hands it over itself, and wakes no other one to do so. What
+# is sent keeps a thread of its own: a message that is passed on may wait for room there.
+_THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
 
 
 class Part(Protocol):
     """Who is behind a network: what arrives is handed to it, in threads of Zenoh's."""
+
+    def linked(self) -> None:
+        """Take note of a new connection."""
 
     def hear(self, data: bytes) -> None:
         """Take a batch."""
@@ -64,16 +69,13 @@ class Network:
         board: its name, by which hosts find each other.
         host: the id of this one.
         settings: endpoints, and what else Zenoh is told.
-        part: who is told what arrives.
         mode: ``peer``, or ``client`` for one that connects to one host and is led by it.
 
     Raise :class:`.NetworkError` if Zenoh is not installed or cannot do what is asked.
 
     """
 
-    def __init__(
-        self, board: str, host: int, settings: Settings, part: Part, mode: str = "peer"
-    ) -> None:
+    def __init__(self, board: str, host: int, settings: Settings, mode: str = "peer") -> None:
         os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # looked at when its first session opens
         try:
             import zenoh
@@ -81,9 +83,8 @@ class Network:
             raise NetworkError(
                 "Zenoh is not installed; install llfsm with it: pip install 'llfsm[hosts]'"
             ) from error
-        self._part = part
-        root = f"llfsm/{VERSION}/{board}"
-        self._root = root
+        self._root = f"llfsm/{VERSION}/{board}"
+        self._host = host
         try:
             self._session: Any = zenoh.open(_config(zenoh, settings, mode))
         except zenoh.ZError as error:
@@ -92,14 +93,26 @@ class Network:
         outgoing: dict[str, Any] = {
             "congestion_control": zenoh.CongestionControl.DROP,
             "express": True,
+            "allowed_destination": zenoh.Locality.REMOTE,
         }
-        self._batches = self._session.declare_publisher(f"{root}/batches/{host:016x}", **outgoing)
-        self._beats = self._session.declare_publisher(f"{root}/beats/{host:016x}", **outgoing)
+        # One key for all hosts: Zenoh finds the way of a key that is listened to by its own name
+        # once, and that of one which matches a wildcard anew for each message.
+        self._batches = self._session.declare_publisher(f"{self._root}/batches", **outgoing)
+        self._beats = self._session.declare_publisher(f"{self._root}/beats", **outgoing)
+        self._declared: list[Any] = []
+
+    def join(self, part: Part) -> None:
+        """Hear the other hosts, and be heard."""
+        import zenoh
+
+        self._part = part
+        session, root = self._session, self._root
         remote: dict[str, Any] = {"allowed_origin": zenoh.Locality.REMOTE}
-        self._declared: list[Any] = [
-            self._session.declare_subscriber(f"{root}/batches/*", _bytes(part.hear), **remote),
-            self._session.declare_subscriber(f"{root}/beats/*", _bytes(part.hear_beat), **remote),
-            self._session.declare_queryable(f"{root}/state/{host:016x}", self._answer),
+        self._declared += [
+            session.declare_subscriber(f"{root}/batches", _at_once(part.hear), **remote),
+            session.declare_subscriber(f"{root}/beats", _at_once(part.hear_beat), **remote),
+            session.declare_queryable(f"{root}/state/{self._host:016x}", self._answer),
+            watch_links(session, _LEASE_MS, part.linked),
         ]
 
     def send(self, data: bytes) -> None:
@@ -146,8 +159,20 @@ class Network:
         self._session.close()
 
 
-def _bytes(hear: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
-    return lambda sample: hear(sample.payload.to_bytes())
+def _at_once(hear: Callable[[bytes], None]) -> zenoh.handlers.Callback[zenoh.Sample]:
+    """Return what hears in Zenoh's own thread: another one would have to be woken."""
+    from zenoh.handlers import Callback
+
+    ready: set[int] = set()
+
+    def callback(sample: zenoh.Sample) -> None:
+        thread = get_ident()
+        if thread not in ready:
+            ready.add(thread)
+            pythonapi.PyGILState_Ensure()  # else Python sets the thread up anew for each message
+        hear(sample.payload.to_bytes())
+
+    return Callback(callback, indirect=False)
 
 
 def _no_consolidation() -> zenoh.ConsolidationMode:

@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.wire import VERSION, Batch, Declaration, Value
 from llfsm.whiteboard.shared import journal_path, remove_board
 
@@ -205,14 +206,14 @@ def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     flooded = number_slot("flooded")
     with zenoh.open(config) as session:
         sender = session.declare_publisher(
-            f"llfsm/{VERSION}/{NAME}/batches/00000000000000ff",
+            f"llfsm/{VERSION}/{NAME}/batches",
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
         for number in range(2000):
             sender.put(os.urandom(40))
             time = 10**12 + number
             values = tuple(
-                Value(name, flooded.fingerprint, time, 255, payload)
+                Value(name, flooded.fingerprint, Version(time, 255), payload)
                 for name, payload in (
                     ("flooded", msgspec.msgpack.encode(Number(number))),
                     ("number", bytes(5000)),

@@ -1,0 +1,55 @@
+"""What the connections of a session are told that Zenoh has no settings for."""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from stat import S_ISSOCK
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["watch_links"]
+
+_AT_ONCE = struct.pack("ii", 0, 0)
+
+
+def watch_links(
+    session: zenoh.Session, timeout_ms: int, joined: Callable[[], object]
+) -> zenoh.LinkEventsListener[None]:
+    """Have each connection given up after that time, and `joined` called when there is a new one.
+
+    It is given up (on Linux) by the kernel, if what was sent is not acknowledged so long; left to
+    itself it would try again for minutes, ever more rarely. And a close waits for nobody: Zenoh has
+    it wait up to ten seconds until the other side has got all (eclipse-zenoh/zenoh#2350), in a
+    thread that then serves no other connection, so that hosts that vanish would silence all others.
+    """
+    import zenoh
+
+    def hear(event: zenoh.LinkEvent) -> None:
+        if event.kind == zenoh.SampleKind.PUT:
+            if sys.platform == "linux":
+                _set(_port(event.link.src), _port(event.link.dst), timeout_ms)
+            joined()
+
+    return session.info.declare_link_events_listener(hear, history=True)
+
+
+def _port(locator: str) -> int:
+    return int(locator.partition("?")[0].rpartition(":")[2])
+
+
+def _set(here: int, there: int, timeout_ms: int) -> None:
+    """Set it for the connection from that port to that one: Zenoh does not tell its socket."""
+    for number in map(int, os.listdir("/proc/self/fd")):
+        with suppress(OSError):  # closed since it was listed, or no connection
+            if S_ISSOCK(os.fstat(number).st_mode):
+                with socket.socket(fileno=os.dup(number)) as found:
+                    if found.getsockname()[1:2] == (here,) and found.getpeername()[1] == there:
+                        found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
+                        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, timeout_ms)
