@@ -58,8 +58,7 @@ def daemon(board: str, directory: str, config: Path | None, **flags: object) -> 
     logging.basicConfig(format="%(message)s", level=logging.WARNING)
     with Whiteboard(board, directory=directory) as wb, daemon(wb, settings) as mirror:
         with stop_on_signals(lambda _: mirror.stop()):
-            listen = settings.listen or ((DEFAULT_ENDPOINT,) if settings.zenoh is None else ())
-            where = ", ".join(listen) or "nowhere"
+            where = ", ".join(mirror.listens) or "nowhere"
             click.echo(f"mirroring {board}, listening on {where}")
             mirror.run(teller(wb))
         if not wb.alive:

@@ -77,6 +77,11 @@ class Mirror:
         for data in self._exchange.collect(self._watch(0), all_of_it=True):
             self._network.send(data)
 
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Where other hosts reach this one."""
+        return self._network.listens
+
     def stop(self) -> None:
         """Let :meth:`run` send what is left and return, soon."""
         self._stop.set()

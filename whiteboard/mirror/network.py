@@ -1,19 +1,18 @@
-"""The one module that knows Zenoh: a session, what is published, asked and heard on it."""
+"""A session of Zenoh: what is published, asked and heard on it."""
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
 from ctypes import pythonapi
-from pathlib import Path
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import NetworkError
+from .configuration import LEASE_MS, configure, endpoints, first_part
 from .exchange import Question
 from .links import watch_links
-from .settings import DEFAULT_ENDPOINT, Settings
+from .settings import Settings
 from .wire import VERSION
 
 if TYPE_CHECKING:
@@ -22,18 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Network", "Part"]
 
 _ANSWER_S = 5.0
-
-# A cut is noticed within this time and bridged again at this pace, so that boards agree soon after
-# it. (A connection that outlived a cut would wait for TCP's own, doubling pauses.)
-_LEASE_MS = 1500
-_OPEN_MS = 500
-_CONNECT_MS = 3000
-_ROOM = 1 << 22  # bytes of what travels with the largest message, or without it: names and types
-_RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1.0}
-
-
-# Each host connects to all that it hears of, so that no host is between two others.
-_EVERYBODY = {"router": ["router", "peer"], "peer": ["router", "peer"], "client": []}
+_READY = 64  # threads of Zenoh's that stay known to Python; it may replace some now and then
 
 # The thread that sees a message arrive hands it over itself, and wakes no other one to do so. What
 # is sent keeps a thread of its own: a message that is passed on may wait for room there.
@@ -85,10 +73,14 @@ class Network:
             ) from error
         self._root = f"llfsm/{VERSION}/{board}"
         self._host = host
+        config = configure(settings, mode)
+        self.listens = endpoints(config, "listen")
+        """Where other hosts reach this one."""
         try:
-            self._session: Any = zenoh.open(_config(zenoh, settings, mode))
+            self._session: Any = zenoh.open(config)
         except zenoh.ZError as error:
-            raise NetworkError(f"cannot open {_endpoints(settings)}: {_first(error)}") from error
+            where = ", ".join((*self.listens, *endpoints(config, "connect")))
+            raise NetworkError(f"cannot open {where}: {first_part(error)}") from error
         # Never waiting for a host that does not listen: what is dropped is noticed by its number.
         outgoing: dict[str, Any] = {
             "congestion_control": zenoh.CongestionControl.DROP,
@@ -112,7 +104,7 @@ class Network:
             session.declare_subscriber(f"{root}/batches", _at_once(part.hear), **remote),
             session.declare_subscriber(f"{root}/beats", _at_once(part.hear_beat), **remote),
             session.declare_queryable(f"{root}/state/{self._host:016x}", self._answer),
-            watch_links(session, _LEASE_MS, part.linked),
+            watch_links(session, LEASE_MS, part.linked),
         ]
 
     def send(self, data: bytes) -> None:
@@ -167,7 +159,7 @@ def _at_once(hear: Callable[[bytes], None]) -> zenoh.handlers.Callback[zenoh.Sam
 
     def callback(sample: zenoh.Sample) -> None:
         thread = get_ident()
-        if thread not in ready:
+        if thread not in ready and len(ready) < _READY:
             ready.add(thread)
             pythonapi.PyGILState_Ensure()  # else Python sets the thread up anew for each message
         hear(sample.payload.to_bytes())
@@ -179,57 +171,3 @@ def _no_consolidation() -> zenoh.ConsolidationMode:
     from zenoh import ConsolidationMode
 
     return ConsolidationMode.NONE  # else only the last part of an answer arrives
-
-
-def _config(zenoh: Any, settings: Settings, mode: str) -> Any:
-    """Return Zenoh's configuration: the file if one is given, and what the settings say."""
-    if settings.zenoh is None:
-        config = zenoh.Config()
-        values: dict[str, Any] = {
-            "listen/endpoints": [DEFAULT_ENDPOINT] if mode == "peer" else [],
-            "scouting/multicast/enabled": False,
-            "mode": mode,
-        }
-    else:
-        if not Path(settings.zenoh).is_file():
-            raise NetworkError(f"{settings.zenoh}: no such file of Zenoh's configuration")
-        try:
-            config = zenoh.Config.from_file(settings.zenoh)
-        except zenoh.ZError as error:
-            raise NetworkError(f"{settings.zenoh}: {_first(error)}") from error
-        values = {"mode": mode} if mode == "client" else {}
-    values |= {
-        "scouting/delay": 1,
-        "scouting/gossip/autoconnect": _EVERYBODY,
-        "connect/exit_on_failure": mode == "client",
-        "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
-        "connect/retry": _RETRY,
-        "transport/shared_memory/enabled": False,  # not used, and left behind when killed
-        "transport/link/tx/lease": _LEASE_MS,
-        "transport/link/rx/max_message_size": settings.largest + _ROOM,
-        "transport/unicast/open_timeout": _OPEN_MS,
-        "transport/unicast/accept_timeout": _OPEN_MS,
-    }
-    if settings.listen is not None:
-        values["listen/endpoints"] = list(settings.listen)
-    if settings.connect is not None:
-        values["connect/endpoints"] = list(settings.connect)
-    if settings.multicast:
-        values["scouting/multicast/enabled"] = True
-        values["scouting/multicast/autoconnect"] = _EVERYBODY
-    for key, value in values.items():
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            raise NetworkError(f"Zenoh does not take {key} = {value}: {_first(error)}") from error
-    return config
-
-
-def _endpoints(settings: Settings) -> str:
-    listen = settings.listen or ((DEFAULT_ENDPOINT,) if settings.zenoh is None else ())
-    return ", ".join((*listen, *(settings.connect or ()))) or str(settings.zenoh)
-
-
-def _first(error: Exception) -> str:
-    """Return what an error of Zenoh's says, without where in its sources."""
-    return str(error).partition(" at /")[0]
