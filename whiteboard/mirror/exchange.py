@@ -344,6 +344,11 @@ class Exchange:
                     except (Refused, WhiteboardError) as error:
                         self._refuse(held.sender, slot, error)
 
+    def refuse(self, what: str, why: str) -> None:
+        """Take note of something that was refused before it came here."""
+        with self._lock:
+            self._refusals.add(f"{what}: {why}", f"{what}: {why}")
+
     # ---- How it is --------------------------------------------------------------------------
 
     def due_ns(self) -> int | None:

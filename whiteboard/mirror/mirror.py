@@ -98,6 +98,10 @@ class Mirror:
         for question in self._exchange.questions():
             self._network.ask(question)
 
+    def refuse(self, what: str, why: str) -> None:
+        """Count what the network has refused, and report it once."""
+        self._exchange.refuse(what, why)
+
     # ---- In threads of the network ----------------------------------------------------------
 
     def linked(self) -> None:

@@ -65,7 +65,7 @@ def test_a_file_that_is_none_is_an_error(file: Path) -> None:
     with pytest.raises(NetworkError, match="no such file of Zenoh's configuration"):
         configure(Settings(zenoh=str(file)), "peer")
     file.write_text("{ nonsense")
-    with pytest.raises(NetworkError, match="zenoh.json5: "):
+    with pytest.raises(NetworkError, match=r"zenoh\.json5: "):
         configure(Settings(zenoh=str(file)), "peer")
 
 
