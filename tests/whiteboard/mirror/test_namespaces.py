@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -198,3 +199,29 @@ def test_hosts_that_are_lost_at_once_silence_no_other(switch: Switch, hosts: lis
                 assert eventually(lambda value=value: second.get() == value) < 1
         finally:
             lost.kill()
+
+
+@pytest.mark.parametrize("mode", ["router", "client"])
+def test_a_star(switch: Switch, hosts: list[Host], tmp_path: Path, mode: str) -> None:
+    """Two that reach only the one in the middle, a router, which is killed and started again."""
+    centre, *ends = hosts
+    for end, other in ((1, 2), (2, 1)):
+        run(f"ip -n {switch.hosts[end]} route add blackhole {address(other)}/32")
+    router, other_mode = tmp_path / "router.json5", tmp_path / "other.json5"
+    router.write_text('{ mode: "router" }')
+    other_mode.write_text(f'{{ mode: "{mode}" }}')
+    centre.start("--zenoh", str(router))
+    for end in ends:
+        end.start("--zenoh", str(other_mode), connect=[centre])
+    for value, host in enumerate((*hosts, *hosts), 1):
+        host.add(value)
+        eventually(lambda value=value: [host.get() for host in hosts] == [value] * HOSTS)
+    eventually(lambda: [len(host.status()["peers"]) for host in hosts] == [2, 2, 2])
+
+    centre.end(signal.SIGKILL)
+    ends[0].add(7)
+    ends[1].add(8)
+    centre.start("--zenoh", str(router))
+    eventually(lambda: [host.get() for host in hosts] == [8] * HOSTS)
+    ends[0].add(9)
+    eventually(lambda: [host.get() for host in hosts] == [9] * HOSTS)
