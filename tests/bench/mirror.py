@@ -1,9 +1,9 @@
 """From an add on one host to a get on another, beside Zenoh alone from a put to its callback.
 
 Both have two processes with a connection by TCP on this machine between them. The end is when the
-message is on the other board, by its stamp there, or when the callback begins: nobody looks on,
-because who looks all the time takes a processor from those who work. One message at a time, of 256
-bytes, on an idle board.
+message is on the other board, by its stamp there, or when the callback begins, which is given to
+Zenoh as its documentation does: nobody looks on, because who looks all the time takes a processor from
+those who work. One message at a time, of 256 bytes, on an idle board.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from llfsm.whiteboard import Message, Slot, Whiteboard
 
 __all__ = ["samplers"]
 
-_PAUSE_S = 0.01  # longer than a daemon's tick, so that each message is alone
+_PAUSE_S = 0.02  # so that each message is alone, and no slot changes as often as it may leave
 _PATIENCE_S = 10.0
 
 
