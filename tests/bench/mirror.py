@@ -1,9 +1,9 @@
 """From an add on one host to a get on another, beside Zenoh alone from a put to its callback.
 
 Both have two processes with a connection by TCP on this machine between them. The end is when the
-message is on the other board, by its stamp there, or when the callback begins, which is a plain one,
-as in Zenoh's own examples. Nobody looks on, because who looks all the time takes a processor from
-those who work. One message at a time, of 256 bytes, on an idle board.
+message is on the other board, by its stamp there, or when the callback begins: a plain one, as in
+Zenoh's own examples. Nobody looks on, because who looks all the time takes a processor from those who
+work. One message at a time, of 256 bytes, on an idle board.
 """
 
 from __future__ import annotations
