@@ -2,7 +2,7 @@
 
 Both have two processes with a connection by TCP on this machine between them. The end is when the
 message is on the other board, by its stamp there, or when the callback begins: a plain one, as in
-Zenoh's own examples. Nobody looks on, because who looks all the time takes a processor from those who
+Zenoh's own examples. Nobody looks on, as who looks all the time takes a processor from those who
 work. One message at a time, of 256 bytes, on an idle board.
 """
 
