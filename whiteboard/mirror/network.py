@@ -132,7 +132,7 @@ class Network:
 
         self._session.get(
             f"{self._root}/state/{question.host:016x}",
-            Callback(hear, end),
+            Callback(hear, end, indirect=False),  # else a thread a call
             payload=question.data,
             timeout=_ANSWER_S,
             consolidation=_no_consolidation(),
