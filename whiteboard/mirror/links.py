@@ -6,7 +6,6 @@ import os
 import socket
 import struct
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from stat import S_ISSOCK
 from typing import TYPE_CHECKING
@@ -14,30 +13,21 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["watch_links"]
+__all__ = ["let_go_in_time"]
 
 _AT_ONCE = struct.pack("ii", 0, 0)
 
 
-def watch_links(
-    session: zenoh.Session, timeout_ms: int, joined: Callable[[], object]
-) -> zenoh.LinkEventsListener[None]:
-    """Have each connection given up after that time, and `joined` called when there is a new one.
+def let_go_in_time(link: zenoh.Link, timeout_ms: int) -> None:
+    """Have a connection given up after that time, and closed at once. Linux only.
 
-    It is given up (on Linux) by the kernel, if what was sent is not acknowledged so long; left to
-    itself it would try again for minutes, ever more rarely. And a close waits for nobody: Zenoh has
-    it wait up to ten seconds until the other side has got all (eclipse-zenoh/zenoh#2350), in a
-    thread that then serves no other connection, so that hosts that vanish would silence all others.
+    It is given up by the kernel, if what was sent is not acknowledged so long; left to itself it
+    would try again for minutes, ever more rarely. And a close waits for nobody: Zenoh has it wait
+    up to ten seconds until the other side has got all (eclipse-zenoh/zenoh#2350), in a thread that
+    then serves no other connection, so that hosts that vanish would silence all others.
     """
-    import zenoh
-
-    def hear(event: zenoh.LinkEvent) -> None:
-        if event.kind == zenoh.SampleKind.PUT:
-            if sys.platform == "linux":
-                _set(_port(event.link.src), _port(event.link.dst), timeout_ms)
-            joined()
-
-    return session.info.declare_link_events_listener(hear, history=True)
+    if sys.platform == "linux":
+        _set(_port(link.src), _port(link.dst), timeout_ms)
 
 
 def _port(locator: str) -> int:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from ctypes import pythonapi
-from threading import get_ident
-from typing import TYPE_CHECKING, Any, Protocol
+from threading import Thread, get_ident
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from ..errors import NetworkError
+from ..errors import BoardClosedError, NetworkError
 from .configuration import LEASE_MS, configure, endpoints, first_part
 from .exchange import Question
-from .links import watch_links
+from .links import let_go_in_time
 from .settings import Settings
 from .wire import VERSION
 
@@ -20,7 +21,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Network", "Part"]
 
+T = TypeVar("T")
+
 _ANSWER_S = 5.0
+_ASKED = 64  # questions that wait for their answers
 _READY = 64  # threads of Zenoh's that stay known to Python; it may replace some now and then
 
 # The thread that sees a message arrive hands it over itself, and wakes no other one to do so. What
@@ -92,20 +96,45 @@ class Network:
         self._batches = self._session.declare_publisher(f"{self._root}/batches", **outgoing)
         self._beats = self._session.declare_publisher(f"{self._root}/beats", **outgoing)
         self._declared: list[Any] = []
+        self._threads: list[Thread] = []
 
     def join(self, part: Part) -> None:
         """Hear the other hosts, and be heard."""
         import zenoh
+        from zenoh.handlers import FifoChannel
 
         self._part = part
         session, root = self._session, self._root
         remote: dict[str, Any] = {"allowed_origin": zenoh.Locality.REMOTE}
+        questions = session.declare_queryable(
+            f"{root}/state/{self._host:016x}", FifoChannel(_ASKED)
+        )
+        links = session.info.declare_link_events_listener(FifoChannel(_ASKED), history=True)
         self._declared += [
             session.declare_subscriber(f"{root}/batches", _at_once(part.hear), **remote),
             session.declare_subscriber(f"{root}/beats", _at_once(part.hear_beat), **remote),
-            session.declare_queryable(f"{root}/state/{self._host:016x}", self._answer),
-            watch_links(session, LEASE_MS, part.linked),
+            questions,
+            links,
         ]
+        self._serve(questions.handler.recv, self._answer)
+        self._serve(links.handler.recv, self._link)
+
+    def _serve(self, take: Callable[[], T], do: Callable[[T], None]) -> None:
+        """Do what takes its time in a thread of its own, until what it takes from is closed."""
+        import zenoh
+
+        def run() -> None:
+            while True:
+                try:
+                    thing = take()
+                except zenoh.ZError:
+                    return
+                with suppress(BoardClosedError, zenoh.ZError):  # the board, or who asks, is gone
+                    do(thing)
+
+        # Zenoh would start one, too, but one that a process would wait for at its end.
+        self._threads.append(Thread(target=run, name=f"mirror {do.__name__}", daemon=True))
+        self._threads[-1].start()
 
     def send(self, data: bytes) -> None:
         """Send a batch to all other hosts."""
@@ -144,10 +173,19 @@ class Network:
             for data in self._part.answer(b"" if payload is None else payload.to_bytes()):
                 query.reply(query.key_expr, data)
 
+    def _link(self, event: zenoh.LinkEvent) -> None:
+        from zenoh import SampleKind
+
+        if event.kind == SampleKind.PUT:
+            let_go_in_time(event.link, LEASE_MS)
+            self._part.linked()
+
     def close(self) -> None:
         """Leave: nothing is heard any more."""
         for declared in self._declared:
             declared.undeclare()
+        for thread in self._threads:
+            thread.join()
         self._session.close()
 
 

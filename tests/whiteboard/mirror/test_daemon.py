@@ -192,6 +192,27 @@ def test_a_connected_process_is_like_one_beside_the_daemon(pair: tuple[Host, Hos
     eventually(lambda: one.get() == 4)
 
 
+def test_a_connected_process_may_end_without_closing(pair: tuple[Host, Host]) -> None:
+    """Also while messages arrive; what it added last is not lost."""
+    one, other = pair
+    eventually(lambda: other.get() == 1)
+    code = (
+        "import sys; from llfsm.whiteboard import *\n"
+        "board = Whiteboard.connect(*sys.argv[1:])\n"
+        "slot = board.find('number'); bound = board[slot]\n"
+        "bound.wait(after=bound.count + 5)\n"
+        "board.add_message(Slot('last', slot.type), slot.type(7, b''))"
+    )
+    process = subprocess.Popen([LLFSM[0], "-c", code, one.endpoint, NAME])
+    value = 1
+    while process.poll() is None:
+        value += 1
+        other.add(value)
+        eventually(lambda value=value: one.get() == value)
+    assert process.returncode == 0
+    eventually(lambda: one.get(number_slot("last")) == 7)
+
+
 def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     pair: tuple[Host, Host],
 ) -> None:
