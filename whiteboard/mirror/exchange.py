@@ -153,6 +153,11 @@ class Exchange:
             self._totals.left += len(values)
             return self._pack(values, declarations) if values else []
 
+    def sent(self) -> None:
+        """Take note that what was collected is on its way."""
+        with self._lock:
+            self._store.note()
+
     def _way(self, name: str) -> _Way:
         """Return the way of a slot that is on the board."""
         way = self._ways.get(name)
@@ -197,7 +202,9 @@ class Exchange:
             for name, way in self._all_ways()
             if (way.leaves or way.enters) and name not in self._puzzling
         )
-        return [(name, version) for name, version in shared if version is not None]
+        known = [(name, version) for name, version in shared if version is not None]
+        self._store.note()
+        return known
 
     def _all_ways(self) -> list[tuple[str, _Way]]:
         return [(info.name, self._way(info.name)) for info in self._store.board.slots()]
@@ -217,6 +224,7 @@ class Exchange:
                 and (name not in known or version > known[name])
             ]
             values = [value for value in map(store.latest, newer) if value is not None]
+            store.note()
             return self._pack(values, list(map(store.declaration, newer)), counted=False)
 
     # ---- What comes in ----------------------------------------------------------------------

@@ -69,13 +69,9 @@ class Mirror:
             self._exchange.enter_held()
             due_ns = self._exchange.due_ns()
             due = beat if due_ns is None else min(beat, due_ns / 1e9)
-            batches = self._exchange.collect(self._watch(max(0, due - time.monotonic())))
-            for data in batches:
-                self._network.send(data)
-            if batches:
+            if self._send(self._exchange.collect(self._watch(max(0, due - time.monotonic())))):
                 self._stop.wait(_TICK_S)
-        for data in self._exchange.collect(self._watch(0), all_of_it=True):
-            self._network.send(data)
+        self._send(self._exchange.collect(self._watch(0), all_of_it=True))
 
     @property
     def listens(self) -> tuple[str, ...]:
@@ -93,6 +89,12 @@ class Mirror:
     def wait_for_answer(self, seconds: float) -> bool:
         """Wait until another host has told what it has; False if none has in time."""
         return self._answered.wait(seconds)
+
+    def _send(self, batches: list[bytes]) -> bool:
+        for data in batches:
+            self._network.send(data)
+        self._exchange.sent()
+        return bool(batches)
 
     def _ask(self) -> None:
         for question in self._exchange.questions():

@@ -88,6 +88,7 @@ class Host:
         self.exchange.enter_held()
         for data in self.exchange.collect(self.watch(0)):
             self.world.send(self, "batch", data, _hearing(data))
+        self.exchange.sent()
         if self.world.now_ns >= self.beat_ns:
             self.beat_ns = self.world.now_ns + BEAT_NS
             beat = self.exchange.beat()

@@ -70,6 +70,7 @@ class Store:
         self._journal = journal
         self._pid = os.getpid()
         self._cells: dict[str, Cell] = {}
+        self._unnoted: list[tuple[str, int, int, Version]] = []
 
     def cell(self, name: str) -> Cell:
         """Return a slot that is on the board; raise :class:`.SlotNotFoundError`."""
@@ -110,11 +111,21 @@ class Store:
         if before is None:
             known, before = self._journal.recall(name, count, writer)
         version = known or succeed(before, self._wall_ns(stamp_ns), self.host)
-        self._journal.note(name, count, writer, version)
+        self._unnoted.append((name, count, writer, version))
         cell.version, cell.count = version, count
         if version.host == self.host:
             self.news[name] = None
         return version
+
+    def note(self) -> None:
+        """Keep the versions that were given here for the next daemon.
+
+        That may be done once the messages are on their way. A daemon that is killed before leaves
+        them to be given again, from the same stamps.
+        """
+        for given in self._unnoted:
+            self._journal.note(*given)
+        self._unnoted.clear()
 
     def declare(self, declaration: Declaration) -> None:
         """Make a slot that is not on the board. Raise `Refused` if it cannot be."""
@@ -161,6 +172,7 @@ class Store:
                 return Outcome.KNOWN if ours == version else Outcome.OLDER
             if message is None:
                 message = self._decode(cell, payload)
+            self.note()
             # Noted before it is added: a daemon that is killed in between leaves an entry of a
             # number and a writer that no message has.
             self._journal.note(value.slot, cell.count + 1, self._pid, version)
