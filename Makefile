@@ -77,7 +77,7 @@ SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
 	$(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
 	$(BIN)/python tests/soak/relays.py
-	$(BIN)/python tests/soak/soak.py
+	$(BIN)/python tests/soak/hosts.py
 
 # One stamp a set of extras; each is made again when what it depends on changes.
 $(VENV)/.ready: EXTRAS = draw,ros,hosts,record,view

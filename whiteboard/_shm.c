@@ -220,6 +220,18 @@ static PyObject *port_sample(Port *self, PyObject *unused)
                                  (unsigned long long)self->meta.process);
 }
 
+/* encoded(): (data, count, stamp, process), whatever the data are; None before the first. */
+static PyObject *port_encoded(Port *self, PyObject *unused)
+{
+    (void)unused;
+    struct lwb_meta meta;
+    PyObject *data = is_open(self->board, self->name) ? port_read(self, &meta) : NULL;
+    if (data)
+        return Py_BuildValue("NKKK", data, (unsigned long long)meta.count,
+                             (unsigned long long)meta.stamp, (unsigned long long)meta.process);
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
 static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"after", "timeout", NULL};
@@ -281,6 +293,7 @@ static PyMethodDef port_methods[] = {
     {"add_after", (PyCFunction)port_add_after, METH_VARARGS, NULL},
     {"get", (PyCFunction)port_get, METH_NOARGS, NULL},
     {"sample", (PyCFunction)port_sample, METH_NOARGS, NULL},
+    {"encoded", (PyCFunction)port_encoded, METH_NOARGS, NULL},
     {"wait", (PyCFunction)(void (*)(void))port_wait, METH_VARARGS | METH_KEYWORDS, NULL},
     {NULL, NULL, 0, NULL}};
 

@@ -98,6 +98,10 @@ class BoundSlot(ABC, Generic[M]):
         """Return the latest message with its count, time and writer, or None before the first."""
 
     @abstractmethod
+    def encoded(self) -> tuple[bytes, int, int, int] | None:
+        """Return what :meth:`sample` does, but the message as its bytes, and those unchecked."""
+
+    @abstractmethod
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
         """Block until a message newer than number ``after`` is there, and return the latest.
 

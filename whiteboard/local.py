@@ -95,6 +95,10 @@ class _LocalSlot(BoundSlot[M]):
             read = self._read = latest, Sample(message, *latest[1:])
         return read[1]
 
+    def encoded(self) -> tuple[bytes, int, int, int] | None:
+        self._board.check_open()
+        return self._cell.latest
+
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
         if timeout is not None:
             timeout = min(timeout, threading.TIMEOUT_MAX)

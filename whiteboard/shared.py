@@ -137,7 +137,7 @@ class Whiteboard(Board):
             changed = self._core.watch(words, timeout)
             if changed and changed[-1] >= len(names):
                 names[:] = [name for name, *_ in self._core.slots()]
-            return [names[index] for index in changed]
+            return list(map(names.__getitem__, changed))
 
         return wait
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -52,14 +53,20 @@ def daemon(board: str, directory: str, config: Path | None, **flags: object) -> 
     llfsm whiteboard daemon --listen tcp/0.0.0.0:7447
     llfsm whiteboard daemon --connect tcp/robot.local:7447 --enter 'robot/*'
     """
+    from llfsm.whiteboard.mirror.complaints import complaints
     from llfsm.whiteboard.mirror.daemon import daemon, teller
 
     settings = _settings(config, flags)
     logging.basicConfig(format="%(message)s", level=logging.WARNING)
-    with Whiteboard(board, directory=directory) as wb, daemon(wb, settings) as mirror:
+    with ExitStack() as stack:
+        wb = stack.enter_context(Whiteboard(board, directory=directory))
+        # Without a file there are no certificates.
+        refused = None if settings.zenoh is None else stack.enter_context(complaints())
+        mirror = stack.enter_context(daemon(wb, settings))
+        if refused is not None:
+            refused.hear = mirror.refuse
         with stop_on_signals(lambda _: mirror.stop()):
-            listen = settings.listen or ((DEFAULT_ENDPOINT,) if settings.zenoh is None else ())
-            where = ", ".join(listen) or "nowhere"
+            where = ", ".join(mirror.listens) or "nowhere"
             click.echo(f"mirroring {board}, listening on {where}")
             mirror.run(teller(wb))
         if not wb.alive:

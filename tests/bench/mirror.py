@@ -1,9 +1,9 @@
 """From an add on one host to a get on another, beside Zenoh alone from a put to its callback.
 
 Both have two processes with a connection by TCP on this machine between them. The end is when the
-message is on the other board, by its stamp there, or when the callback begins: nobody looks on,
-because who looks all the time takes a processor from those who work. One message at a time, of 256
-bytes, on an idle board.
+message is on the other board, by its stamp there, or when the callback begins: a plain one, as in
+Zenoh's own examples. Nobody looks on, as who looks all the time takes a processor from those who
+work. One message at a time, of 256 bytes, on an idle board.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
 
-__all__ = ["samplers"]
+__all__ = ["beside", "samplers"]
 
-_PAUSE_S = 0.01  # longer than a daemon's tick, so that each message is alone
+_PAUSE_S = 0.02  # so that each message is alone, and no slot changes as often as it may leave
 _PATIENCE_S = 10.0
 
 
@@ -72,6 +72,11 @@ def _process(*command: str) -> Iterator[None]:
             process.terminate()
 
 
+def _daemon(folder: str, *options: str) -> AbstractContextManager[None]:
+    command = ("-m", "llfsm.runtime", "whiteboard", "daemon", "-b", "bench", "--directory")
+    return _process(*command, folder, *options)
+
+
 def _wait(arrived: Callable[[], bool]) -> None:
     """Wait for something, without being in the way of it."""
     begin = time.monotonic()
@@ -90,12 +95,8 @@ def _mirrored() -> Iterator[Callable[[], float]]:
         ]
         here.add_message(_BULK, Bulk())
         endpoint = _endpoint()
-        command = ("-m", "llfsm.runtime", "whiteboard", "daemon", "-b", "bench", "--directory")
-        stack.enter_context(_process(*command, folders[0], "--listen", endpoint))
-        other = _endpoint()
-        stack.enter_context(
-            _process(*command, folders[1], "--listen", other, "--connect", endpoint)
-        )
+        stack.enter_context(_daemon(folders[0], "--listen", endpoint))
+        stack.enter_context(_daemon(folders[1], "--listen", _endpoint(), "--connect", endpoint))
         begins, arrives = here[_BULK], there[_BULK]
         _wait(lambda: arrives.count > 0)
 
@@ -146,6 +147,19 @@ def _raw() -> Iterator[Callable[[], float]]:
             publisher.put(b"\xff" * 8)
             time.sleep(_PAUSE_S)
         yield sample
+
+
+@contextmanager
+def beside() -> Iterator[tuple[dict[str, object], dict[str, object]]]:
+    """Yield the names `slot` and `message`, of a board with a daemon and of one without."""
+    with ExitStack() as stack:
+        folders = [stack.enter_context(tempfile.TemporaryDirectory(dir="/dev/shm")) for _ in "ab"]
+        boards = [stack.enter_context(Whiteboard("bench", directory=f)) for f in folders]
+        stack.enter_context(_daemon(folders[0], "--listen", _endpoint()))
+        for board in boards:
+            board.add_message(_BULK, Bulk())
+        mirrored, alone = ({"slot": board[_BULK], "message": Bulk()} for board in boards)
+        yield mirrored, alone
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from pathlib import Path
 import bridge
 import mirror
 import ours
-from measure import Meter, Pace, Side, in_turns, process, statement
+from measure import Meter, Pace, Side, Subject, in_turns, process, statement
 from peers import PEERS, open_peer, version_of
 from table import (
     ADDED_MS,
@@ -121,7 +121,10 @@ def _schedule(pace: Pace) -> Iterator[Row]:
 
 
 def _mirror(pace: Pace) -> Iterator[Row]:
-    """Send one message at a time to another host's board, and through Zenoh alone."""
+    """Send one message at a time to another host's board, and through Zenoh alone.
+
+    And let a process use a board that is mirrored, and one that is not.
+    """
     with mirror.samplers() as (ours_, theirs):
         meters = [
             Meter("llfsm", "add to get, two daemons between", ours_),
@@ -129,6 +132,14 @@ def _mirror(pace: Pace) -> Iterator[Row]:
         ]
         sides = in_turns(meters, 10 * pace.processes)
     yield Row("an add here, there on the board", sides, MEDIANS, 1.5)
+    with mirror.beside() as boards:
+        for what, call in (("a get", "slot.get()"), ("an add", "slot.add(message)")):
+            meters = [
+                statement(who, Subject(call, names), pace.sample_s)
+                for who, names in zip(("llfsm", "no daemon"), boards, strict=True)
+            ]
+            sides = in_turns(meters, pace.samples)
+            yield Row(f"{what} beside a daemon", sides, SLOWER, 1.1)
 
 
 def _page(pace: Pace) -> Iterator[Row]:

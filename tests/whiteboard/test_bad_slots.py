@@ -28,8 +28,11 @@ from llfsm.whiteboard import (
     Whiteboard,
 )
 from llfsm.whiteboard.messages.std_msgs import Int32
+from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.journal import NoJournal
+from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.store import Store
+from llfsm.whiteboard.mirror.wire import Batch, decoder
 from llfsm.whiteboard.shared import remove_board
 
 ROOT = Path(__file__).parents[2]
@@ -189,9 +192,11 @@ def test_a_mirror_leaves_them_out(board: Whiteboard) -> None:
     def wall_ns(stamp_ns: int) -> int:
         return stamp_ns
 
-    store = Store(board, 1, wall_ns, NoJournal())
-    assert "good" in store.names()
-    assert "list" not in store.names()
-    assert not store.has_news("list")
-    assert not store.has("list")
-    assert store.latest("good") is not None
+    exchange = Exchange(Store(board, 1, wall_ns, NoJournal()), Settings(), lambda: 0, lambda: 0)
+    names = [info.name for info in board.slots()]
+    for _ in range(2):
+        (sent,) = exchange.collect(names, all_of_it=True)
+        assert [value.slot for value in decoder(Batch).decode(sent).values] == ["good"]
+        board.add_message(GOOD, Int32(8))
+    status = exchange.status()
+    assert {"unusable: list", "unusable: odd"} <= {each.what for each in status.refused}

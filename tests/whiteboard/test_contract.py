@@ -16,6 +16,7 @@ import pytest
 
 from llfsm.whiteboard import (
     Board,
+    BoardClosedError,
     BoundSlot,
     Message,
     Slot,
@@ -53,6 +54,22 @@ def test_the_latest_message_is_got(board: Board) -> None:
         board.add_message(POINT, Point(x=float(x)))
         assert board.get_message(POINT) == Point(x=float(x))
         assert board[POINT].get() == Point(x=float(x))
+
+
+def test_a_message_as_its_bytes(board: Board) -> None:
+    point = board[POINT]
+    assert point.encoded() is None
+    for x in range(3):
+        point.add(Point(x=float(x)))
+        encoded, sample = point.encoded(), point.sample()
+        assert encoded is not None
+        assert sample is not None
+        data, *told = encoded
+        assert msgspec.msgpack.decode(data) == [float(x), 0.0]
+        assert told == list(sample[1:])
+    board.close()
+    with pytest.raises(BoardClosedError):
+        point.encoded()
 
 
 def test_slots_do_not_disturb_each_other(board: Board) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
 
 from ..errors import BoardClosedError, NetworkError
@@ -36,6 +37,7 @@ class RemoteBoard(LocalBoard):
         self._mirror = Mirror(self, settings, NoJournal(), mode="client")
         self._thread = threading.Thread(target=self._run, name=f"mirror {name}", daemon=True)
         self._thread.start()
+        atexit.register(self.close)  # in time: Zenoh's threads must not outlive the interpreter
         if not self._mirror.wait_for_answer(_PATIENCE_S):
             self.close()
             raise NetworkError(
@@ -52,6 +54,7 @@ class RemoteBoard(LocalBoard):
     def close(self) -> None:
         """Send what is left and let go of the board; its messages stay for the others."""
         if self.alive:
+            atexit.unregister(self.close)
             self._mirror.stop()
             self.call_watchers()
             self._thread.join()

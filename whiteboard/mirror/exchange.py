@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
@@ -18,10 +18,11 @@ import msgspec
 from ..errors import BoardClosedError, WhiteboardError
 from ..messages.llfsm import BELL, REQUESTS, Bell, MirrorStatus
 from .merge import Version
+from .pace import Pace
 from .peers import Peers
 from .refusals import Refusals
 from .settings import Settings, matcher
-from .store import Outcome, Refused, Store
+from .store import Cell, Outcome, Refused, Store
 from .wire import Ask, Batch, Beat, Declaration, Value, batches, decoder, encode
 
 __all__ = ["Exchange", "Question"]
@@ -55,6 +56,28 @@ class _Totals:
     at_ns: int = 0
 
 
+class _Way:
+    """The way of a slot between the board and the other hosts."""
+
+    __slots__ = ("arrivals", "cell", "departures", "enters", "leaves", "sent")
+
+    def __init__(self, cell: Cell, leaves: bool, enters: bool, pause_ns: int) -> None:
+        self.cell = cell
+        self.leaves = leaves
+        self.enters = enters
+        self.departures = Pace(pause_ns)
+        self.arrivals = Pace(pause_ns // _FLOOD)
+        self.sent: Version | None = None
+
+
+class _Held(NamedTuple):
+    """A message that came too soon after others of its slot."""
+
+    sender: int
+    way: _Way
+    value: Value
+
+
 class Exchange:
     """What a board sends and takes. Threads may share it.
 
@@ -83,10 +106,9 @@ class Exchange:
         self._lock = threading.RLock()
         self._born = wall_ns()
         self._number = 0
-        self._changed: dict[str, None] = {}  # in the order of the changes
-        self._sent: dict[str, tuple[int, Version]] = {}  # when, and what
-        self._held: dict[str, tuple[int, Value]] = {}  # until when
-        self._entered_ns: dict[str, int] = {}
+        self._ways: dict[str, _Way] = {}
+        self._changed: dict[str, _Way] = {}  # in the order of the changes
+        self._held: dict[str, _Held] = {}
         self._flood_ns = 0  # until when a message that enters may be held back
         self._puzzling: set[str] = set()  # slots of which a sender's type has to be asked for
         self._clashes: dict[tuple[str, int], str] = {}  # by slot and type
@@ -97,66 +119,70 @@ class Exchange:
 
     # ---- What goes out ----------------------------------------------------------------------
 
-    def change(self, slots: list[str]) -> None:
-        """Take note of slots that may have news."""
-        with self._lock:
-            for slot in slots:
-                if self._leaves(slot) and self._store.has_news(slot):
-                    self._changed[slot] = None
-
-    def collect(self, *, all_of_it: bool = False) -> list[bytes]:
+    def collect(self, slots: Iterable[str] = (), *, all_of_it: bool = False) -> list[bytes]:
         """Return what is to be sent: of each slot that has news and may leave, the newest message.
 
-        With `all_of_it`, also of those that have left just now.
+        `slots` may have news since the last call; `all_of_it` means what has left just now, too.
         """
         with self._lock:
-            self._changed.update(dict.fromkeys(filter(self._leaves, self._store.take_news())))
-            if not self._changed:
-                return []
-            now_ns, values, news = self._now_ns(), [], []
-            for slot in list(self._changed):
-                sent_ns, sent = self._sent.get(slot, (0, None))
-                if sent is not None and not all_of_it and now_ns < sent_ns + self._pause_ns(slot):
+            store, changed = self._store, self._changed
+            for name in slots:
+                way = self._ways.get(name) or self._way_if_usable(name)
+                if way is not None and way.leaves and way.cell.bound.count != way.cell.count:
+                    changed[name] = way
+            if store.news:
+                ways = {name: self._way(name) for name in store.news}
+                changed.update((name, way) for name, way in ways.items() if way.leaves)
+            now_ns, values, declarations = self._now_ns(), [], []
+            for name, way in list(changed.items()):
+                if now_ns < way.departures.due_ns and not all_of_it:
                     continue
-                del self._changed[slot]
-                value = self._latest(slot)
-                if value is None or value.host != self._store.host or value.version == sent:
+                del changed[name]
+                value = store.latest(way.cell)
+                if value is None or value.version.host != store.host or value.version == way.sent:
                     continue
-                if sent is None:
-                    news.append(self._store.declaration(slot))
-                self._sent[slot] = now_ns, value.version
+                if way.sent is None:
+                    declarations.append(store.declaration(way.cell))
+                way.sent = value.version
+                way.departures.passed(now_ns)
                 values.append(value)
-            self._store.take_news()  # which these are
+            store.news.clear()  # all of it is among these, or waits
             self._totals.left += len(values)
-            return self._pack(values, news) if values else []
+            return self._pack(values, declarations) if values else []
 
-    def _latest(self, slot: str) -> Value | None:
+    def sent(self) -> None:
+        """Take note that what was collected is on its way."""
+        with self._lock:
+            self._store.note()
+
+    def _way(self, name: str) -> _Way:
+        """Return the way of a slot that is on the board."""
+        way = self._ways.get(name)
+        if way is None:
+            leaves, enters, pause_ns = self._leaves(name), self._enters(name), self._pause_ns(name)
+            way = self._ways[name] = _Way(self._store.cell(name), leaves, enters, pause_ns)
+        return way
+
+    def _way_if_usable(self, name: str) -> _Way | None:
+        """Return the way of a slot, or None if its record on the board makes no sense."""
         try:
-            return self._store.latest(slot)
+            return self._way(name)
         except Refused as refused:
-            self._refusals.add(f"unreadable: {slot}", str(refused))
+            self._refusals.add(f"unusable: {name}", str(refused))
             return None
 
     def _pack(
-        self, values: list[Value], news: list[Declaration], *, counted: bool = True
+        self, values: list[Value], declarations: list[Declaration], *, counted: bool = True
     ) -> list[bytes]:
         packed = []
-        declared = tuple(news)
         for part in batches(values):
             self._number += counted
-            names = {value.slot for value in part}
-            packed.append(
-                encode(
-                    Batch(
-                        self._store.host,
-                        self._born,
-                        self._number,
-                        self._wall_ns(),
-                        tuple(part),
-                        tuple(d for d in declared if d.slot in names),
-                    )
-                )
-            )
+            declared: tuple[Declaration, ...] = ()
+            if declarations:
+                names = {value.slot for value in part}
+                declared = tuple(d for d in declarations if d.slot in names)
+            head = self._store.host, self._born, self._number, self._wall_ns()
+            packed.append(encode(Batch(*head, tuple(part), declared)))
         return packed
 
     def beat(self) -> bytes:
@@ -174,19 +200,20 @@ class Exchange:
             data = encode(Ask(tuple(self._known()))) if peers else b""
             return [Question(peer.sender, peer.gaps, data) for peer in peers]
 
-    def _known(self) -> list[tuple[str, int, int]]:
+    def _known(self) -> list[tuple[str, Version]]:
         """Return the versions of what others may know of."""
-        names = self._store.names()
-        shared = (n for n in names if self._leaves(n) or self._enters(n))
-        versions = ((n, self._version(n)) for n in shared if n not in self._puzzling)
-        return [(name, *version) for name, version in versions if version is not None]
+        shared = (
+            (name, self._store.version(way.cell))
+            for name, way in self._all_ways()
+            if (way.leaves or way.enters) and name not in self._puzzling
+        )
+        known = [(name, version) for name, version in shared if version is not None]
+        self._store.note()
+        return known
 
-    def _version(self, slot: str) -> Version | None:
-        try:
-            return self._store.version(slot)
-        except Refused as refused:
-            self._refusals.add(f"unreadable: {slot}", str(refused))
-            return None
+    def _all_ways(self) -> list[tuple[str, _Way]]:
+        ways = ((of.name, self._way_if_usable(of.name)) for of in self._store.board.slots())
+        return [(name, way) for name, way in ways if way is not None]
 
     def answer(self, data: bytes) -> list[bytes]:
         """Return the answer to another host's question: what is newer here."""
@@ -194,17 +221,17 @@ class Exchange:
             ask = self._read(_READ_ASK, data, "question")
             if ask is None:
                 return []
-            known = {slot: Version(*of) for slot, *of in ask.known}
-            names = filter(self._leaves, self._store.names())
+            known, store = dict(ask.known), self._store
             newer = [
-                name
-                for name in names
-                if (version := self._version(name)) is not None
+                way.cell
+                for name, way in self._all_ways()
+                if way.leaves
+                and (version := store.version(way.cell)) is not None
                 and (name not in known or version > known[name])
             ]
-            values = [value for value in map(self._latest, newer) if value is not None]
-            news = [self._store.declaration(value.slot) for value in values]
-            return self._pack(values, news, counted=False)
+            values = [value for value in map(store.latest, newer) if value is not None]
+            store.note()
+            return self._pack(values, list(map(store.declaration, newer)), counted=False)
 
     # ---- What comes in ----------------------------------------------------------------------
 
@@ -244,47 +271,47 @@ class Exchange:
             return None
 
     def _take(self, batch: Batch) -> None:
-        declared = {d.slot: d for d in batch.declarations}
+        declared = {d.slot: d for d in batch.declarations} if batch.declarations else {}
         for value in batch.values:
             name = value.slot
-            if not self._enters(name):
-                why = "the board is read-only" if self._settings.read_only else "it is not listed"
-                self._refusals.add(f"{why}: {name}", f"slot {name!r}: {why}")
-                continue
             try:
-                if self._meet(value, declared.get(name)):
-                    self._enter(value)
-                elif len(self._puzzling) < _PUZZLES:
-                    self._puzzling.add(name)
-                    self._peers.miss(batch.sender)
-            except Refused as refused:
-                self._refusals.add(f"from {batch.sender:016x}: {name}", str(refused))
+                way = self._ways.get(name)
+                if way is None or way.cell.kind != value.kind or not way.enters:
+                    way = self._meet(batch.sender, value, declared.get(name))
+                if way is not None:
+                    self._enter(batch.sender, way, value)
             except BoardClosedError:
                 return
-            except WhiteboardError as error:  # no space left, say
-                self._refusals.add(f"no room: {name}", str(error))
+            except (Refused, WhiteboardError) as error:
+                self._refuse(batch.sender, name, error)
 
-    def _meet(self, value: Value, declaration: Declaration | None) -> bool:
-        """Make sure that the board has the slot, with the sender's type.
+    def _meet(self, sender: int, value: Value, declaration: Declaration | None) -> _Way | None:
+        """Return the way of a slot, made if need be, if the sender's type is the board's.
 
-        False if the sender has to be asked what it is.
+        None if it may not enter, or the sender has to be asked what it is.
         """
-        store, name = self._store, value.slot
+        name = value.slot
+        if not self._enters(name):
+            why = "the board is read-only" if self._settings.read_only else "it is not listed"
+            self._refusals.add(f"{why}: {name}", f"slot {name!r}: {why}")
+            return None
         if declaration is not None:
             self._puzzling.discard(name)
-        if not store.knows(name):
-            if declaration is None:
-                return False
-            if not store.has(name):
+            if not self._store.has(name):
                 self._make(declaration)
-        if store.agrees(value):
-            return True
-        if declaration is not None and len(self._clashes) < _PUZZLES:
-            self._clashes[name, value.kind] = store.clash(declaration)
-        clash = self._clashes.get((name, value.kind))
-        if clash is None:
-            return False
-        raise Refused(clash)
+        if name in self._ways or self._store.has(name):
+            way = self._way(name)
+            if way.cell.kind == value.kind:
+                return way
+            if declaration is not None and len(self._clashes) < _PUZZLES:
+                self._clashes[name, value.kind] = self._store.clash(way.cell, declaration)
+            clash = self._clashes.get((name, value.kind))
+            if clash is not None:
+                raise Refused(clash)
+        if len(self._puzzling) < _PUZZLES:
+            self._puzzling.add(name)
+            self._peers.miss(sender)
+        return None
 
     def _make(self, declaration: Declaration) -> None:
         if declaration.capacity > self._settings.largest:
@@ -294,21 +321,25 @@ class Exchange:
             )
         self._store.declare(declaration)
 
-    def _enter(self, value: Value) -> None:
+    def _refuse(self, sender: int, slot: str, error: Refused | WhiteboardError) -> None:
+        why = f"from {sender:016x}" if isinstance(error, Refused) else "no room"
+        self._refusals.add(f"{why}: {slot}", str(error))
+
+    def _enter(self, sender: int, way: _Way, value: Value) -> None:
         """Let a message enter, or hold it back if its slot comes too often."""
-        slot, now_ns = value.slot, self._now_ns()
-        due_ns = self._entered_ns.get(slot, 0) + self._pause_ns(slot) // _FLOOD
-        if now_ns < due_ns:
+        now_ns, slot = self._now_ns(), value.slot
+        if now_ns < way.arrivals.due_ns:
             self._totals.held_back += 1
-            _, held = self._held.get(slot, (due_ns, value))
-            self._held[slot] = due_ns, max(held, value, key=lambda value: value.version)
+            held = self._held.get(slot)
+            if held is None or held.value.version < value.version:
+                self._held[slot] = _Held(sender, way, value)
             return
-        outcome = self._store.enter(value)
+        outcome = self._store.enter(way.cell, value)
         if outcome is Outcome.OLDER:
             self._totals.conflicts += 1
         elif outcome is Outcome.ENTERED:
-            self._entered_ns[slot] = now_ns
-            self._flood_ns = max(self._flood_ns, now_ns + self._pause_ns(slot) // _FLOOD)
+            way.arrivals.passed(now_ns)
+            self._flood_ns = max(self._flood_ns, way.arrivals.due_ns)
             self._totals.entered += 1
             if slot.startswith(REQUESTS):  # its bell is not mirrored: it might ring too early
                 self._store.board.add_message(BELL, Bell())
@@ -319,13 +350,18 @@ class Exchange:
             return
         with self._lock:
             now_ns = self._now_ns()
-            for slot, (due_ns, value) in list(self._held.items()):
-                if due_ns <= now_ns:
+            for slot, held in list(self._held.items()):
+                if held.way.arrivals.due_ns <= now_ns:
                     del self._held[slot]
                     try:
-                        self._enter(value)
-                    except WhiteboardError as error:
-                        self._refusals.add(f"no room: {slot}", str(error))
+                        self._enter(*held)
+                    except (Refused, WhiteboardError) as error:
+                        self._refuse(held.sender, slot, error)
+
+    def refuse(self, what: str, why: str) -> None:
+        """Take note of something that was refused before it came here."""
+        with self._lock:
+            self._refusals.add(f"{what}: {why}", f"{what}: {why}")
 
     # ---- How it is --------------------------------------------------------------------------
 
@@ -334,16 +370,13 @@ class Exchange:
         with self._lock:
             if not (self._changed or self._held or self._flood_ns):
                 return None
-            changed = (
-                self._sent[slot][0] + self._pause_ns(slot) if slot in self._sent else 0
-                for slot in self._changed
-            )
-            held = [due_ns for due_ns, _ in self._held.values()]
+            due = [way.departures.due_ns for way in self._changed.values()]
+            due += [held.way.arrivals.due_ns for held in self._held.values()]
             if self._now_ns() < self._flood_ns:
-                held.append(self._flood_ns)
+                due.append(self._flood_ns)
             else:
                 self._flood_ns = 0
-            return min((*changed, *held), default=None)
+            return min(due, default=None)
 
     def status(self) -> MirrorStatus:
         """Describe it; rates are of the time since the last description."""
@@ -354,7 +387,7 @@ class Exchange:
             return MirrorStatus(
                 host=f"{self._store.host:016x}",
                 pid=os.getpid(),
-                slots=sum(map(self._leaves, self._store.names())),
+                slots=sum(way.leaves for _, way in self._all_ways()),
                 left=totals.left,
                 entered=totals.entered,
                 leave_rate=round((totals.left - before.left) / seconds, 1),

@@ -24,7 +24,7 @@ __all__ = ["FileJournal", "Journal", "NoJournal"]
 _HEAD = struct.Struct("<8sQQQ")  # magic, the board's device and inode, the host's id
 _NAME = struct.Struct("<H254s")
 _FIELDS = struct.Struct("<QQQQ")  # count, writer, time, host
-_ENTRY = struct.Struct("<QQQQQ")  # and their checksum
+_ENTRY = struct.Struct(f"<{_FIELDS.size}sQ")  # and their checksum
 _RECORD = 256 + 2 * _ENTRY.size
 _RECORDS = 4096
 _START = 64
@@ -92,9 +92,8 @@ class FileJournal:
     def note(self, slot: str, count: int, writer: int, version: Version) -> None:
         """Keep the version of the message of that number which that process has added."""
         places = self._next.get(slot) or self._find(slot)
-        fields = _FIELDS.pack(count, writer, *version)
-        at = places[0]
-        self._map[at : at + _ENTRY.size] = fields + crc32(fields).to_bytes(8, "little")
+        fields = _FIELDS.pack(count, writer, version.time, version.host)
+        _ENTRY.pack_into(self._map, places[0], fields, crc32(fields))
         places.reverse()
 
     def _find(self, slot: str) -> list[int]:
@@ -112,9 +111,8 @@ class FileJournal:
 
     def _entry(self, place: int, index: int) -> tuple[int, int, int, int]:
         """Return an entry; of zeros if there is none, or its writer was killed at it."""
-        count, writer, time, host, checksum = _ENTRY.unpack_from(self._map, _at(place, index))
-        whole = crc32(_FIELDS.pack(count, writer, time, host)) == checksum
-        return (count, writer, time, host) if whole else (0, 0, 0, 0)
+        fields, checksum = _ENTRY.unpack_from(self._map, _at(place, index))
+        return _FIELDS.unpack(fields) if crc32(fields) == checksum else (0, 0, 0, 0)
 
     def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
         """Return the version of that message, and of the newest one before it that is known."""

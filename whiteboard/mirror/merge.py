@@ -16,17 +16,23 @@ however often, hold the same one, and no board ever goes back.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated
 
-__all__ = ["Version", "succeed"]
+import msgspec
+from msgspec import Meta
+
+__all__ = ["Id", "Time", "Version", "succeed"]
+
+Id = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
+Time = Annotated[int, Meta(ge=0, lt=1 << 62)]  # until the year 2116, and adding never overflows
 
 
-class Version(NamedTuple):
+class Version(msgspec.Struct, frozen=True, order=True, array_like=True, forbid_unknown_fields=True):
     """When and where a message was added; the larger one is newer."""
 
-    time: int
+    time: Time
     """Nanoseconds since 1970, of a hybrid logical clock."""
-    host: int
+    host: Id
 
 
 def succeed(before: Version | None, wall_ns: int, host: int) -> Version:

@@ -19,6 +19,7 @@ __all__ = ["Mirror"]
 
 _TICK_S = 0.005  # from one sending to the next: what changes meanwhile travels together
 _BEAT_S = 0.25
+_MEET_S = 0.02  # from being connected to knowing what the other host listens to
 
 
 class Mirror:
@@ -48,10 +49,10 @@ class Mirror:
         self._watch = board.watcher()
         store = Store(board, host, _wall_ns, journal)
         self._exchange = Exchange(store, settings, time.monotonic_ns, time.time_ns)
-        self._exchange.change(self._watch(0))
         self._stop = threading.Event()
         self._answered = threading.Event()
-        self._network = Network(board.name, host, settings, self, mode)
+        self._network = Network(board.name, host, settings, mode)
+        self._network.join(self)
 
     def run(self, look: Callable[[MirrorStatus], None] = lambda _: None) -> None:
         """Mirror until stopped or the board is removed; `look` is told how it is, once a second."""
@@ -68,11 +69,14 @@ class Mirror:
             self._exchange.enter_held()
             due_ns = self._exchange.due_ns()
             due = beat if due_ns is None else min(beat, due_ns / 1e9)
-            self._exchange.change(self._watch(max(0, due - time.monotonic())))
-            if self._send():
+            if self._send(self._exchange.collect(self._watch(max(0, due - time.monotonic())))):
                 self._stop.wait(_TICK_S)
-        self._exchange.change(self._watch(0))
-        self._send(all_of_it=True)
+        self._send(self._exchange.collect(self._watch(0), all_of_it=True))
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Where other hosts reach this one."""
+        return self._network.listens
 
     def stop(self) -> None:
         """Let :meth:`run` send what is left and return, soon."""
@@ -86,17 +90,26 @@ class Mirror:
         """Wait until another host has told what it has; False if none has in time."""
         return self._answered.wait(seconds)
 
-    def _send(self, *, all_of_it: bool = False) -> bool:
-        batches = self._exchange.collect(all_of_it=all_of_it)
+    def _send(self, batches: list[bytes]) -> bool:
         for data in batches:
             self._network.send(data)
+        self._exchange.sent()
         return bool(batches)
 
     def _ask(self) -> None:
         for question in self._exchange.questions():
             self._network.ask(question)
 
+    def refuse(self, what: str, why: str) -> None:
+        """Count what the network has refused, and report it once."""
+        self._exchange.refuse(what, why)
+
     # ---- In threads of the network ----------------------------------------------------------
+
+    def linked(self) -> None:
+        """Tell a host that was just connected of this one, for it to ask what it has missed."""
+        self._stop.wait(_MEET_S)
+        self._network.send_beat(self._exchange.beat())
 
     def hear(self, data: bytes) -> None:
         """Take a batch."""

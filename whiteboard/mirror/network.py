@@ -1,16 +1,19 @@
-"""The one module that knows Zenoh: a session, what is published, asked and heard on it."""
+"""A session of Zenoh: what is published, asked and heard on it."""
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from contextlib import suppress
+from ctypes import pythonapi
+from threading import Thread, get_ident
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from ..errors import NetworkError
+from ..errors import BoardClosedError, NetworkError
+from .configuration import LEASE_MS, configure, endpoints, first_part
 from .exchange import Question
-from .settings import DEFAULT_ENDPOINT, Settings
+from .links import let_go_in_time
+from .settings import Settings
 from .wire import VERSION
 
 if TYPE_CHECKING:
@@ -18,28 +21,22 @@ if TYPE_CHECKING:
 
 __all__ = ["Network", "Part"]
 
+T = TypeVar("T")
+
 _ANSWER_S = 5.0
+_ASKED = 64  # questions that wait for their answers
+_READY = 64  # threads of Zenoh's that stay known to Python; it may replace some now and then
 
-# A cut is noticed within this time and bridged again at this pace, so that boards agree soon after
-# it. (A connection that outlived a cut would wait for TCP's own, doubling pauses.)
-_LEASE_MS = 1500
-_OPEN_MS = 500
-_CONNECT_MS = 3000
-_ROOM = 1 << 22  # bytes of what travels with the largest message, or without it: names and types
-_RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1.0}
-
-
-# Each host connects to all that it hears of, so that no host is between two others.
-_EVERYBODY = {"router": ["router", "peer"], "peer": ["router", "peer"], "client": []}
-
-# Zenoh closes a connection by waiting up to ten seconds in one of its threads for what the other
-# side has not received (eclipse-zenoh/zenoh#2350). With its default of one or two threads, a host
-# that is cut off would silence all others for so long.
-_THREADS = "(rx: (worker_threads: 4), tx: (worker_threads: 4))"
+# The thread that sees a message arrive hands it over itself, and wakes no other one to do so. What
+# is sent keeps a thread of its own: a message that is passed on may wait for room there.
+_THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
 
 
 class Part(Protocol):
     """Who is behind a network: what arrives is handed to it, in threads of Zenoh's."""
+
+    def linked(self) -> None:
+        """Take note of a new connection."""
 
     def hear(self, data: bytes) -> None:
         """Take a batch."""
@@ -64,16 +61,13 @@ class Network:
         board: its name, by which hosts find each other.
         host: the id of this one.
         settings: endpoints, and what else Zenoh is told.
-        part: who is told what arrives.
         mode: ``peer``, or ``client`` for one that connects to one host and is led by it.
 
     Raise :class:`.NetworkError` if Zenoh is not installed or cannot do what is asked.
 
     """
 
-    def __init__(
-        self, board: str, host: int, settings: Settings, part: Part, mode: str = "peer"
-    ) -> None:
+    def __init__(self, board: str, host: int, settings: Settings, mode: str = "peer") -> None:
         os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # looked at when its first session opens
         try:
             import zenoh
@@ -81,26 +75,66 @@ class Network:
             raise NetworkError(
                 "Zenoh is not installed; install llfsm with it: pip install 'llfsm[hosts]'"
             ) from error
-        self._part = part
-        root = f"llfsm/{VERSION}/{board}"
-        self._root = root
+        self._root = f"llfsm/{VERSION}/{board}"
+        self._host = host
+        config = configure(settings, mode)
+        self.listens = endpoints(config, "listen")
+        """Where other hosts reach this one."""
         try:
-            self._session: Any = zenoh.open(_config(zenoh, settings, mode))
+            self._session: Any = zenoh.open(config)
         except zenoh.ZError as error:
-            raise NetworkError(f"cannot open {_endpoints(settings)}: {_first(error)}") from error
+            where = ", ".join((*self.listens, *endpoints(config, "connect")))
+            raise NetworkError(f"cannot open {where}: {first_part(error)}") from error
         # Never waiting for a host that does not listen: what is dropped is noticed by its number.
         outgoing: dict[str, Any] = {
             "congestion_control": zenoh.CongestionControl.DROP,
             "express": True,
+            "allowed_destination": zenoh.Locality.REMOTE,
         }
-        self._batches = self._session.declare_publisher(f"{root}/batches/{host:016x}", **outgoing)
-        self._beats = self._session.declare_publisher(f"{root}/beats/{host:016x}", **outgoing)
+        # One key for all hosts: Zenoh finds the way of a key that is listened to by its own name
+        # once, and that of one which matches a wildcard anew for each message.
+        self._batches = self._session.declare_publisher(f"{self._root}/batches", **outgoing)
+        self._beats = self._session.declare_publisher(f"{self._root}/beats", **outgoing)
+        self._declared: list[Any] = []
+        self._threads: list[Thread] = []
+
+    def join(self, part: Part) -> None:
+        """Hear the other hosts, and be heard."""
+        import zenoh
+        from zenoh.handlers import FifoChannel
+
+        self._part = part
+        session, root = self._session, self._root
         remote: dict[str, Any] = {"allowed_origin": zenoh.Locality.REMOTE}
-        self._declared: list[Any] = [
-            self._session.declare_subscriber(f"{root}/batches/*", _bytes(part.hear), **remote),
-            self._session.declare_subscriber(f"{root}/beats/*", _bytes(part.hear_beat), **remote),
-            self._session.declare_queryable(f"{root}/state/{host:016x}", self._answer),
+        questions = session.declare_queryable(
+            f"{root}/state/{self._host:016x}", FifoChannel(_ASKED)
+        )
+        links = session.info.declare_link_events_listener(FifoChannel(_ASKED), history=True)
+        self._declared += [
+            session.declare_subscriber(f"{root}/batches", _at_once(part.hear), **remote),
+            session.declare_subscriber(f"{root}/beats", _at_once(part.hear_beat), **remote),
+            questions,
+            links,
         ]
+        self._serve(questions.handler.recv, self._answer)
+        self._serve(links.handler.recv, self._link)
+
+    def _serve(self, take: Callable[[], T], do: Callable[[T], None]) -> None:
+        """Do what takes its time in a thread of its own, until what it takes from is closed."""
+        import zenoh
+
+        def run() -> None:
+            while True:
+                try:
+                    thing = take()
+                except zenoh.ZError:
+                    return
+                with suppress(BoardClosedError, zenoh.ZError):  # the board, or who asks, is gone
+                    do(thing)
+
+        # Zenoh would start one, too, but one that a process would wait for at its end.
+        self._threads.append(Thread(target=run, name=f"mirror {do.__name__}", daemon=True))
+        self._threads[-1].start()
 
     def send(self, data: bytes) -> None:
         """Send a batch to all other hosts."""
@@ -127,7 +161,7 @@ class Network:
 
         self._session.get(
             f"{self._root}/state/{question.host:016x}",
-            Callback(hear, end),
+            Callback(hear, end, indirect=False),  # else a thread a call
             payload=question.data,
             timeout=_ANSWER_S,
             consolidation=_no_consolidation(),
@@ -139,72 +173,39 @@ class Network:
             for data in self._part.answer(b"" if payload is None else payload.to_bytes()):
                 query.reply(query.key_expr, data)
 
+    def _link(self, event: zenoh.LinkEvent) -> None:
+        from zenoh import SampleKind
+
+        if event.kind == SampleKind.PUT:
+            let_go_in_time(event.link, LEASE_MS)
+            self._part.linked()
+
     def close(self) -> None:
         """Leave: nothing is heard any more."""
         for declared in self._declared:
             declared.undeclare()
+        for thread in self._threads:
+            thread.join()
         self._session.close()
 
 
-def _bytes(hear: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
-    return lambda sample: hear(sample.payload.to_bytes())
+def _at_once(hear: Callable[[bytes], None]) -> zenoh.handlers.Callback[zenoh.Sample]:
+    """Return what hears in Zenoh's own thread: another one would have to be woken."""
+    from zenoh.handlers import Callback
+
+    ready: set[int] = set()
+
+    def callback(sample: zenoh.Sample) -> None:
+        thread = get_ident()
+        if thread not in ready and len(ready) < _READY:
+            ready.add(thread)
+            pythonapi.PyGILState_Ensure()  # else Python sets the thread up anew for each message
+        hear(sample.payload.to_bytes())
+
+    return Callback(callback, indirect=False)
 
 
 def _no_consolidation() -> zenoh.ConsolidationMode:
     from zenoh import ConsolidationMode
 
     return ConsolidationMode.NONE  # else only the last part of an answer arrives
-
-
-def _config(zenoh: Any, settings: Settings, mode: str) -> Any:
-    """Return Zenoh's configuration: the file if one is given, and what the settings say."""
-    if settings.zenoh is None:
-        config = zenoh.Config()
-        values: dict[str, Any] = {
-            "listen/endpoints": [DEFAULT_ENDPOINT] if mode == "peer" else [],
-            "scouting/multicast/enabled": False,
-            "mode": mode,
-        }
-    else:
-        if not Path(settings.zenoh).is_file():
-            raise NetworkError(f"{settings.zenoh}: no such file of Zenoh's configuration")
-        try:
-            config = zenoh.Config.from_file(settings.zenoh)
-        except zenoh.ZError as error:
-            raise NetworkError(f"{settings.zenoh}: {_first(error)}") from error
-        values = {"mode": mode} if mode == "client" else {}
-    values |= {
-        "scouting/delay": 1,
-        "scouting/gossip/autoconnect": _EVERYBODY,
-        "connect/exit_on_failure": mode == "client",
-        "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
-        "connect/retry": _RETRY,
-        "transport/shared_memory/enabled": False,  # not used, and left behind when killed
-        "transport/link/tx/lease": _LEASE_MS,
-        "transport/link/rx/max_message_size": settings.largest + _ROOM,
-        "transport/unicast/open_timeout": _OPEN_MS,
-        "transport/unicast/accept_timeout": _OPEN_MS,
-    }
-    if settings.listen is not None:
-        values["listen/endpoints"] = list(settings.listen)
-    if settings.connect is not None:
-        values["connect/endpoints"] = list(settings.connect)
-    if settings.multicast:
-        values["scouting/multicast/enabled"] = True
-        values["scouting/multicast/autoconnect"] = _EVERYBODY
-    for key, value in values.items():
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            raise NetworkError(f"Zenoh does not take {key} = {value}: {_first(error)}") from error
-    return config
-
-
-def _endpoints(settings: Settings) -> str:
-    listen = settings.listen or ((DEFAULT_ENDPOINT,) if settings.zenoh is None else ())
-    return ", ".join((*listen, *(settings.connect or ()))) or str(settings.zenoh)
-
-
-def _first(error: Exception) -> str:
-    """Return what an error of Zenoh's says, without where in its sources."""
-    return str(error).partition(" at /")[0]

@@ -84,11 +84,11 @@ class Host:
         """Do what a daemon does in a tick."""
         if self.journal is None:
             return
-        self.exchange.change(self.watch(0))
         self.check()
         self.exchange.enter_held()
-        for data in self.exchange.collect():
+        for data in self.exchange.collect(self.watch(0)):
             self.world.send(self, "batch", data, _hearing(data))
+        self.exchange.sent()
         if self.world.now_ns >= self.beat_ns:
             self.beat_ns = self.world.now_ns + BEAT_NS
             beat = self.exchange.beat()
@@ -99,7 +99,7 @@ class Host:
     def check(self) -> None:
         """Check that no slot went back, and that a message has one version wherever it is."""
         for info in self.board.slots():
-            value = self.store.latest(info.name)
+            value = self.store.latest(self.store.cell(info.name))
             if value is None:
                 continue
             if value.version < self.versions.get(info.name, value.version):

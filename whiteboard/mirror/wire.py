@@ -11,17 +11,15 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from .merge import Version
+from .merge import Id, Time, Version
 
 __all__ = ["VERSION", "Ask", "Batch", "Beat", "Declaration", "Value", "batches", "decoder"]
 
-VERSION = 1
+VERSION = 2
 """Of this protocol; hosts of another one do not hear each other."""
 
 _CHUNK = 1 << 16  # bytes of messages in a batch; a longer message travels alone
 
-_Id = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
-_Time = Annotated[int, Meta(ge=0, lt=1 << 62)]  # until the year 2116, and adding never overflows
 _Name = Annotated[str, Meta(min_length=1, max_length=255)]
 
 
@@ -31,14 +29,8 @@ class Value(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=
     slot: _Name
     kind: Annotated[int, Meta(ge=0)]
     """The fingerprint of its type's schema."""
-    time: _Time
-    host: _Id
+    version: Version
     payload: bytes
-
-    @property
-    def version(self) -> Version:
-        """When and where it was added."""
-        return Version(self.time, self.host)
 
 
 class Declaration(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
@@ -52,11 +44,11 @@ class Declaration(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_f
 class Batch(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """Messages of several slots; a slot is declared when it is sent for the first time."""
 
-    sender: _Id
-    born: _Time
+    sender: Id
+    born: Time
     """When the sender started: with it its numbers start again."""
-    number: _Id
-    sent_ns: _Time
+    number: Id
+    sent_ns: Time
     """By the sender's clock, since 1970."""
     values: tuple[Value, ...]
     declarations: tuple[Declaration, ...] = ()
@@ -65,18 +57,18 @@ class Batch(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=
 class Beat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """A sign of life, a few times a second."""
 
-    sender: _Id
-    born: _Time
-    number: _Id
+    sender: Id
+    born: Time
+    number: Id
     """Of its latest batch."""
-    sent_ns: _Time
+    sent_ns: Time
     name: Annotated[str, Meta(max_length=255)]
 
 
 class Ask(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Ask a host for what is newer than the messages known: name, time and host of each."""
+    """Ask a host for what is newer than the messages known: the version of each."""
 
-    known: tuple[tuple[_Name, _Time, _Id], ...]
+    known: tuple[tuple[_Name, Version], ...]
 
 
 encode = msgspec.msgpack.encode

@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.wire import VERSION, Batch, Declaration, Value
 from llfsm.whiteboard.shared import journal_path, remove_board
 
@@ -168,7 +169,7 @@ def test_a_process_dies_at_its_adds_and_the_daemons_live(pair: tuple[Host, Host]
     )
     eventually(lambda: other.get() == 1)
     process = subprocess.Popen([LLFSM[0], "-c", code, NAME, str(one.directory)])
-    eventually(lambda: other.get() == 99 and one.board[NUMBER].count > 100)
+    eventually(lambda: other.get() == 99 and one.board[NUMBER].count > 1000)
     process.kill()
     process.wait()
     one.add(100)
@@ -191,6 +192,27 @@ def test_a_connected_process_is_like_one_beside_the_daemon(pair: tuple[Host, Hos
     eventually(lambda: one.get() == 4)
 
 
+def test_a_connected_process_may_end_without_closing(pair: tuple[Host, Host]) -> None:
+    """Also while messages arrive; what it added last is not lost."""
+    one, other = pair
+    eventually(lambda: other.get() == 1)
+    code = (
+        "import sys; from llfsm.whiteboard import *\n"
+        "board = Whiteboard.connect(*sys.argv[1:])\n"
+        "slot = board.find('number'); bound = board[slot]\n"
+        "bound.wait(after=bound.count + 5)\n"
+        "board.add_message(Slot('last', slot.type), slot.type(7, b''))"
+    )
+    process = subprocess.Popen([LLFSM[0], "-c", code, one.endpoint, NAME])
+    value = 1
+    while process.poll() is None:
+        value += 1
+        other.add(value)
+        eventually(lambda value=value: one.get() == value)
+    assert process.returncode == 0
+    eventually(lambda: one.get(number_slot("last")) == 7)
+
+
 def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     pair: tuple[Host, Host],
 ) -> None:
@@ -205,14 +227,14 @@ def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     flooded = number_slot("flooded")
     with zenoh.open(config) as session:
         sender = session.declare_publisher(
-            f"llfsm/{VERSION}/{NAME}/batches/00000000000000ff",
+            f"llfsm/{VERSION}/{NAME}/batches",
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
         for number in range(2000):
             sender.put(os.urandom(40))
             time = 10**12 + number
             values = tuple(
-                Value(name, flooded.fingerprint, time, 255, payload)
+                Value(name, flooded.fingerprint, Version(time, 255), payload)
                 for name, payload in (
                     ("flooded", msgspec.msgpack.encode(Number(number))),
                     ("number", bytes(5000)),

@@ -15,6 +15,7 @@ from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import MIRROR
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.journal import NoJournal
+from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.store import Store
 from llfsm.whiteboard.mirror.wire import Ask, Batch, Beat, Declaration, Value, decoder
@@ -46,8 +47,7 @@ class Part:
         self.exchange = Exchange(self.store, Settings(**settings), clock, clock)
 
     def collect(self) -> list[bytes]:
-        self.exchange.change(self.watch(0))
-        return self.exchange.collect()
+        return self.exchange.collect(self.watch(0))
 
     def get(self, slot: Slot[Any] = NUMBER) -> Any:
         return self.board.get_message(slot)
@@ -70,7 +70,7 @@ def batch(
         message if isinstance(message, bytes) else msgspec.msgpack.encode(message or slot.type())
     )
     declaration = Declaration(slot.name, slot.capacity, slot.schema)
-    value = Value(slot.name, slot.fingerprint, time, host, payload)
+    value = Value(slot.name, slot.fingerprint, Version(time, host), payload)
     return msgspec.msgpack.encode(
         Batch(host, 1, number, time, (value,), (declaration,) if declare else ())
     )
@@ -181,7 +181,7 @@ def test_a_slot_that_is_too_large_is_refused() -> None:
 )
 def test_a_slot_whose_schema_is_none_is_refused(schema: dict[str, Any]) -> None:
     part = Part()
-    value = Value("odd", 7, 10**12, 2, b"\x90")
+    value = Value("odd", 7, Version(10**12, 2), b"\x90")
     data = Batch(2, 1, 1, 10**12, (value,), (Declaration("odd", 10, schema),))
     part.exchange.hear(msgspec.msgpack.encode(data))
     assert part.board.slots() == []
@@ -244,18 +244,41 @@ def test_a_flood_on_one_slot_is_held_back_and_others_are_not() -> None:
     part, other = Part(), Slot("other", Number)
     for number in range(1, 1001):
         part.exchange.hear(batch(number, message=Number(number), time=10**12 + number))
-    assert part.board[NUMBER].count == 1
+    assert part.board[NUMBER].count == 2
     part.exchange.hear(batch(1001, other, Number(7)))
     assert part.get(other) == Number(7)
-    assert part.exchange.status().held_back == 999
+    assert part.exchange.status().held_back == 998
     due_ns = part.exchange.due_ns()
     assert due_ns is not None
     part.now_ns = due_ns
     part.exchange.enter_held()
     assert part.get() == Number(1000)
-    assert part.board[NUMBER].count == 2
+    assert part.board[NUMBER].count == 3
     part.now_ns += 10**9
     assert part.exchange.due_ns() is None
+
+
+def test_what_was_held_back_may_be_refused() -> None:
+    part = Part()
+    for number, message in enumerate((Number(1), Number(2), b"\xc1"), 1):
+        part.exchange.hear(batch(number, message=message, time=10**12 + number))
+    assert part.refused() == {}
+    part.now_ns += 10**9
+    part.exchange.enter_held()
+    assert part.refused() == {"from 0000000000000002: number": 1}
+    assert part.get() == Number(2)
+
+
+def test_what_comes_as_often_as_it_may_but_not_on_time_leaves_at_once() -> None:
+    """Whatever the time between two is, if there are no more than the rate says."""
+    part = Part()
+    for step in range(100):
+        part.now_ns += (9 if step % 2 else 11) * MS
+        part.board.add_message(NUMBER, Number(step))
+        assert len(part.collect()) == 1
+    part.now_ns += 1 * MS  # but then there are
+    part.board.add_message(NUMBER, Number(100))
+    assert part.collect() == []
 
 
 def test_a_thousand_ways_and_senders_fill_neither_memory_nor_the_status() -> None:
@@ -283,7 +306,7 @@ def test_a_batch_that_was_lost_is_asked_for() -> None:
     beat = Beat(2, 1, 6, 10**12, "other")
     part.exchange.hear_beat(msgspec.msgpack.encode(beat))  # number 6 has not come
     (question,) = part.exchange.questions()
-    assert decoder(Ask).decode(question.data).known == (("number", 10**12, 2),)
+    assert decoder(Ask).decode(question.data).known == (("number", Version(10**12 + 1, 2)),)
     assert part.exchange.status().peers[0].lost == 1
     part.now_ns += 10**9
     assert part.exchange.questions() == [question]  # no answer: once more
@@ -292,12 +315,12 @@ def test_a_batch_that_was_lost_is_asked_for() -> None:
 def test_an_answer_tells_what_is_newer_with_its_type() -> None:
     part = Part()
     part.exchange.hear(batch(1, message=Number(5), time=10**12 + 7))
-    known = Ask((("number", 10**12 + 6, 2),))
+    known = Ask((("number", Version(10**12 + 6, 2)),))
     (answer,) = part.exchange.answer(msgspec.msgpack.encode(known))
     told = decoder(Batch).decode(answer)
-    assert [value.time for value in told.values] == [10**12 + 7]
+    assert [value.version.time for value in told.values] == [10**12 + 7]
     assert told.declarations[0].schema == NUMBER.schema
-    known = Ask((("number", 10**12 + 7, 2),))
+    known = Ask((("number", Version(10**12 + 7, 2)),))
     (answer,) = part.exchange.answer(msgspec.msgpack.encode(known))
     assert decoder(Batch).decode(answer).values == ()
 

@@ -14,7 +14,7 @@ from llfsm.whiteboard import NetworkError, Whiteboard
 
 from .conftest import NAME, NUMBER, Host, MakeHost, Number, eventually, free_endpoint
 
-Certify = Callable[[str, str], Path]
+Certify = Callable[..., Path]
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def certify(tmp_path: Path) -> Certify:
 
     key = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -noenc"
 
-    def certify(name: str, authority: str) -> Path:
+    def certify(name: str, authority: str, trusts: str | None = None) -> Path:
         if not (folder / f"{authority}.pem").exists():
             openssl(f"req -x509 {key} -keyout {authority}.key -out {authority}.pem -days 2 "
                     f"-subj /CN={authority}")  # fmt: skip
@@ -39,7 +39,7 @@ def certify(tmp_path: Path) -> Certify:
                 "-addext basicConstraints=critical,CA:FALSE "
                 "-addext subjectAltName=DNS:localhost,IP:127.0.0.1")  # fmt: skip
         tls = {
-            "root_ca_certificate": str(folder / f"{authority}.pem"),
+            "root_ca_certificate": str(folder / f"{trusts or authority}.pem"),
             "enable_mtls": True,
             **{
                 f"{side}_{what}": str(folder / f"{name}.{ending}")
@@ -60,9 +60,10 @@ def test_hosts_of_one_authority_share_and_others_do_not(
     def tls_host(name: str) -> Host:
         return make_host(name, free_endpoint("localhost", "tls"))
 
-    robot, laptop, stranger = map(tls_host, ("robot", "laptop", "stranger"))
+    robot, laptop, stranger, thief = map(tls_host, ("robot", "laptop", "stranger", "thief"))
     robot.start("--zenoh", str(certify("robot", "ours")))
     stranger.start("--zenoh", str(certify("stranger", "theirs")), connect=[robot])
+    thief.start("--zenoh", str(certify("thief", "theirs", trusts="ours")), connect=[robot])
     stranger.add(666)
     laptop.start("--zenoh", str(certify("laptop", "ours")), connect=[robot])
     robot.add(1)
@@ -70,11 +71,23 @@ def test_hosts_of_one_authority_share_and_others_do_not(
     laptop.add(2)
     eventually(lambda: robot.get() == 2)
     assert stranger.get() == 666
-    assert stranger.status()["peers"] == []
+    for host, why in ((stranger, "invalid peer certificate"), (thief, "received fatal alert")):
+        assert host.status()["peers"] == []
+        eventually(lambda host=host: host.status()["refused"] != [])
+        (refused,) = host.status()["refused"]
+        assert refused["what"].startswith(f"by {robot.endpoint}: {why}")
+        assert refused["count"] > 1
+        assert host.log.count("refused: ") == 1
+    refused = {each["what"]: each["count"] for each in robot.status()["refused"]}
+    assert len(refused) == 2
+    assert refused["a connection: received fatal alert: UnknownCA"] > 1
+    assert refused["a connection: invalid peer certificate: UnknownIssuer"] > 1
+    assert robot.log.count("refused: a connection") == 2
+    assert laptop.status()["refused"] == []
     eventually(lambda: len(robot.status()["peers"]) == 1)
 
     config = str(certify("tablet", "ours"))
     with Whiteboard.connect(robot.endpoint, NAME, zenoh=config) as board:
         assert board.get_message(NUMBER) == Number(2)
     with pytest.raises(NetworkError):
-        Whiteboard.connect(robot.endpoint, NAME, zenoh=str(certify("thief", "theirs")))
+        Whiteboard.connect(robot.endpoint, NAME, zenoh=str(certify("another", "theirs")))
