@@ -111,7 +111,7 @@ class RclServer(Server):
     def send(self, data: bytes, header: Any) -> None:
         """Send a response, on the executor's thread as rclpy itself does."""
         response = self._world.rclpy.deserialize(data, self._class.Response)
-        self._world.executor.create_task(self._send_now, response, header)
+        self._world.run(self._send_now, response, header)
 
     def _send_now(self, response: Any, header: Any) -> None:
         if not self._closed:

@@ -37,6 +37,7 @@ class RclWorld:
         self.later = Later("ros2 answers")
         self.ours: dict[Endpoint, None] = {}
         self._over = threading.Event()
+        self._ending = threading.Lock()
         self.context = self.rclpy.new_context()
         self.rclpy.init(
             args=[],
@@ -73,11 +74,19 @@ class RclWorld:
         self.executor.remove_node(node)
         node.destroy_node()
 
+    def run(self, do: Callable[..., object], *arguments: object) -> None:
+        """Have the executor's thread do something, unless it is told to end."""
+        with self._ending:  # so that the executor is there until it is asked
+            if not self._over.is_set():
+                self.executor.create_task(do, *arguments)
+
     def close(self) -> None:
         """Have the executor's thread shut all down, and wait for it unless this is it."""
         atexit.unregister(self.close)
-        self._over.set()
-        self.executor.wake()
+        with self._ending:
+            self._over.set()
+            # Without work a spin goes on, whatever wakes it.
+            self.executor.create_task(lambda: None)
         if threading.current_thread() is not self._thread:
             self._thread.join()
         self.later.close()
@@ -149,8 +158,9 @@ class RclWorld:
             while not self._over.is_set():
                 self.executor.spin_once()
         self._over.wait()
-        self.remove_node(self._asking)
-        self.executor.shutdown(0.0)
+        with self._ending:
+            self.remove_node(self._asking)
+            self.executor.shutdown(0.0)
         self.context.try_shutdown()
 
     def _look_later(self) -> None:

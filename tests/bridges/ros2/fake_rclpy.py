@@ -321,12 +321,12 @@ def profile():
 
 class SingleThreadedExecutor:
     def __init__(self, *, context):
-        self._context, self._nodes, self._tasks, self._woken = context, [], deque(), False
+        self._context, self._nodes, self._tasks, self._over = context, [], deque(), False
 
     def add_node(self, node):
         with CHANGED:
             self._nodes.append(node)
-        self.wake()
+            CHANGED.notify_all()
         return True
 
     def remove_node(self, node):
@@ -335,33 +335,29 @@ class SingleThreadedExecutor:
 
     def create_task(self, callback, *args):
         with CHANGED:
+            assert not self._over, "its guard condition is destroyed"
             self._tasks.append((callback, args))
             CHANGED.notify_all()
 
-    def wake(self):
-        with CHANGED:
-            self._woken = True
-            CHANGED.notify_all()
-
     def shutdown(self, timeout_sec=None):
+        self._over = True
         return True
 
     def spin_once(self):
+        """Execute one callback; whatever else wakes it, a spin waits on."""
         with CHANGED:
             CHANGED.wait_for(self._work)
-            self._woken = False
             if not self._context._ok:
                 raise ExternalShutdownException
             if self._tasks:
                 do, what = self._tasks.popleft()
-            elif ready := self._ready():
-                do, what = ready[0].execute, (ready[0].waiting.popleft(),)
             else:
-                return
+                end = self._ready()[0]
+                do, what = end.execute, (end.waiting.popleft(),)
         do(*what)
 
     def _work(self):
-        return self._woken or self._tasks or self._ready() or not self._context._ok
+        return self._tasks or self._ready() or not self._context._ok
 
     def _ready(self):
         return [end for node in self._nodes for end in node.ends if end.waiting]

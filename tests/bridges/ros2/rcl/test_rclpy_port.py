@@ -50,6 +50,12 @@ def test_closing_it_is_no_news(port, told):
     assert told == []
 
 
+def test_what_comes_when_its_executor_is_gone_is_not_done(port, told):
+    port.close()
+    port._world.run(told, "late")
+    assert told == []
+
+
 def test_it_may_be_closed_in_a_callback(port, types, seen):
     number, done = types.message("std_msgs/msg/Int64"), seen()
 
