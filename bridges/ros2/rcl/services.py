@@ -22,6 +22,10 @@ from .world import RclWorld
 
 __all__ = ["RclClient", "RclServer"]
 
+# Requests that wait for a server, and responses for a client. DDS drops older ones beyond the depth,
+# which is 10 by default; who asked would wait in vain.
+_DEPTH = 1000
+
 
 class RclClient(Client[Any, Any]):
     """Calls a service. Here rclpy has no time-out that does not block."""
@@ -37,7 +41,7 @@ class RclClient(Client[Any, Any]):
         self._of = of
         self._class = found
         self._calls = Calls(name, of.response, world.teller)
-        self._client = node.create_client(self._class, name, qos_profile=world.qos(qos))
+        self._client = node.create_client(self._class, name, qos_profile=_profile(world, qos))
 
     @property
     def ready(self) -> bool:
@@ -96,7 +100,7 @@ class RclServer(Server):
         self._class = found
         self._counter = Counter(name, of, handler, world.teller)
         self._service = node.create_service(
-            self._class, name, lambda request, _: request, qos_profile=world.qos(qos)
+            self._class, name, lambda request, _: request, qos_profile=_profile(world, qos)
         )
         # An answer may come later, which rclpy's callbacks cannot give without keeping its
         # executor busy. What its executor calls to send what the callback returned is the first
@@ -120,6 +124,10 @@ class RclServer(Server):
     def _close(self) -> None:
         self._counter.close()
         self._node.destroy_service(self._service)
+
+
+def _profile(world: RclWorld, qos: Qos) -> object:
+    return world.qos(qos._replace(depth=max(qos.depth, _DEPTH)))
 
 
 class _Reply(NamedTuple):

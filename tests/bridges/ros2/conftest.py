@@ -42,6 +42,8 @@ class World:
 
     tells_failure = True
     """Whether a caller learns at once that its request has failed."""
+    counts = True
+    """Whether messages come with a number."""
     of_every_node: frozenset[str] | set[str] = frozenset()
     """Names of endpoints that every node has."""
 
@@ -79,14 +81,20 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             router = [request.getfixturevalue("router")]
             yield World(handles, lambda d, **kw: ZenohPort(d, router=router, **kw), domains)
         else:
+            middleware = ""
             if request.param == "fake rclpy":
                 request.getfixturevalue("fake_rclpy")
             elif importlib.util.find_spec("rclpy") is None:
                 pytest.skip("rclpy cannot be imported: no ROS 2 environment is sourced")
+            else:
+                import rclpy
+
+                middleware = rclpy.get_rmw_implementation_identifier()
             from llfsm.bridges.ros2.rcl.port import RclpyPort
 
             rcl = World(handles, RclpyPort, domains)
             rcl.tells_failure = False
+            rcl.counts = middleware != "rmw_cyclonedds_cpp"
             rcl.of_every_node = {"/parameter_events"}
             yield rcl
 

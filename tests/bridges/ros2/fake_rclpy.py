@@ -1,6 +1,6 @@
 """What of rclpy (Jazzy) the port uses, without ROS: as strict as the original about how it is used.
 
-Its messages are their bytes. A subscription is served by the one who spins its node's executor, a
+Its messages are their bytes. What waits is at most as much as its depth. A subscription is served by the one who spins its node's executor, a
 destroyed entity raises InvalidHandle, a service's response must be of its class, and the context
 calls who waits for its shutdown while it holds its lock.
 """
@@ -84,7 +84,7 @@ class QoSProfile(SimpleNamespace):
 class Entity:
     def __init__(self, node, kind, cls, name, qos):
         self.node, self.kind, self.cls, self.name, self.qos = node, kind, cls, name, qos
-        self.waiting = deque(maxlen=qos.depth if kind == "subscription" else None)
+        self.waiting = deque(maxlen=qos.depth)
         self.destroyed = False
 
     def others(self, kind):

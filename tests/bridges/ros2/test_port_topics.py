@@ -49,7 +49,8 @@ def test_a_message_arrives_as_it_was_published_with_who_when_and_its_number(worl
     assert [arrival.decode() for arrival in got] == sent
     assert [arrival.data for arrival in got] == [pose.encode(message) for message in sent]
     infos = [arrival.info for arrival in got]
-    assert [info.sequence - infos[0].sequence for info in infos] == [0, 1, 2]
+    counts = [info.sequence - infos[0].sequence for info in infos]
+    assert counts == ([0, 1, 2] if world.counts else [0, 0, 0])
     assert all(before <= info.source_ns <= time.time_ns() for info in infos)
     assert {info.gid for info in infos} == {publisher.gid}
 
