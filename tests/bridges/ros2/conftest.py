@@ -87,9 +87,7 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             elif importlib.util.find_spec("rclpy") is None:
                 pytest.skip("rclpy cannot be imported: no ROS 2 environment is sourced")
             else:
-                import rclpy
-
-                middleware = rclpy.get_rmw_implementation_identifier()
+                middleware = request.getfixturevalue("middleware")
             from llfsm.bridges.ros2.rcl.port import RclpyPort
 
             rcl = World(handles, RclpyPort, domains)
@@ -97,6 +95,18 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             rcl.counts = middleware != "rmw_cyclonedds_cpp"
             rcl.of_every_node = {"/parameter_events"}
             yield rcl
+
+
+@pytest.fixture
+def middleware(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return what carries rclpy's messages; if that is Zenoh, have it meet at our router."""
+    import rclpy
+
+    name: str = rclpy.get_rmw_implementation_identifier()
+    if name == "rmw_zenoh_cpp":
+        router = request.getfixturevalue("router")
+        monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{router}"]')
+    return name
 
 
 @pytest.fixture

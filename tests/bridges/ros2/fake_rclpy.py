@@ -1,8 +1,9 @@
 """What of rclpy (Jazzy) the port uses, without ROS: as strict as the original about how it is used.
 
-Its messages are their bytes. What waits is at most as much as its depth. A subscription is served by the one who spins its node's executor, a
-destroyed entity raises InvalidHandle, a service's response must be of its class, and the context
-calls who waits for its shutdown while it holds its lock.
+Its messages are their bytes, and of those that wait only the depth's newest are kept. A subscription
+is served by the one who spins its node's executor, a destroyed entity raises InvalidHandle, a
+service's response must be of its class, and the context calls who waits for its shutdown while it
+holds its lock.
 """
 
 from __future__ import annotations
