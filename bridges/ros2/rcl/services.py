@@ -22,8 +22,8 @@ from .world import RclWorld
 
 __all__ = ["RclClient", "RclServer"]
 
-# Requests that wait for a server, and responses for a client. DDS drops older ones beyond the depth,
-# which is 10 by default; who asked would wait in vain.
+# Requests that wait for a server, and responses for a client. DDS drops older ones beyond the
+# depth, which is 10 by default; who asked would wait in vain.
 _DEPTH = 1000
 
 

@@ -1,9 +1,9 @@
-"""What of rclpy (Jazzy) the port uses, without ROS: as strict as the original about how it is used.
+"""What of rclpy (Jazzy) the port uses, without ROS: as strict as the original about its use.
 
-Its messages are their bytes, and of those that wait only the depth's newest are kept. A subscription
-is served by the one who spins its node's executor, a destroyed entity raises InvalidHandle, a
-service's response must be of its class, and the context calls who waits for its shutdown while it
-holds its lock.
+Its messages are their bytes; the newest of them wait, as many as the depth says. A subscription is
+served by the one who spins its node's executor, a destroyed entity raises InvalidHandle, the
+response of a service must be of its class, and the context calls who waits for its shutdown while
+it holds its lock.
 """
 
 from __future__ import annotations
