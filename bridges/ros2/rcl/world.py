@@ -24,6 +24,8 @@ E = TypeVar("E", bound=IntEnum)
 
 _LOOK = 1.0  # seconds between looks at who does not fit us: rclpy tells of no change
 
+_PAUSE = 0.01  # seconds after an error, so that one that stays costs little
+
 
 class RclWorld:
     """A context of its own, whose nodes' callbacks run on one thread.
@@ -156,12 +158,21 @@ class RclWorld:
     def _spin(self) -> None:
         with suppress(self.rclpy.shut_down):  # which is told already
             while not self._over.is_set():
-                self.executor.spin_once()
+                self._spin_once()
         self._over.wait()
         with self._ending:
             self.remove_node(self._asking)
             self.executor.shutdown(0.0)
         self.context.try_shutdown()
+
+    def _spin_once(self) -> None:
+        try:
+            self.executor.spin_once()
+        except self.rclpy.shut_down:
+            raise
+        except Exception as error:  # as of a request or a response that rclpy cannot read
+            self.teller.bad_message("", error)
+            self._over.wait(_PAUSE)
 
     def _look_later(self) -> None:
         self.later.after(_LOOK, self._look)

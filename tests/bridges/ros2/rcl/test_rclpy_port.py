@@ -95,6 +95,30 @@ def test_a_late_answer_to_a_call_that_timed_out_is_dropped(port, types, seen):
     assert after.result(20).name == "next"
 
 
+def test_a_request_that_rclpy_cannot_read_is_told_once_and_the_next_is_answered(port, types, told):
+    spawn = types.service("turtlesim/srv/Spawn")
+    node = port.node("me")
+    server = node.server(
+        "spawn", spawn, lambda request: request.answer(spawn.response.message(name="x"))
+    )
+    client, service = node.client("spawn", spawn), server._service
+    take, unread = service.execute, [1, 2]
+
+    def fail(taken):
+        if unread:
+            unread.pop()
+            raise RuntimeError("service failed to take request")
+        take(taken)
+
+    service.execute = fail
+    for _ in range(2):
+        with pytest.raises(CallTimeoutError):
+            client.call(spawn.request.message(), timeout=0.05).result(20)
+    assert client.call(spawn.request.message(), timeout=20).result(20).name == "x"
+    assert [notice.kind for notice in told] == [NoticeKind.BAD_MESSAGE]
+    assert "service failed to take request" in told[0].text
+
+
 @pytest.mark.parametrize("name", ["no_such_package/msg/Thing", "std_msgs/msg/NoSuchThing"])
 def test_a_type_that_the_environment_does_not_have_is_said(fake_rclpy, name):
     with pytest.raises(PortUnavailableError, match=name):
