@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from ..errors import PortUnavailableError
@@ -39,6 +39,19 @@ class Publisher(Protocol):
     def publish(self, msg: Any) -> None: ...
 
 
+class CallbackGroup(Protocol):
+    """``rclpy.callback_groups.CallbackGroup``."""
+
+    def ending_execution(self, entity: Any) -> None: ...
+
+
+class Taken(Protocol):
+    """What the executor takes from."""
+
+    _executor_event: bool  # while it is about to take
+    callback_group: CallbackGroup
+
+
 class Future(Protocol):
     """``rclpy.task.Future``."""
 
@@ -46,7 +59,7 @@ class Future(Protocol):
     def add_done_callback(self, callback: Callable[[Future], None]) -> None: ...
 
 
-class Client(Protocol):
+class Client(Taken, Protocol):
     """``rclpy.client.Client``."""
 
     def call_async(self, request: Any) -> Future: ...
@@ -54,7 +67,7 @@ class Client(Protocol):
     def service_is_ready(self) -> bool: ...
 
 
-class Service(Protocol):
+class Service(Taken, Protocol):
     """``rclpy.service.Service``."""
 
     send_response: Callable[[Any, Any], None]
@@ -75,6 +88,10 @@ _Types = list[tuple[str, list[str]]]
 
 class Node(Protocol):
     """``rclpy.node.Node``."""
+
+    subscriptions: Iterable[Taken]
+    clients: Iterable[Client]
+    services: Iterable[Service]
 
     def create_publisher(
         self, msg_type: Any, topic: str, qos_profile: Any, *, event_callbacks: Any
@@ -111,6 +128,7 @@ class Executor(Protocol):
 
     def add_node(self, node: Node) -> bool: ...
     def remove_node(self, node: Node) -> None: ...
+    def get_nodes(self) -> list[Node]: ...
     def create_task(self, callback: Callable[..., Any], *args: Any) -> object: ...
     def spin_once(self) -> None: ...
     def shutdown(self, timeout_sec: float | None = None) -> bool: ...

@@ -170,9 +170,18 @@ class RclWorld:
             self.executor.spin_once()
         except self.rclpy.shut_down:
             raise
-        except Exception as error:  # as of a request or a response that rclpy cannot read
+        except Exception as error:  # as of something cut short that rclpy cannot take
             self.teller.bad_message("", error)
+            self._release()
             self._over.wait(_PAUSE)
+
+    def _release(self) -> None:
+        """Have the executor serve what it failed to take from, and the rest of its node, again."""
+        for node in self.executor.get_nodes():
+            for entity in (*node.subscriptions, *node.clients, *node.services):
+                if entity._executor_event:
+                    entity._executor_event = False
+                    entity.callback_group.ending_execution(entity)
 
     def _look_later(self) -> None:
         self.later.after(_LOOK, self._look)

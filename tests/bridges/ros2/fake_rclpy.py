@@ -82,11 +82,20 @@ class QoSProfile(SimpleNamespace):
     pass
 
 
+class CallbackGroup:
+    active = None
+
+    def ending_execution(self, entity):
+        assert self.active is entity
+        self.active = None
+
+
 class Entity:
     def __init__(self, node, kind, cls, name, qos):
         self.node, self.kind, self.cls, self.name, self.qos = node, kind, cls, name, qos
         self.waiting = deque(maxlen=qos.depth)
-        self.destroyed = False
+        self.callback_group = node.callback_group
+        self.destroyed = self._executor_event = False
 
     def others(self, kind):
         """Return the ends of another kind that this one reaches."""
@@ -101,6 +110,9 @@ class Entity:
     def check(self):
         if self.destroyed:
             raise InvalidHandle
+
+    def take(self):
+        return self.waiting.popleft()
 
 
 def reaches(publisher, subscription):
@@ -220,6 +232,7 @@ class Node:
             ("start_type_description_service", False)
         ]
         self.name, self.namespace, self.context, self.ends = name, namespace, context, []
+        self.callback_group = CallbackGroup()
         with CHANGED:
             NODES.append(self)
         events = SimpleNamespace(ros_name="rcl_interfaces/msg/ParameterEvent")
@@ -269,6 +282,13 @@ class Node:
 
     def _nodes(self):
         return [node for node in NODES if node.context.domain == self.context.domain]
+
+    subscriptions = property(lambda self: self._of_kind("subscription"))
+    clients = property(lambda self: self._of_kind("client"))
+    services = property(lambda self: self._of_kind("server"))
+
+    def _of_kind(self, kind):
+        return [end for end in self.ends if end.kind == kind]
 
     def get_node_names_and_namespaces(self):
         return [(node.name, node.namespace) for node in self._nodes()]
@@ -334,6 +354,9 @@ class SingleThreadedExecutor:
         with CHANGED:
             self._nodes.remove(node)
 
+    def get_nodes(self):
+        return self._nodes
+
     def create_task(self, callback, *args):
         with CHANGED:
             assert not self._over, "its guard condition is destroyed"
@@ -350,18 +373,31 @@ class SingleThreadedExecutor:
             CHANGED.wait_for(self._work)
             if not self._context._ok:
                 raise ExternalShutdownException
-            if self._tasks:
-                do, what = self._tasks.popleft()
-            else:
-                end = self._ready()[0]
-                do, what = end.execute, (end.waiting.popleft(),)
-        do(*what)
+            task = self._tasks.popleft() if self._tasks else None
+            end = None if task else self._ready()[0]
+        if task:
+            do, what = task
+            do(*what)
+        else:
+            self._serve(end)
+
+    def _serve(self, end):
+        """Take and execute; an entity whose take fails is not let go, nor is its group."""
+        end._executor_event, end.callback_group.active = True, end
+        taken = end.take()
+        end._executor_event = False
+        try:
+            end.execute(taken)
+        finally:
+            end.callback_group.ending_execution(end)
 
     def _work(self):
         return self._tasks or self._ready() or not self._context._ok
 
     def _ready(self):
-        return [end for node in self._nodes for end in node.ends if end.waiting]
+        ends = [end for node in self._nodes for end in node.ends]
+        free = [end for end in ends if not end._executor_event and not end.callback_group.active]
+        return [end for end in free if end.waiting]
 
 
 def message_class(name, type_hash):

@@ -95,28 +95,45 @@ def test_a_late_answer_to_a_call_that_timed_out_is_dropped(port, types, seen):
     assert after.result(20).name == "next"
 
 
-def test_a_request_that_rclpy_cannot_read_is_told_once_and_the_next_is_answered(port, types, told):
-    spawn = types.service("turtlesim/srv/Spawn")
+@pytest.mark.parametrize("kind", ["subscription", "client", "server"])
+def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
+    port, types, told, seen, kind
+):
+    spawn, number = types.service("turtlesim/srv/Spawn"), types.message("std_msgs/msg/Int64")
+    got = seen()
     node = port.node("me")
-    server = node.server(
-        "spawn", spawn, lambda request: request.answer(spawn.response.message(name="x"))
-    )
-    client, service = node.client("spawn", spawn), server._service
-    take, unread = service.execute, [1, 2]
+    server = node.server("spawn", spawn, lambda request: request.answer(spawn.response.message()))
+    client = node.client("spawn", spawn)
+    subscription = node.subscription("a", number, got)
+    publisher = node.publisher("a", number)
+    cut_short = {
+        "subscription": subscription._subscription,
+        "client": client._client,
+        "server": server._service,
+    }[kind]
+    take, unread = cut_short.take, [1, 2]
 
-    def fail(taken):
+    def fail():
+        taken = take()
         if unread:
             unread.pop()
-            raise RuntimeError("service failed to take request")
-        take(taken)
+            raise RuntimeError("failed to take")
+        return taken
 
-    service.execute = fail
-    for _ in range(2):
-        with pytest.raises(CallTimeoutError):
-            client.call(spawn.request.message(), timeout=0.05).result(20)
-    assert client.call(spawn.request.message(), timeout=20).result(20).name == "x"
-    assert [notice.kind for notice in told] == [NoticeKind.BAD_MESSAGE]
-    assert "service failed to take request" in told[0].text
+    cut_short.take = fail
+
+    def use():
+        publisher.publish(number.message())
+        return client.call(spawn.request.message(), timeout=20)
+
+    lost = [use(), use()]
+    assert use().result(20) == spawn.response.message()
+    got.wait(len)
+    assert not unread
+    told.wait(len)
+    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "")]
+    assert "failed to take" in told[0].text
+    assert sum(not call.done() for call in lost) == (0 if kind == "subscription" else 2)
 
 
 @pytest.mark.parametrize("name", ["no_such_package/msg/Thing", "std_msgs/msg/NoSuchThing"])
