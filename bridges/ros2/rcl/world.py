@@ -49,7 +49,7 @@ class RclWorld:
         )
         self.context.on_shutdown(self._on_shutdown)
         self.executor = self.rclpy.new_executor(context=self.context)
-        # `ros2 node list` hides such a name, and so do we; it is the one that asks for the graph.
+        # A hidden node, which asks for the graph.
         self._asking = self.new_node(Names(f"_llfsm_{os.getpid()}"))
         self._thread = threading.Thread(target=self._spin, name="ros2 executor", daemon=True)
         self._thread.start()
@@ -105,16 +105,11 @@ class RclWorld:
         return profile
 
     def graph(self) -> Graph:
-        """Return the graph without nodes that are hidden."""
-        names = [
-            (name, namespace)
-            for name, namespace in self._asking.get_node_names_and_namespaces()
-            if not name.startswith("_")
-        ]
-        ends = [*self._topic_ends(), *self._service_ends(names)]
-        return Graph(
-            tuple(sorted(_full(name, namespace) for name, namespace in names)),
-            tuple(sorted(ends, key=lambda end: (end.name, end.role.name, end.node))),
+        """Return the graph as rclpy tells it."""
+        names = self._asking.get_node_names_and_namespaces()
+        return Graph.of(
+            (_full(name, namespace) for name, namespace in names),
+            (*self._topic_ends(), *self._service_ends(names)),
         )
 
     def wait(self, ready: Callable[[], bool], timeout: float) -> bool | None:
@@ -138,8 +133,7 @@ class RclWorld:
             (Role.SUBSCRIPTION, self._asking.get_subscriptions_info_by_topic(topic)),
         ):
             for info in infos:
-                if not info.node_name.startswith("_"):
-                    yield _endpoint(role, topic, info)
+                yield _endpoint(role, topic, info)
 
     def _service_ends(self, names: list[tuple[str, str]]) -> Iterator[Endpoint]:
         for role, ask in (

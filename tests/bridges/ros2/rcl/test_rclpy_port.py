@@ -71,12 +71,8 @@ def test_it_may_be_closed_in_a_callback(port, types, seen):
     assert not port._world._thread.is_alive()
 
 
-def test_its_own_node_and_what_is_hidden_is_not_on_the_graph(port):
+def test_its_own_node_is_hidden(port):
     assert port.graph().nodes == ()
-    port.node("_hidden")
-    port.node("shown")
-    assert port.graph().nodes == ("/shown",)
-    assert {end.node for end in port.graph().endpoints} == {"/shown"}
 
 
 def test_a_late_answer_to_a_call_that_timed_out_is_dropped(port, types, seen):
