@@ -36,6 +36,15 @@ class Seen(list[Any]):
         with self._changed:
             assert self._changed.wait_for(lambda: ready(self), PATIENCE), list(self)
 
+    def repeat(self, do: Callable[[], object]) -> None:
+        """Do something until it is seen: what is published may be too early for a subscription."""
+        for _ in range(100):
+            do()
+            with self._changed:
+                if self._changed.wait_for(lambda: len(self), PATIENCE / 100):
+                    return
+        raise AssertionError("nothing was seen")
+
 
 class World:
     """A place where ports of one kind meet, empty at the beginning of a test."""
