@@ -148,6 +148,8 @@ class Rclpy(NamedTuple):
     """What using an entity raises that is destroyed."""
     unknown_node: type[Exception]
     """What asking about a node raises that has gone."""
+    failure: type[Exception]
+    """What is raised when the middleware fails."""
     parameter: Callable[..., Any]
     qos: Any
     """The module ``rclpy.qos``."""
@@ -158,22 +160,27 @@ class Rclpy(NamedTuple):
 
 
 def import_rclpy() -> Rclpy:
-    """Import what is used; raise ModuleNotFoundError if there is no rclpy."""
+    """Import what is used.
+
+    Raise ModuleNotFoundError if there is no rclpy, and :class:`.PortUnavailableError` if there is,
+    but not what it needs.
+    """
 
     def module(name: str) -> Any:
-        return importlib.import_module(f"rclpy.{name}")
+        return _import(f"rclpy.{name}")
 
     events, executors = module("event_handler"), module("executors")
     implementation = module("impl.implementation_singleton").rclpy_implementation
     return Rclpy(
         module("context").Context,
-        importlib.import_module("rclpy").init,
+        _import("rclpy").init,
         module("signals").SignalHandlerOptions.NO,
         module("node").Node,
         executors.SingleThreadedExecutor,
         executors.ExternalShutdownException,
         implementation.InvalidHandle,
         implementation.NodeNameNonExistentError,
+        implementation.RCLError,
         module("parameter").Parameter,
         module("qos"),
         (
@@ -183,6 +190,20 @@ def import_rclpy() -> Rclpy:
         module("serialization").serialize_message,
         module("serialization").deserialize_message,
     )
+
+
+def _import(name: str) -> Any:
+    package = name.partition(".")[0]
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        missing = str(error.name).partition(".")[0]
+        if missing == package:
+            raise
+        raise PortUnavailableError(
+            f"{package} needs {missing}, which this Python does not have; a venv must be one of "
+            "the system's Python that sees its packages (--system-site-packages)"
+        ) from error
 
 
 _OF_ACTION = {
@@ -199,7 +220,7 @@ def find_class(name: str) -> Any:
     """
     package, kind, own_name = name.split("/")
     try:
-        module = importlib.import_module(f"{package}.{kind}")
+        module = _import(f"{package}.{kind}")
         for ending, of_action in _OF_ACTION.items():
             if kind == "action" and own_name.endswith(ending):
                 return getattr(getattr(module, own_name.removesuffix(ending)).Impl, of_action)

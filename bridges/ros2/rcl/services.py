@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -46,7 +47,9 @@ class RclClient(Client[Any, Any]):
     @property
     def ready(self) -> bool:
         """Whether rclpy knows of a server."""
-        return not self._closed and self._client.service_is_ready()
+        with suppress(self._world.rclpy.destroyed):  # it is being closed
+            return not self._closed and self._client.service_is_ready()
+        return False
 
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
         """Send the request; a server that is not known now gets none."""
@@ -58,7 +61,10 @@ class RclClient(Client[Any, Any]):
         if not self.ready:
             later.soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
             return call
-        future = self._client.call_async(sent)
+        try:
+            future = self._client.call_async(sent)
+        except rclpy.destroyed:  # it was closed meanwhile, which has ended the call
+            return call
 
         def on_response(done: api.Future) -> None:
             later.soon(partial(self._calls.answered, call, rclpy.serialize(done.result())))

@@ -10,6 +10,7 @@ from contextlib import suppress
 from enum import IntEnum
 from typing import TypeVar
 
+from ..errors import PortUnavailableError
 from ..graph import Endpoint, Graph, Role
 from ..later import Later
 from ..names import Names
@@ -34,6 +35,7 @@ class RclWorld:
     """
 
     def __init__(self, domain: int, teller: Teller) -> None:
+        """Open it; raise :class:`.PortUnavailableError` if the middleware cannot be."""
         self.rclpy = api.import_rclpy()
         self.teller = teller
         self.later = Later("ros2 answers")
@@ -41,6 +43,18 @@ class RclWorld:
         self._over = threading.Event()
         self._ending = threading.Lock()
         self.context = self.rclpy.new_context()
+        try:
+            self._open(domain)
+        except self.rclpy.failure as error:
+            self.later.close()
+            self.context.try_shutdown()
+            raise PortUnavailableError(f"rclpy cannot be opened: {error}") from error
+        self._thread = threading.Thread(target=self._spin, name="ros2 executor", daemon=True)
+        self._thread.start()
+        atexit.register(self.close)
+        self._look_later()
+
+    def _open(self, domain: int) -> None:
         self.rclpy.init(
             args=[],
             context=self.context,
@@ -51,10 +65,6 @@ class RclWorld:
         self.executor = self.rclpy.new_executor(context=self.context)
         # A hidden node, which asks for the graph.
         self._asking = self.new_node(Names(f"_llfsm_{os.getpid()}"))
-        self._thread = threading.Thread(target=self._spin, name="ros2 executor", daemon=True)
-        self._thread.start()
-        atexit.register(self.close)
-        self._look_later()
 
     def new_node(self, names: Names) -> api.Node:
         """Make a node with nothing on it but what every rclpy node has, and let it spin."""

@@ -31,6 +31,10 @@ class NodeNameNonExistentError(Exception):
     pass
 
 
+class RCLError(RuntimeError):
+    pass
+
+
 class Context:
     def __init__(self):
         self._lock = threading.Lock()
@@ -270,9 +274,10 @@ class Node:
 
     def _destroy(self, end):
         with CHANGED:
-            end.destroyed = True
-            self.ends.remove(end)
-            return True
+            there, end.destroyed = not end.destroyed, True
+            if there:
+                self.ends.remove(end)
+            return there
 
     destroy_publisher = destroy_subscription = destroy_client = destroy_service = _destroy
 
@@ -442,7 +447,9 @@ def modules(types):
     add(
         "rclpy.impl.implementation_singleton",
         rclpy_implementation=SimpleNamespace(
-            InvalidHandle=InvalidHandle, NodeNameNonExistentError=NodeNameNonExistentError
+            InvalidHandle=InvalidHandle,
+            NodeNameNonExistentError=NodeNameNonExistentError,
+            RCLError=RCLError,
         ),
     )
     add(

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from llfsm.bridges.ros2.errors import CallTimeoutError, PortUnavailableError
+from llfsm.bridges.ros2.errors import CallTimeoutError, PortClosedError, PortUnavailableError
 from llfsm.bridges.ros2.opening import open_port
 from llfsm.bridges.ros2.port import NoticeKind
-from llfsm.bridges.ros2.rcl.api import find_class
+from llfsm.bridges.ros2.rcl.api import find_class, import_rclpy
 from llfsm.bridges.ros2.rcl.port import RclpyPort
 
 
@@ -30,6 +31,44 @@ def test_it_is_opened_by_name(fake_rclpy, types):
         assert port.up
         assert port.domain == 7
     assert not port.up
+
+
+def test_a_middleware_that_cannot_be_opened_is_said(fake_rclpy, monkeypatch):
+    rclpy, contexts = import_rclpy(), []
+
+    def fail(*_, context, **options):
+        contexts.append(context)
+        raise rclpy.failure("error creating node")
+
+    monkeypatch.setattr(rclpy.new_node, "__init__", fail)
+    with pytest.raises(PortUnavailableError, match="error creating node"):
+        RclpyPort(7)
+    assert not contexts[0].ok()
+
+
+@pytest.mark.parametrize("use", [import_rclpy, partial(find_class, "std_msgs/msg/String")])
+def test_what_rclpy_needs_of_the_system_is_told_from_rclpy_itself(use, monkeypatch):
+    def import_module(name):
+        raise ModuleNotFoundError(name="yaml")
+
+    monkeypatch.setattr("importlib.import_module", import_module)
+    with pytest.raises(PortUnavailableError, match=r"needs yaml, .*--system-site-packages"):
+        use()
+
+
+def test_a_client_that_is_being_closed_has_no_server(port, types):
+    spawn = types.service("turtlesim/srv/Spawn")
+    node = port.node("me")
+    node.server("spawn", spawn, print)
+    client = node.client("spawn", spawn)
+    assert client.ready
+    client._node.destroy_client(client._client)
+    assert not client.ready
+    client._client.service_is_ready = lambda: True  # as it was a moment before
+    call = client.call(spawn.request.message(), timeout=20)
+    client.close()
+    with pytest.raises(PortClosedError):
+        call.result(20)
 
 
 def test_a_shutdown_by_another_part_of_the_process_is_told(port, told):
