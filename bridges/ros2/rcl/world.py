@@ -220,8 +220,9 @@ def _endpoint(role: Role, topic: str, info: api.EndpointInfo) -> Endpoint:
         Qos(
             _known(Reliability, profile.reliability, Reliability.RELIABLE),
             _known(Durability, profile.durability, Durability.VOLATILE),
-            _known(History, profile.history, History.KEEP_LAST),  # of others it is often unknown
-            profile.depth,
+            # Of others these are often unknown.
+            _known(History, profile.history, History.KEEP_LAST),
+            profile.depth or Qos().depth,
         ),
     )
 

@@ -131,6 +131,10 @@ class Publisher(Entity):
         self.past = deque(maxlen=self.qos.depth if keeps else 0)
         self.count = 0
 
+    def get_subscription_count(self):
+        with CHANGED:
+            return sum(reaches(self, end) for end in self.others("subscription"))
+
     def publish(self, msg):
         assert isinstance(msg, bytes)
         with CHANGED:

@@ -9,8 +9,10 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 from llfsm.bridges.ros2.errors import CallTimeoutError, PortClosedError, PortUnavailableError
+from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.opening import open_port
 from llfsm.bridges.ros2.port import NoticeKind
+from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.rcl.api import find_class, import_rclpy
 from llfsm.bridges.ros2.rcl.port import RclpyPort
 
@@ -112,6 +114,13 @@ def test_it_may_be_closed_in_a_callback(port, types, seen):
 
 def test_its_own_node_is_hidden(port):
     assert port.graph().nodes == ()
+
+
+def test_a_depth_that_the_middleware_does_not_tell_is_the_default(port, types):
+    publisher = port.node("me").publisher("a", types.message("std_msgs/msg/Int64"), Qos(depth=3))
+    publisher._publisher.qos.history, publisher._publisher.qos.depth = 3, 0  # unknown
+    (end,) = port.graph().ends("/a", Role.PUBLISHER)
+    assert end.qos == Qos()
 
 
 def test_a_late_answer_to_a_call_that_timed_out_is_dropped(port, types, seen):
