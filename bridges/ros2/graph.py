@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
 
@@ -52,8 +53,20 @@ class Graph(NamedTuple):
     """What was known of the graph at one moment, in the order of names."""
 
     nodes: tuple[str, ...] = ()
-    """Full names; a name stands twice if two nodes have it."""
+    """Full names, of nodes that are not hidden; a name stands twice if two nodes have it."""
     endpoints: tuple[Endpoint, ...] = ()
+
+    @classmethod
+    def of(cls, nodes: Iterable[str], endpoints: Iterable[Endpoint]) -> Graph:
+        """Return the graph of these.
+
+        As `ros2 node list` does, it leaves out nodes whose name begins with an underscore, as those
+        of the ros2 command do. Their endpoints are there as all others.
+        """
+        return cls(
+            tuple(sorted(node for node in nodes if not node.rpartition("/")[2].startswith("_"))),
+            tuple(sorted(endpoints, key=lambda end: (end.name, end.role.name, end.node))),
+        )
 
     def topics(self) -> dict[str, tuple[str, ...]]:
         """Return each topic's types; more than one is a mistake that is made."""

@@ -80,6 +80,7 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "WHITEBOARD_NAME": board,
         "COLUMNS": "100",
+        "ROS_DOMAIN_ID": "0",  # the reader's may be another
     }
     port = free_port()
     for number, block in enumerate(blocks(document)):

@@ -109,10 +109,9 @@ class MemoryWorld:
         """Return a domain's graph."""
         with self.changed:
             members = [member for member in self._members if member.site.domain == domain]
-        ends = [member.end for member in members if member.end]
-        return Graph(
-            tuple(sorted(member.node for member in members if not member.end)),
-            tuple(sorted(ends, key=lambda end: (end.name, end.role.name, end.node))),
+        return Graph.of(
+            (member.node for member in members if not member.end),
+            (member.end for member in members if member.end),
         )
 
     def wait(self, ready: Callable[[], bool], timeout: float) -> bool:

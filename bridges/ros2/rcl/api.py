@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from ..errors import PortUnavailableError
@@ -39,6 +39,19 @@ class Publisher(Protocol):
     def publish(self, msg: Any) -> None: ...
 
 
+class CallbackGroup(Protocol):
+    """``rclpy.callback_groups.CallbackGroup``."""
+
+    def ending_execution(self, entity: Any) -> None: ...
+
+
+class Taken(Protocol):
+    """What the executor takes from."""
+
+    _executor_event: bool  # while it is about to take
+    callback_group: CallbackGroup
+
+
 class Future(Protocol):
     """``rclpy.task.Future``."""
 
@@ -46,7 +59,7 @@ class Future(Protocol):
     def add_done_callback(self, callback: Callable[[Future], None]) -> None: ...
 
 
-class Client(Protocol):
+class Client(Taken, Protocol):
     """``rclpy.client.Client``."""
 
     def call_async(self, request: Any) -> Future: ...
@@ -54,7 +67,7 @@ class Client(Protocol):
     def service_is_ready(self) -> bool: ...
 
 
-class Service(Protocol):
+class Service(Taken, Protocol):
     """``rclpy.service.Service``."""
 
     send_response: Callable[[Any, Any], None]
@@ -75,6 +88,10 @@ _Types = list[tuple[str, list[str]]]
 
 class Node(Protocol):
     """``rclpy.node.Node``."""
+
+    subscriptions: Iterable[Taken]
+    clients: Iterable[Client]
+    services: Iterable[Service]
 
     def create_publisher(
         self, msg_type: Any, topic: str, qos_profile: Any, *, event_callbacks: Any
@@ -111,9 +128,9 @@ class Executor(Protocol):
 
     def add_node(self, node: Node) -> bool: ...
     def remove_node(self, node: Node) -> None: ...
+    def get_nodes(self) -> list[Node]: ...
     def create_task(self, callback: Callable[..., Any], *args: Any) -> object: ...
     def spin_once(self) -> None: ...
-    def wake(self) -> None: ...
     def shutdown(self, timeout_sec: float | None = None) -> bool: ...
 
 
@@ -131,6 +148,8 @@ class Rclpy(NamedTuple):
     """What using an entity raises that is destroyed."""
     unknown_node: type[Exception]
     """What asking about a node raises that has gone."""
+    failure: type[Exception]
+    """What is raised when the middleware fails."""
     parameter: Callable[..., Any]
     qos: Any
     """The module ``rclpy.qos``."""
@@ -141,22 +160,27 @@ class Rclpy(NamedTuple):
 
 
 def import_rclpy() -> Rclpy:
-    """Import what is used; raise ModuleNotFoundError if there is no rclpy."""
+    """Import what is used.
+
+    Raise ModuleNotFoundError if there is no rclpy, and :class:`.PortUnavailableError` if there is,
+    but not what it needs.
+    """
 
     def module(name: str) -> Any:
-        return importlib.import_module(f"rclpy.{name}")
+        return _import(f"rclpy.{name}")
 
     events, executors = module("event_handler"), module("executors")
     implementation = module("impl.implementation_singleton").rclpy_implementation
     return Rclpy(
         module("context").Context,
-        importlib.import_module("rclpy").init,
+        _import("rclpy").init,
         module("signals").SignalHandlerOptions.NO,
         module("node").Node,
         executors.SingleThreadedExecutor,
         executors.ExternalShutdownException,
         implementation.InvalidHandle,
         implementation.NodeNameNonExistentError,
+        implementation.RCLError,
         module("parameter").Parameter,
         module("qos"),
         (
@@ -166,6 +190,20 @@ def import_rclpy() -> Rclpy:
         module("serialization").serialize_message,
         module("serialization").deserialize_message,
     )
+
+
+def _import(name: str) -> Any:
+    package = name.partition(".")[0]
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        missing = str(error.name).partition(".")[0]
+        if missing == package:
+            raise
+        raise PortUnavailableError(
+            f"{package} needs {missing}, which this Python does not have; a venv must be one of "
+            "the system's Python that sees its packages (--system-site-packages)"
+        ) from error
 
 
 _OF_ACTION = {
@@ -182,7 +220,7 @@ def find_class(name: str) -> Any:
     """
     package, kind, own_name = name.split("/")
     try:
-        module = importlib.import_module(f"{package}.{kind}")
+        module = _import(f"{package}.{kind}")
         for ending, of_action in _OF_ACTION.items():
             if kind == "action" and own_name.endswith(ending):
                 return getattr(getattr(module, own_name.removesuffix(ending)).Impl, of_action)

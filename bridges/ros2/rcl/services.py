@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,6 +22,10 @@ from . import api
 from .world import RclWorld
 
 __all__ = ["RclClient", "RclServer"]
+
+# Requests that wait for a server, and responses for a client. DDS drops older ones beyond the
+# depth, which is 10 by default; who asked would wait in vain.
+_DEPTH = 1000
 
 
 class RclClient(Client[Any, Any]):
@@ -37,12 +42,14 @@ class RclClient(Client[Any, Any]):
         self._of = of
         self._class = found
         self._calls = Calls(name, of.response, world.teller)
-        self._client = node.create_client(self._class, name, qos_profile=world.qos(qos))
+        self._client = node.create_client(self._class, name, qos_profile=_profile(world, qos))
 
     @property
     def ready(self) -> bool:
         """Whether rclpy knows of a server."""
-        return not self._closed and self._client.service_is_ready()
+        with suppress(self._world.rclpy.destroyed):  # it is being closed
+            return not self._closed and self._client.service_is_ready()
+        return False
 
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
         """Send the request; a server that is not known now gets none."""
@@ -54,7 +61,10 @@ class RclClient(Client[Any, Any]):
         if not self.ready:
             later.soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
             return call
-        future = self._client.call_async(sent)
+        try:
+            future = self._client.call_async(sent)
+        except rclpy.destroyed:  # it was closed meanwhile, which has ended the call
+            return call
 
         def on_response(done: api.Future) -> None:
             later.soon(partial(self._calls.answered, call, rclpy.serialize(done.result())))
@@ -96,7 +106,7 @@ class RclServer(Server):
         self._class = found
         self._counter = Counter(name, of, handler, world.teller)
         self._service = node.create_service(
-            self._class, name, lambda request, _: request, qos_profile=world.qos(qos)
+            self._class, name, lambda request, _: request, qos_profile=_profile(world, qos)
         )
         # An answer may come later, which rclpy's callbacks cannot give without keeping its
         # executor busy. What its executor calls to send what the callback returned is the first
@@ -111,7 +121,7 @@ class RclServer(Server):
     def send(self, data: bytes, header: Any) -> None:
         """Send a response, on the executor's thread as rclpy itself does."""
         response = self._world.rclpy.deserialize(data, self._class.Response)
-        self._world.executor.create_task(self._send_now, response, header)
+        self._world.run(self._send_now, response, header)
 
     def _send_now(self, response: Any, header: Any) -> None:
         if not self._closed:
@@ -120,6 +130,10 @@ class RclServer(Server):
     def _close(self) -> None:
         self._counter.close()
         self._node.destroy_service(self._service)
+
+
+def _profile(world: RclWorld, qos: Qos) -> object:
+    return world.qos(qos._replace(depth=max(qos.depth, _DEPTH)))
 
 
 class _Reply(NamedTuple):

@@ -10,6 +10,7 @@ from contextlib import suppress
 from enum import IntEnum
 from typing import TypeVar
 
+from ..errors import PortUnavailableError
 from ..graph import Endpoint, Graph, Role
 from ..later import Later
 from ..names import Names
@@ -24,6 +25,8 @@ E = TypeVar("E", bound=IntEnum)
 
 _LOOK = 1.0  # seconds between looks at who does not fit us: rclpy tells of no change
 
+_PAUSE = 0.01  # seconds after an error, so that one that stays costs little
+
 
 class RclWorld:
     """A context of its own, whose nodes' callbacks run on one thread.
@@ -32,12 +35,26 @@ class RclWorld:
     """
 
     def __init__(self, domain: int, teller: Teller) -> None:
+        """Open it; raise :class:`.PortUnavailableError` if the middleware cannot be."""
         self.rclpy = api.import_rclpy()
         self.teller = teller
         self.later = Later("ros2 answers")
         self.ours: dict[Endpoint, None] = {}
         self._over = threading.Event()
+        self._ending = threading.Lock()
         self.context = self.rclpy.new_context()
+        try:
+            self._open(domain)
+        except self.rclpy.failure as error:
+            self.later.close()
+            self.context.try_shutdown()
+            raise PortUnavailableError(f"rclpy cannot be opened: {error}") from error
+        self._thread = threading.Thread(target=self._spin, name="ros2 executor", daemon=True)
+        self._thread.start()
+        atexit.register(self.close)
+        self._look_later()
+
+    def _open(self, domain: int) -> None:
         self.rclpy.init(
             args=[],
             context=self.context,
@@ -46,12 +63,8 @@ class RclWorld:
         )
         self.context.on_shutdown(self._on_shutdown)
         self.executor = self.rclpy.new_executor(context=self.context)
-        # `ros2 node list` hides such a name, and so do we; it is the one that asks for the graph.
+        # A hidden node, which asks for the graph.
         self._asking = self.new_node(Names(f"_llfsm_{os.getpid()}"))
-        self._thread = threading.Thread(target=self._spin, name="ros2 executor", daemon=True)
-        self._thread.start()
-        atexit.register(self.close)
-        self._look_later()
 
     def new_node(self, names: Names) -> api.Node:
         """Make a node with nothing on it but what every rclpy node has, and let it spin."""
@@ -73,11 +86,19 @@ class RclWorld:
         self.executor.remove_node(node)
         node.destroy_node()
 
+    def run(self, do: Callable[..., object], *arguments: object) -> None:
+        """Have the executor's thread do something, unless it is told to end."""
+        with self._ending:  # so that the executor is there until it is asked
+            if not self._over.is_set():
+                self.executor.create_task(do, *arguments)
+
     def close(self) -> None:
         """Have the executor's thread shut all down, and wait for it unless this is it."""
         atexit.unregister(self.close)
-        self._over.set()
-        self.executor.wake()
+        with self._ending:
+            self._over.set()
+            # Without work a spin goes on, whatever wakes it.
+            self.executor.create_task(lambda: None)
         if threading.current_thread() is not self._thread:
             self._thread.join()
         self.later.close()
@@ -94,16 +115,11 @@ class RclWorld:
         return profile
 
     def graph(self) -> Graph:
-        """Return the graph without nodes that are hidden."""
-        names = [
-            (name, namespace)
-            for name, namespace in self._asking.get_node_names_and_namespaces()
-            if not name.startswith("_")
-        ]
-        ends = [*self._topic_ends(), *self._service_ends(names)]
-        return Graph(
-            tuple(sorted(_full(name, namespace) for name, namespace in names)),
-            tuple(sorted(ends, key=lambda end: (end.name, end.role.name, end.node))),
+        """Return the graph as rclpy tells it."""
+        names = self._asking.get_node_names_and_namespaces()
+        return Graph.of(
+            (_full(name, namespace) for name, namespace in names),
+            (*self._topic_ends(), *self._service_ends(names)),
         )
 
     def wait(self, ready: Callable[[], bool], timeout: float) -> bool | None:
@@ -127,8 +143,7 @@ class RclWorld:
             (Role.SUBSCRIPTION, self._asking.get_subscriptions_info_by_topic(topic)),
         ):
             for info in infos:
-                if not info.node_name.startswith("_"):
-                    yield _endpoint(role, topic, info)
+                yield _endpoint(role, topic, info)
 
     def _service_ends(self, names: list[tuple[str, str]]) -> Iterator[Endpoint]:
         for role, ask in (
@@ -147,11 +162,30 @@ class RclWorld:
     def _spin(self) -> None:
         with suppress(self.rclpy.shut_down):  # which is told already
             while not self._over.is_set():
-                self.executor.spin_once()
+                self._spin_once()
         self._over.wait()
-        self.remove_node(self._asking)
-        self.executor.shutdown(0.0)
+        with self._ending:
+            self.remove_node(self._asking)
+            self.executor.shutdown(0.0)
         self.context.try_shutdown()
+
+    def _spin_once(self) -> None:
+        try:
+            self.executor.spin_once()
+        except self.rclpy.shut_down:
+            raise
+        except Exception as error:  # as of something cut short that rclpy cannot take
+            self.teller.bad_message("", error)
+            self._release()
+            self._over.wait(_PAUSE)
+
+    def _release(self) -> None:
+        """Have the executor serve what it failed to take from, and the rest of its node, again."""
+        for node in self.executor.get_nodes():
+            for entity in (*node.subscriptions, *node.clients, *node.services):
+                if entity._executor_event:
+                    entity._executor_event = False
+                    entity.callback_group.ending_execution(entity)
 
     def _look_later(self) -> None:
         self.later.after(_LOOK, self._look)
@@ -186,8 +220,9 @@ def _endpoint(role: Role, topic: str, info: api.EndpointInfo) -> Endpoint:
         Qos(
             _known(Reliability, profile.reliability, Reliability.RELIABLE),
             _known(Durability, profile.durability, Durability.VOLATILE),
-            _known(History, profile.history, History.KEEP_LAST),  # of others it is often unknown
-            profile.depth,
+            # Of others these are often unknown.
+            _known(History, profile.history, History.KEEP_LAST),
+            profile.depth or Qos().depth,
         ),
     )
 

@@ -44,9 +44,8 @@ class Discovery:
         with self._changed:
             if self._graph is None:
                 tokens = self._tokens.values()
-                self._graph = Graph(
-                    tuple(sorted(token.node for token in tokens if token.endpoint is None)),
-                    tuple(sorted(_endpoints(tokens), key=_order)),
+                self._graph = Graph.of(
+                    (token.node for token in tokens if token.endpoint is None), _endpoints(tokens)
                 )
             return self._graph
 
@@ -114,7 +113,3 @@ class Discovery:
 
 def _endpoints(tokens: Iterable[Token]) -> list[Endpoint]:
     return [token.endpoint for token in tokens if token.endpoint is not None]
-
-
-def _order(end: Endpoint) -> tuple[str, str, str]:
-    return end.name, end.role.name, end.node

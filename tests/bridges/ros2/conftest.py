@@ -15,6 +15,7 @@ import pytest
 from llfsm.bridges.ros2.graph import Endpoint, Graph
 from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
 from llfsm.bridges.ros2.port import Notice, Port
+from llfsm.bridges.ros2.rcl.topics import RclPublisher
 from llfsm.bridges.ros2.types import TypeLibrary
 
 PATIENCE = 20.0  # seconds; never waited for in a test that passes
@@ -36,12 +37,25 @@ class Seen(list[Any]):
         with self._changed:
             assert self._changed.wait_for(lambda: ready(self), PATIENCE), list(self)
 
+    def repeat(self, do: Callable[[], object]) -> None:
+        """Do something until it is seen: what is published may be too early for a subscription."""
+        for _ in range(100):
+            do()
+            with self._changed:
+                if self._changed.wait_for(lambda: len(self), PATIENCE / 100):
+                    return
+        raise AssertionError("nothing was seen")
+
 
 class World:
     """A place where ports of one kind meet, empty at the beginning of a test."""
 
     tells_failure = True
     """Whether a caller learns at once that its request has failed."""
+    counts = True
+    """Whether messages come with a number."""
+    tells_depth = True
+    """Whether the graph tells how many messages an endpoint keeps."""
     of_every_node: frozenset[str] | set[str] = frozenset()
     """Names of endpoints that every node has."""
 
@@ -49,12 +63,22 @@ class World:
         self._handles = handles
         self._opener = opener
         self._domains = domains
+        self._ports: list[Port] = []
 
     def open(self, notify: Callable[[Notice], None] | None = None, *, elsewhere: int = 0) -> Port:
         """Open one more port; ``elsewhere``: in another domain."""
         domain = self._domains[elsewhere]
-        return self._handles.enter_context(
-            self._opener(domain, notify=Seen() if notify is None else notify)
+        self._ports.append(self._opener(domain, notify=Seen() if notify is None else notify))
+        return self._handles.enter_context(self._ports[-1])
+
+    def matched(self, name: str, subscriptions: int) -> bool:
+        """Tell whether publishers have met so many subscriptions; in DDS the graph is earlier."""
+        nodes = [node for port in self._ports for node in port._owned]
+        ends = [end for node in nodes for end in node._owned if isinstance(end, RclPublisher)]
+        return all(
+            end._publisher.get_subscription_count() >= subscriptions
+            for end in ends
+            if end.name == name
         )
 
     def ends(self, graph: Graph) -> list[Endpoint]:
@@ -79,16 +103,33 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             router = [request.getfixturevalue("router")]
             yield World(handles, lambda d, **kw: ZenohPort(d, router=router, **kw), domains)
         else:
+            middleware = ""
             if request.param == "fake rclpy":
                 request.getfixturevalue("fake_rclpy")
             elif importlib.util.find_spec("rclpy") is None:
                 pytest.skip("rclpy cannot be imported: no ROS 2 environment is sourced")
+            else:
+                middleware = request.getfixturevalue("middleware")
             from llfsm.bridges.ros2.rcl.port import RclpyPort
 
             rcl = World(handles, RclpyPort, domains)
             rcl.tells_failure = False
+            rcl.tells_depth = middleware != "rmw_fastrtps_cpp"
+            rcl.counts = middleware != "rmw_cyclonedds_cpp"
             rcl.of_every_node = {"/parameter_events"}
             yield rcl
+
+
+@pytest.fixture
+def middleware(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return what carries rclpy's messages; if that is Zenoh, have it meet at our router."""
+    import rclpy
+
+    name: str = rclpy.get_rmw_implementation_identifier()
+    if name == "rmw_zenoh_cpp":
+        router = request.getfixturevalue("router")
+        monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{router}"]')
+    return name
 
 
 @pytest.fixture

@@ -1,8 +1,9 @@
-"""What of rclpy (Jazzy) the port uses, without ROS: as strict as the original about how it is used.
+"""What of rclpy (Jazzy) the port uses, without ROS: as strict as the original about its use.
 
-Its messages are their bytes. A subscription is served by the one who spins its node's executor, a
-destroyed entity raises InvalidHandle, a service's response must be of its class, and the context
-calls who waits for its shutdown while it holds its lock.
+Its messages are their bytes; the newest of them wait, as many as the depth says. A subscription is
+served by the one who spins its node's executor, a destroyed entity raises InvalidHandle, the
+response of a service must be of its class, and the context calls who waits for its shutdown while
+it holds its lock.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ class InvalidHandle(Exception):  # noqa: N818
 
 
 class NodeNameNonExistentError(Exception):
+    pass
+
+
+class RCLError(RuntimeError):
     pass
 
 
@@ -81,11 +86,20 @@ class QoSProfile(SimpleNamespace):
     pass
 
 
+class CallbackGroup:
+    active = None
+
+    def ending_execution(self, entity):
+        assert self.active is entity
+        self.active = None
+
+
 class Entity:
     def __init__(self, node, kind, cls, name, qos):
         self.node, self.kind, self.cls, self.name, self.qos = node, kind, cls, name, qos
-        self.waiting = deque(maxlen=qos.depth if kind == "subscription" else None)
-        self.destroyed = False
+        self.waiting = deque(maxlen=qos.depth)
+        self.callback_group = node.callback_group
+        self.destroyed = self._executor_event = False
 
     def others(self, kind):
         """Return the ends of another kind that this one reaches."""
@@ -101,6 +115,9 @@ class Entity:
         if self.destroyed:
             raise InvalidHandle
 
+    def take(self):
+        return self.waiting.popleft()
+
 
 def reaches(publisher, subscription):
     offered, asked = publisher.qos, subscription.qos
@@ -113,6 +130,10 @@ class Publisher(Entity):
         keeps = self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self.past = deque(maxlen=self.qos.depth if keeps else 0)
         self.count = 0
+
+    def get_subscription_count(self):
+        with CHANGED:
+            return sum(reaches(self, end) for end in self.others("subscription"))
 
     def publish(self, msg):
         assert isinstance(msg, bytes)
@@ -219,6 +240,7 @@ class Node:
             ("start_type_description_service", False)
         ]
         self.name, self.namespace, self.context, self.ends = name, namespace, context, []
+        self.callback_group = CallbackGroup()
         with CHANGED:
             NODES.append(self)
         events = SimpleNamespace(ros_name="rcl_interfaces/msg/ParameterEvent")
@@ -256,9 +278,10 @@ class Node:
 
     def _destroy(self, end):
         with CHANGED:
-            end.destroyed = True
-            self.ends.remove(end)
-            return True
+            there, end.destroyed = not end.destroyed, True
+            if there:
+                self.ends.remove(end)
+            return there
 
     destroy_publisher = destroy_subscription = destroy_client = destroy_service = _destroy
 
@@ -268,6 +291,13 @@ class Node:
 
     def _nodes(self):
         return [node for node in NODES if node.context.domain == self.context.domain]
+
+    subscriptions = property(lambda self: self._of_kind("subscription"))
+    clients = property(lambda self: self._of_kind("client"))
+    services = property(lambda self: self._of_kind("server"))
+
+    def _of_kind(self, kind):
+        return [end for end in self.ends if end.kind == kind]
 
     def get_node_names_and_namespaces(self):
         return [(node.name, node.namespace) for node in self._nodes()]
@@ -321,50 +351,62 @@ def profile():
 
 class SingleThreadedExecutor:
     def __init__(self, *, context):
-        self._context, self._nodes, self._tasks, self._woken = context, [], deque(), False
+        self._context, self._nodes, self._tasks, self._over = context, [], deque(), False
 
     def add_node(self, node):
         with CHANGED:
             self._nodes.append(node)
-        self.wake()
+            CHANGED.notify_all()
         return True
 
     def remove_node(self, node):
         with CHANGED:
             self._nodes.remove(node)
 
+    def get_nodes(self):
+        return self._nodes
+
     def create_task(self, callback, *args):
         with CHANGED:
+            assert not self._over, "its guard condition is destroyed"
             self._tasks.append((callback, args))
             CHANGED.notify_all()
 
-    def wake(self):
-        with CHANGED:
-            self._woken = True
-            CHANGED.notify_all()
-
     def shutdown(self, timeout_sec=None):
+        self._over = True
         return True
 
     def spin_once(self):
+        """Execute one callback; whatever else wakes it, a spin waits on."""
         with CHANGED:
             CHANGED.wait_for(self._work)
-            self._woken = False
             if not self._context._ok:
                 raise ExternalShutdownException
-            if self._tasks:
-                do, what = self._tasks.popleft()
-            elif ready := self._ready():
-                do, what = ready[0].execute, (ready[0].waiting.popleft(),)
-            else:
-                return
-        do(*what)
+            task = self._tasks.popleft() if self._tasks else None
+            end = None if task else self._ready()[0]
+        if task:
+            do, what = task
+            do(*what)
+        else:
+            self._serve(end)
+
+    def _serve(self, end):
+        """Take and execute; an entity whose take fails is not let go, nor is its group."""
+        end._executor_event, end.callback_group.active = True, end
+        taken = end.take()
+        end._executor_event = False
+        try:
+            end.execute(taken)
+        finally:
+            end.callback_group.ending_execution(end)
 
     def _work(self):
-        return self._woken or self._tasks or self._ready() or not self._context._ok
+        return self._tasks or self._ready() or not self._context._ok
 
     def _ready(self):
-        return [end for node in self._nodes for end in node.ends if end.waiting]
+        ends = [end for node in self._nodes for end in node.ends]
+        free = [end for end in ends if not end._executor_event and not end.callback_group.active]
+        return [end for end in free if end.waiting]
 
 
 def message_class(name, type_hash):
@@ -409,7 +451,9 @@ def modules(types):
     add(
         "rclpy.impl.implementation_singleton",
         rclpy_implementation=SimpleNamespace(
-            InvalidHandle=InvalidHandle, NodeNameNonExistentError=NodeNameNonExistentError
+            InvalidHandle=InvalidHandle,
+            NodeNameNonExistentError=NodeNameNonExistentError,
+            RCLError=RCLError,
         ),
     )
     add(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.port import NoticeKind
 from llfsm.bridges.ros2.qos import Durability, Qos, Reliability
 
 
@@ -37,7 +38,8 @@ def test_the_graph_tells_nodes_and_endpoints_with_type_and_qos(populated, types,
     }
     (publisher,) = graph.ends("/pose", Role.PUBLISHER)
     assert publisher.type_hash == types.message("turtlesim/msg/Pose").type_hash
-    assert publisher.qos == Qos(Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, depth=3)
+    depth = 3 if world.tells_depth else Qos().depth
+    assert publisher.qos == Qos(Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, depth=depth)
     (subscription,) = graph.ends("/ns/there/cmd", Role.SUBSCRIPTION)
     assert subscription.qos is not None
     assert subscription.qos.reliability is Reliability.BEST_EFFORT
@@ -59,20 +61,20 @@ def test_an_endpoint_that_is_closed_is_gone_and_the_others_are_not(populated, na
     assert port.graph().nodes == ("/ns/there",)
 
 
-def test_a_node_that_is_closed_takes_its_endpoints_along(populated):
+def test_a_node_that_is_closed_takes_its_endpoints_along(populated, world):
     port, node, ends = populated
     node.close()
     assert all(end.closed for end in ends.values())
-    assert port.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+    assert port.wait_graph(lambda graph: not graph.nodes and not world.ends(graph), 20)
 
 
 def test_a_port_that_is_closed_leaves_no_ghost(world, types):
     one, two = world.open(), world.open()
     one.node("there").publisher("a", types.message("turtlesim/msg/Pose"))
-    assert two.wait_graph(lambda graph: bool(graph.nodes and graph.endpoints), 20)
+    assert two.wait_graph(lambda graph: bool(graph.nodes and world.ends(graph)), 20)
     one.close()
     assert one.closed
-    assert two.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+    assert two.wait_graph(lambda graph: not graph.nodes and not world.ends(graph), 20)
 
 
 def test_a_port_that_is_open_is_up_and_sees_itself(world):
@@ -87,6 +89,20 @@ def test_two_nodes_may_have_one_name(world):
     one.node("twin")
     two.node("twin")
     assert one.wait_graph(lambda graph: graph.nodes == ("/twin", "/twin"), 20)
+
+
+def test_a_hidden_node_is_not_listed_and_its_endpoints_are(world, types, seen):
+    told = seen()
+    one, two = world.open(), world.open(told)
+    node = one.node("_ros2cli_1")
+    node.publisher("a", types.message("turtlesim/msg/Pose"))
+    node.server("s", types.service("turtlesim/srv/Spawn"), print)
+    two.node("shown").subscription("a", types.message("std_msgs/msg/Int64"), print)
+    assert two.wait_graph(lambda graph: len(world.ends(graph)) == 3, 20)
+    assert two.graph().nodes == ("/shown",)
+    assert {end.node for end in world.ends(two.graph())} == {"/_ros2cli_1", "/shown"}
+    told.wait(len)
+    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.TYPE_MISMATCH, "/a")]
 
 
 def test_waiting_for_the_graph_ends_when_the_time_has_passed(world):

@@ -80,6 +80,22 @@ def test_each_of_many_calls_gets_its_own_answer_in_any_order(pair, spawn):
     assert [call.result(20).name for call in calls] == [f"t{number}" for number in range(20)]
 
 
+def test_no_request_is_lost_while_the_server_is_busy(pair, spawn):
+    begun, go_on = threading.Event(), threading.Event()
+
+    def handler(request):
+        begun.set()
+        assert go_on.wait(20)
+        request.answer(spawn.response.message(name=request.message.name))
+
+    client, _ = pair(handler)
+    calls = [client.call(spawn.request.message(name="0"), timeout=20)]
+    assert begun.wait(20)
+    calls += [client.call(spawn.request.message(name=f"{n}"), timeout=20) for n in range(1, 40)]
+    go_on.set()
+    assert [each.result(20).name for each in calls] == [f"{n}" for n in range(40)]
+
+
 def test_a_request_that_fails_is_told_from_an_answer(pair, spawn, failure, world):
     client, _ = pair(lambda request: request.fail("no pose yet"))
     error, patience = failure

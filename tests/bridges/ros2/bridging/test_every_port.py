@@ -45,6 +45,7 @@ def test_both_directions_without_an_echo(bridge, board, world, types, seen, even
         ),
         20,
     )
+    assert peer.wait_graph(lambda _: world.matched("/n", 2), 20)
     slot = board[N]
     slot.add(Int64(1))
     heard.wait(lambda got: 1 in got)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 
 import pytest
@@ -50,9 +51,8 @@ def simulator(run, domain, router):
 def test_flags_connect_slots_with_topics(bridge, board, peer, text, hear):
     process = bridge("ros2", "--to-ros", f"out:{TEXT}", "--from-ros", f"in:{TEXT}")
     heard = hear("/out", text)
-    board.add_message(Slot("out", String), String("hello"))
-    heard.wait(len)
-    assert heard == [String("hello")]
+    heard.repeat(lambda: board.add_message(Slot("out", String), String("hello")))
+    assert heard[0] == String("hello")
     publisher = peer.node("talker").publisher("in", text)
     slot = board[Slot("in", String)]
     assert peer.wait_graph(lambda graph: len(graph.ends("/in", Role.SUBSCRIPTION)) == 1, 20)
@@ -63,7 +63,7 @@ def test_flags_connect_slots_with_topics(bridge, board, peer, text, hear):
     assert process.end() == 0
     assert peer.wait_graph(lambda graph: "/llfsm_bridge" not in graph.nodes, 20)
     said = "".join(process.said)
-    assert "out -> /out: 1, " in said
+    assert re.search("out -> /out: [1-9]", said)
     assert "in <- /in: 1, " in said
 
 
@@ -74,8 +74,7 @@ def test_a_file_connects_them_likewise_and_quietly(bridge, board, tmp_path, text
     )
     process = bridge("ros2", "--config", str(file), "--quiet")
     heard = hear("/said", text)
-    board.add_message(Slot("say", String), String("hello"))
-    heard.wait(len)
+    heard.repeat(lambda: board.add_message(Slot("say", String), String("hello")))
     assert process.end(signal.SIGINT) == 0
     assert len(process.said) == 1  # where it was
 

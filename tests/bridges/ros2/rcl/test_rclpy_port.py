@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from llfsm.bridges.ros2.errors import CallTimeoutError, PortUnavailableError
+from llfsm.bridges.ros2.errors import CallTimeoutError, PortClosedError, PortUnavailableError
+from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.opening import open_port
 from llfsm.bridges.ros2.port import NoticeKind
-from llfsm.bridges.ros2.rcl.api import find_class
+from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.rcl.api import find_class, import_rclpy
 from llfsm.bridges.ros2.rcl.port import RclpyPort
 
 
@@ -32,6 +35,44 @@ def test_it_is_opened_by_name(fake_rclpy, types):
     assert not port.up
 
 
+def test_a_middleware_that_cannot_be_opened_is_said(fake_rclpy, monkeypatch):
+    rclpy, contexts = import_rclpy(), []
+
+    def fail(*_, context, **options):
+        contexts.append(context)
+        raise rclpy.failure("error creating node")
+
+    monkeypatch.setattr(rclpy.new_node, "__init__", fail)
+    with pytest.raises(PortUnavailableError, match="error creating node"):
+        RclpyPort(7)
+    assert not contexts[0].ok()
+
+
+@pytest.mark.parametrize("use", [import_rclpy, partial(find_class, "std_msgs/msg/String")])
+def test_what_rclpy_needs_of_the_system_is_told_from_rclpy_itself(use, monkeypatch):
+    def import_module(name):
+        raise ModuleNotFoundError(name="yaml")
+
+    monkeypatch.setattr("importlib.import_module", import_module)
+    with pytest.raises(PortUnavailableError, match=r"needs yaml, .*--system-site-packages"):
+        use()
+
+
+def test_a_client_that_is_being_closed_has_no_server(port, types):
+    spawn = types.service("turtlesim/srv/Spawn")
+    node = port.node("me")
+    node.server("spawn", spawn, print)
+    client = node.client("spawn", spawn)
+    assert client.ready
+    client._node.destroy_client(client._client)
+    assert not client.ready
+    client._client.service_is_ready = lambda: True  # as it was a moment before
+    call = client.call(spawn.request.message(), timeout=20)
+    client.close()
+    with pytest.raises(PortClosedError):
+        call.result(20)
+
+
 def test_a_shutdown_by_another_part_of_the_process_is_told(port, told):
     def notice_may_ask(notice):
         told(notice)
@@ -50,6 +91,12 @@ def test_closing_it_is_no_news(port, told):
     assert told == []
 
 
+def test_what_comes_when_its_executor_is_gone_is_not_done(port, told):
+    port.close()
+    port._world.run(told, "late")
+    assert told == []
+
+
 def test_it_may_be_closed_in_a_callback(port, types, seen):
     number, done = types.message("std_msgs/msg/Int64"), seen()
 
@@ -65,12 +112,15 @@ def test_it_may_be_closed_in_a_callback(port, types, seen):
     assert not port._world._thread.is_alive()
 
 
-def test_its_own_node_and_what_is_hidden_is_not_on_the_graph(port):
+def test_its_own_node_is_hidden(port):
     assert port.graph().nodes == ()
-    port.node("_hidden")
-    port.node("shown")
-    assert port.graph().nodes == ("/shown",)
-    assert {end.node for end in port.graph().endpoints} == {"/shown"}
+
+
+def test_a_depth_that_the_middleware_does_not_tell_is_the_default(port, types):
+    publisher = port.node("me").publisher("a", types.message("std_msgs/msg/Int64"), Qos(depth=3))
+    publisher._publisher.qos.history, publisher._publisher.qos.depth = 3, 0  # unknown
+    (end,) = port.graph().ends("/a", Role.PUBLISHER)
+    assert end.qos == Qos()
 
 
 def test_a_late_answer_to_a_call_that_timed_out_is_dropped(port, types, seen):
@@ -87,6 +137,47 @@ def test_a_late_answer_to_a_call_that_timed_out_is_dropped(port, types, seen):
     kept.wait(lambda kept: len(kept) == 2)
     kept[1].answer(spawn.response.message(name="next"))
     assert after.result(20).name == "next"
+
+
+@pytest.mark.parametrize("kind", ["subscription", "client", "server"])
+def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
+    port, types, told, seen, kind
+):
+    spawn, number = types.service("turtlesim/srv/Spawn"), types.message("std_msgs/msg/Int64")
+    got = seen()
+    node = port.node("me")
+    server = node.server("spawn", spawn, lambda request: request.answer(spawn.response.message()))
+    client = node.client("spawn", spawn)
+    subscription = node.subscription("a", number, got)
+    publisher = node.publisher("a", number)
+    cut_short = {
+        "subscription": subscription._subscription,
+        "client": client._client,
+        "server": server._service,
+    }[kind]
+    take, unread = cut_short.take, [1, 2]
+
+    def fail():
+        taken = take()
+        if unread:
+            unread.pop()
+            raise RuntimeError("failed to take")
+        return taken
+
+    cut_short.take = fail
+
+    def use():
+        publisher.publish(number.message())
+        return client.call(spawn.request.message(), timeout=20)
+
+    lost = [use(), use()]
+    assert use().result(20) == spawn.response.message()
+    got.wait(len)
+    assert not unread
+    told.wait(len)
+    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "")]
+    assert "failed to take" in told[0].text
+    assert sum(not call.done() for call in lost) == (0 if kind == "subscription" else 2)
 
 
 @pytest.mark.parametrize("name", ["no_such_package/msg/Thing", "std_msgs/msg/NoSuchThing"])
