@@ -88,7 +88,7 @@ def test_the_newest_wins_while_a_callback_is_busy(world, number, seen):
 
     two.node("listener").subscription("a", number, slow, Qos(depth=1))
     witness.node("witness").subscription("a", number, witnessed, Qos(depth=100))
-    publisher = one.node("talker").publisher("a", number)
+    publisher = one.node("talker").publisher("a", number, Qos(depth=100))
     met(world, one, "/a", subscriptions=2)
     publisher.publish(number.message(data=0))
     assert first.wait(20)
