@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import click
 
-from llfsm.whiteboard import Board, BoardNotFoundError, Whiteboard
+from llfsm.whiteboard import Board, BoardNotFoundError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import Action, MachineStatus, status_slot
 from llfsm.whiteboard.shared import boards
 
@@ -44,6 +44,10 @@ def ps(board: str, every: bool, as_json: bool) -> None:
         except BoardNotFoundError:
             if not every:  # else it has gone since it was listed
                 raise
+        except WhiteboardError as error:
+            if not every:
+                raise
+            click.echo(f"whiteboard {name!r}: {error}", err=True)
     if as_json:
         for name, machine in rows:
             click.echo(json.dumps(_plain(name, machine)))

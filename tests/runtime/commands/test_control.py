@@ -147,6 +147,22 @@ def test_ps_of_every_board_although_one_goes_meanwhile(
     ]
 
 
+def test_ps_of_every_board_although_one_cannot_be_read(
+    board: str, running: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = Path(f"/dev/shm/llfsm.{board}-broken")
+    broken.write_bytes(b"no whiteboard")
+    try:
+        listed = [BoardInfo(f"{board}-broken", True), BoardInfo(board, True)]
+        monkeypatch.setattr(control, "boards", lambda: listed)
+        done = CliRunner().invoke(main, ["ps", "-a"])
+    finally:
+        broken.unlink()
+    assert done.exit_code == 0, done.output
+    assert f"whiteboard '{board}-broken': " in done.output
+    assert "Stays" in done.output
+
+
 def test_ps_of_a_board_without_machines(llfsm: Llfsm, board: str) -> None:
     with Whiteboard(board):
         assert rows(llfsm, "-b", board) == {}
