@@ -102,7 +102,8 @@ def children(pid: int) -> dict[str, int]:
             parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
             if parent == pid:
                 words = (path / "cmdline").read_text().split("\0")
-                found[words[words.index("llfsm.runtime") + 1]] = int(path.name)
+                if "llfsm.runtime" in words:  # else it is about to be, or has just ended
+                    found[words[words.index("llfsm.runtime") + 1]] = int(path.name)
     return found
 
 
