@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from .settings import DEFAULT_ENDPOINT, Settings
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["LEASE_MS", "configure", "endpoints", "first_part"]
+__all__ = ["LEASE_MS", "configure", "endpoints", "plain"]
 
 # A cut is noticed within this time and bridged again at this pace, so that boards agree soon after
 # it. (A connection that outlived a cut would wait for TCP's own, doubling pauses.)
@@ -60,9 +61,7 @@ def configure(settings: Settings, mode: str) -> zenoh.Config:
         try:
             said.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            raise NetworkError(
-                f"Zenoh does not take {key} = {value}: {first_part(error)}"
-            ) from error
+            raise NetworkError(f"Zenoh does not take {key} = {value}: {plain(error)}") from error
     return said
 
 
@@ -88,7 +87,7 @@ def _read(path: str) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(path)
     except zenoh.ZError as error:
-        raise NetworkError(f"{path}: {first_part(error)}") from error
+        raise NetworkError(f"{path}: {plain(error)}") from error
 
 
 def endpoints(config: zenoh.Config, which: str) -> tuple[str, ...]:
@@ -99,6 +98,8 @@ def endpoints(config: zenoh.Config, which: str) -> tuple[str, ...]:
     return tuple(str(endpoint) for endpoint in found)
 
 
-def first_part(error: Exception) -> str:
-    """Return what an error of Zenoh's says, without where in its sources."""
-    return str(error).partition(" at /")[0]
+def plain(error: Exception) -> str:
+    """Return what an error of Zenoh's says, without the places in its sources."""
+    text = re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error)).strip()
+    wrapped = re.match(r'Json5Err\(Message \{ msg: "(.*?)", location: ', text)
+    return wrapped[1] if wrapped else text

@@ -10,7 +10,7 @@ from threading import Thread, get_ident
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from ..errors import BoardClosedError, NetworkError
-from .configuration import LEASE_MS, configure, endpoints, first_part
+from .configuration import LEASE_MS, configure, endpoints, plain
 from .exchange import Question
 from .links import let_go_in_time
 from .settings import Settings
@@ -84,7 +84,7 @@ class Network:
             self._session: Any = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join((*self.listens, *endpoints(config, "connect")))
-            raise NetworkError(f"cannot open {where}: {first_part(error)}") from error
+            raise NetworkError(f"cannot open {where}: {plain(error)}") from error
         # Never waiting for a host that does not listen: what is dropped is noticed by its number.
         outgoing: dict[str, Any] = {
             "congestion_control": zenoh.CongestionControl.DROP,

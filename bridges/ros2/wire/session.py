@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import zenoh
+
+from llfsm.whiteboard.mirror.configuration import plain
 
 from ..errors import PortUnavailableError
 
@@ -49,7 +50,7 @@ def open_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list[str]
             config = zenoh.Config.from_file(path)
         except zenoh.ZError as error:
             raise PortUnavailableError(
-                f"ZENOH_SESSION_CONFIG_URI={path}: {_plain(error)}"
+                f"ZENOH_SESSION_CONFIG_URI={path}: {plain(error)}"
             ) from error
     else:
         config = _configured(_ALWAYS | _PEER)
@@ -77,18 +78,11 @@ def _insert(config: zenoh.Config, name: str, value: str, source: str = "") -> No
     try:
         config.insert_json5(name, value)
     except zenoh.ZError as error:
-        raise PortUnavailableError(f"{source}{_plain(error)}") from error
+        raise PortUnavailableError(f"{source}{plain(error)}") from error
 
 
 def _open(config: zenoh.Config) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise PortUnavailableError(_plain(error)) from error
-
-
-def _plain(error: zenoh.ZError) -> str:
-    """Return an error's text without the places in Zenoh's sources where it was raised."""
-    text = re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error)).strip()
-    wrapped = re.match(r'Json5Err\(Message \{ msg: "(.*?)", location: ', text)
-    return wrapped[1] if wrapped else text
+        raise PortUnavailableError(plain(error)) from error

@@ -25,6 +25,7 @@ from llfsm.runtime.journalled import JournalledArrangement
 from llfsm.runtime.remote import born
 from llfsm.whiteboard import BoardFullError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
+from llfsm.whiteboard.shared import remove_board
 
 from .conftest import end_of, entries_in, wait_for
 
@@ -66,6 +67,7 @@ def test_it_may_be_there_before_the_board(llfsm: Any, board: Whiteboard, file: P
     wait_for(lambda: has_events(file, "Turn", 5), "events")
     end(machine)
     assert "ran before" not in end(recorder)
+    remove_board(board.name)
     assert end_of(llfsm("rerun", file))[0] == 0
 
 

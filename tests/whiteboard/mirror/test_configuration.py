@@ -72,3 +72,9 @@ def test_a_file_that_is_none_is_an_error(file: Path) -> None:
 def test_an_endpoint_that_is_none_is_an_error() -> None:
     with pytest.raises(NetworkError, match="does not take listen/endpoints = \\['here'\\]"):
         configure(Settings(listen=("here",)), "peer")
+
+
+def test_an_endpoint_that_is_none_is_said_in_words() -> None:
+    why = r"listen/endpoints = \['nonsense'\]: Endpoints must be of the form .*: nonsense$"
+    with pytest.raises(NetworkError, match=why):
+        configure(Settings(listen=("nonsense",)), "peer")
