@@ -116,7 +116,7 @@ class Handover:
                 if self._left:
                     self._lose()
                 self._stop()
-            time.sleep(0.001)
+            time.sleep(0.001)  # till the recorder has taken a part, or died: go_on looks for both
             self.go_on()
 
     def _lose(self) -> None:

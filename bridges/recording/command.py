@@ -7,7 +7,8 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -21,10 +22,15 @@ from llfsm.runtime.dispatch import DispatchTable
 from llfsm.runtime.plan import Plan, PlannedMachine, assemble
 from llfsm.runtime.remote import host_name
 from llfsm.runtime.signals import stop_on_signals
-from llfsm.whiteboard import BoardClosedError, Whiteboard, WhiteboardError
+from llfsm.whiteboard import (
+    BoardClosedError,
+    BoardNotFoundError,
+    Whiteboard,
+    WhiteboardError,
+)
 from llfsm.whiteboard.schema import to_plain
 
-from .errors import NoEventsError
+from .errors import NoEventsError, RecordingError
 from .reader import RecordedJournal, Recording
 from .receiver import JournalReceiver
 from .recorder import BoardRecorder
@@ -89,7 +95,7 @@ def record(
     asked: list[str] = []  # the signal by which an end is
     with (
         stop_on_signals(asked.append),
-        Whiteboard(board) as wb,  # made if nobody has: who comes later is recorded from its start
+        _opened(board) as wb,
         RecordingWriter(output, about) as writer,
     ):
         recorder = BoardRecorder(wb, writer, slots)
@@ -113,6 +119,27 @@ def record(
         text += f"; {writer.events} events of machines"
         text += ", and some were lost" if writer.lost else ""
     click.echo(text, err=True)
+
+
+@contextmanager
+def _opened(name: str) -> Iterator[Whiteboard]:
+    """Open a board; make it if nobody has, so that who comes later is recorded from its start.
+
+    One that was made is removed if nothing was recorded for an error.
+    """
+    try:
+        wb = Whiteboard(name, create=False)
+        made = False
+    except BoardNotFoundError:
+        wb = Whiteboard(name)
+        made = True
+    with wb:
+        try:
+            yield wb
+        except RecordingError:
+            if made and not wb.slots():
+                wb.remove()
+            raise
 
 
 def _receiver(board: Whiteboard, writer: RecordingWriter) -> JournalReceiver | None:

@@ -23,7 +23,7 @@ from .writer import RecordingWriter
 
 __all__ = ["BoardRecorder", "record"]
 
-_LOOK_S: Final = 0.001
+_LOOK_S: Final = 0.001  # a slot keeps its latest message alone: who looks seldom misses some
 _PATIENCE_S: Final = 5.0  # for machines to end after their board was removed
 _LIST_NS: Final = 100_000_000  # between two looks for new slots
 _VIEW_NS: Final = 500_000_000  # between two signs that somebody wants the machines' variables

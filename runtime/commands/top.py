@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["top"]
 
-_FRAME_S = 0.25
+_FRAME_S = 0.25  # as often as a table can be read
 _COUNTING_S = 1.0  # until there is a rate
 _WIDTH = 10_000  # columns where there is no terminal: nothing is cut off
 

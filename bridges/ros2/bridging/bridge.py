@@ -28,7 +28,7 @@ from .tally import Link
 __all__ = ["Bridge"]
 
 _LINGER_S = 1.5  # longer than the grace of machines that are told to stop
-_LOOK_S = 0.05
+_LOOK_S = 0.05  # nothing tells that a process has ended
 
 
 class _Worker(Protocol):

@@ -14,7 +14,7 @@ import pytest
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.recorder import BoardRecorder, record
 from llfsm.bridges.recording.writer import RecordingWriter
-from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import VIEWER
 
 from .conftest import OTHER, READING, Reading, end_of, wait_for
@@ -208,3 +208,19 @@ def test_a_file_is_never_overwritten(llfsm: Any, board: Whiteboard, file: Path) 
     status, said = end_of(llfsm("record", "-o", "run.mcap", "-b", board.name))
     assert (status, file.read_text()) == (1, "precious")
     assert "run.mcap is there already" in said
+
+
+def test_a_board_is_not_made_for_a_file_that_cannot_be(llfsm: Any, file: Path) -> None:
+    file.write_text("precious")
+    name = f"test-vain-{os.getpid()}"
+    assert end_of(llfsm("record", "-o", "run.mcap", "-b", name))[0] == 1
+    with pytest.raises(BoardNotFoundError):
+        Whiteboard(name, create=False)
+
+
+def test_a_board_that_was_there_stays_when_the_file_cannot_be(
+    llfsm: Any, board: Whiteboard, file: Path
+) -> None:
+    file.write_text("precious")
+    assert end_of(llfsm("record", "-o", "run.mcap", "-b", board.name))[0] == 1
+    assert board.alive
