@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from llfsm.bridges.ros2.errors import CdrError, NoServerError
+from llfsm.bridges.ros2.errors import CdrError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.port import NoticeKind
 from llfsm.bridges.ros2.wire.attachment import pack
@@ -177,9 +177,8 @@ def test_a_response_that_cannot_be_decoded_fails_the_call(port, domain, stranger
 
     with stranger.declare_queryable(key, answer, complete=True):
         client = port.node("we").client("spawn", spawn)
-        error: object = NoServerError()
-        while isinstance(error, NoServerError):  # it is not known here yet
-            error = client.call(spawn.request.message(), timeout=20).exception(20)
+        assert port.wait_graph(lambda _: client.ready, 20)
+        error = client.call(spawn.request.message(), timeout=20).exception(20)
     assert isinstance(error, CdrError)
     assert "Spawn_Response" in str(error)
 
