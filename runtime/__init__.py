@@ -4,9 +4,9 @@ Read in this order: `state` and `table` (what a machine is), `machine` (what its
 `seat`, `binding` and `ringlet` (one turn of one machine), `roster` and `arrangement` (all).
 """
 
-from .arrangement import Arrangement
-from .clock import Clock, ManualClock, MonotonicClock
-from .errors import (
+from .engine.arrangement import Arrangement
+from .engine.clock import Clock, ManualClock, MonotonicClock
+from .engine.errors import (
     ArrangementEndedError,
     BundleError,
     ClockError,
@@ -24,15 +24,15 @@ from .errors import (
     UnreachableStateWarning,
     VariableError,
 )
-from .events import Event, Observer, Reason, Request, Status
-from .machine import Machine, define
-from .ports import Actuator, Sensor
-from .schedule import Requirement, TimeSlot, Timetable
-from .state import State, Transition
-from .statistics import MachineStatistics, Spread
-from .submachine import Submachine
-from .table import REQUIRED, Table, Variable
-from .trace import Trace
+from .engine.events import Event, Observer, Reason, Request, Status
+from .engine.machine import Machine, define
+from .engine.ports import Actuator, Sensor
+from .engine.schedule import Requirement, TimeSlot, Timetable
+from .engine.state import State, Transition
+from .engine.statistics import MachineStatistics, Spread
+from .engine.submachine import Submachine
+from .engine.table import REQUIRED, Table, Variable
+from .engine.trace import Trace
 
 __all__ = [
     "REQUIRED",

@@ -30,6 +30,8 @@ import os
 import re
 from typing import NoReturn
 
+from llfsm.errors import LlfsmError
+
 __all__ = [
     "BoardClosedError",
     "BoardCorruptError",
@@ -54,7 +56,7 @@ __all__ = [
 ]
 
 
-class WhiteboardError(Exception):
+class WhiteboardError(LlfsmError):
     """Stand for every error of the whiteboard."""
 
 

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import msgspec
 
-from llfsm.runtime.commands.board import message_class
-from llfsm.runtime.configuration import read_toml
-from llfsm.runtime.errors import ConfigurationError
+from llfsm.runtime.engine.errors import ConfigurationError
+from llfsm.runtime.plans.toml_files import read_toml
 from llfsm.whiteboard import Message, Slot, SlotNameError, SlotNotFoundError
+from llfsm.whiteboard.text import message_class
 
 from .errors import LayoutError
 from .file import DEFAULT_PATH, TYPES

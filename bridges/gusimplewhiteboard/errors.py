@@ -9,12 +9,12 @@
 A misfit ends nothing: the message is not relayed, and the relay says so once.
 """
 
-from llfsm.runtime.errors import FsmError
+from llfsm.errors import LlfsmError
 
 __all__ = ["GuFileError", "GuFormatError", "GuWhiteboardError", "LayoutError", "MisfitError"]
 
 
-class GuWhiteboardError(FsmError):
+class GuWhiteboardError(LlfsmError):
     """Everything that the bridge to a gusimplewhiteboard raises."""
 
 

@@ -14,7 +14,7 @@
 
 from __future__ import annotations
 
-from llfsm.runtime import FsmError
+from llfsm.errors import LlfsmError
 
 __all__ = [
     "McapMissingError",
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 
-class RecordingError(FsmError):
+class RecordingError(LlfsmError):
     """Say why a recording cannot be made or used as asked."""
 
 

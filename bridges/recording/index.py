@@ -24,7 +24,7 @@ from mcap.reader import FOOTER_SIZE, SeekingReader
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 from mcap.stream_reader import MAGIC_SIZE, get_chunk_data_stream, read_magic
 
-from llfsm.runtime.failure import logger
+from llfsm.runtime.engine.failure import logger
 
 from .errors import RecordingFileError
 

@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, Final, cast
 
-from llfsm.bridges.view.history import Track
-from llfsm.bridges.view.source import Change
-from llfsm.runtime.remote import SILENT_S
+from llfsm.runtime.presence.remote import SILENT_S
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, status_slot
 
+from ..view.history import Track
+from ..view.source import Change
 from .errors import RecordingFileError
 from .reader import Moment, RecordedJournal, Recording
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from llfsm.bridges.view.source import Change, Look, Player, Source
 from llfsm.runtime import Clock, MonotonicClock
 from llfsm.whiteboard import Message, Sample
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import MachineStatus
 
+from ..view.source import Change, Look, Player, Source
 from .past import SILENT_NS, Past
 from .reader import Recording
 

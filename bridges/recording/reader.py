@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import msgspec
 from mcap.records import Attachment, Channel
 
-from llfsm.bridges.view.classes import class_of
-from llfsm.runtime.journal import FIELDS, Entry
+from llfsm.runtime.journal.entries import FIELDS, Entry
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, definition_slot
 
+from ..view.classes import class_of
 from .errors import RecordingFileError
 from .exact import Codec
 from .index import Index, Record

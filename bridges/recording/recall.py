@@ -12,13 +12,13 @@ from contextlib import suppress
 from typing import Any
 
 from llfsm.runtime import Arrangement, ManualClock
-from llfsm.runtime.errors import UnknownMachineError
-from llfsm.runtime.events import Status
-from llfsm.runtime.journal import Entry, Journal
-from llfsm.runtime.journalled import JournalledArrangement
-from llfsm.runtime.remote import RemoteMachine
-from llfsm.runtime.roster import Loadable
-from llfsm.runtime.seat import Seat
+from llfsm.runtime.engine.errors import UnknownMachineError
+from llfsm.runtime.engine.events import Status
+from llfsm.runtime.engine.roster import Loadable
+from llfsm.runtime.engine.seat import Seat
+from llfsm.runtime.journal.entries import Entry, Journal
+from llfsm.runtime.journal.journalled import JournalledArrangement
+from llfsm.runtime.presence.remote import RemoteMachine
 from llfsm.whiteboard import WhiteboardError
 
 from .errors import RecordingFileError

@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import msgspec
 
-from llfsm.runtime.failure import logger
-from llfsm.runtime.handover import find_recorder
-from llfsm.runtime.journal import Entry, entries_of
-from llfsm.runtime.remote import born
+from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.journal.entries import Entry, entries_of
+from llfsm.runtime.journal.handover import find_recorder
 from llfsm.whiteboard import BoardClosedError, BoundSlot, Whiteboard, WhiteboardError
+from llfsm.whiteboard.liveness import born, lives
 from llfsm.whiteboard.messages.llfsm import (
     JOURNALS,
     RECORDER,
@@ -155,7 +155,7 @@ class _Incoming:
     @property
     def over(self) -> bool:
         """Whether nothing comes any more."""
-        return self._ended or born(self._first.pid) != self._first.born
+        return self._ended or not lives(self._first.pid, self._first.born)
 
     def take(self, part: JournalPart) -> None:
         """Write what is in a part."""

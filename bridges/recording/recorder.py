@@ -13,11 +13,11 @@ from fnmatch import fnmatchcase
 from math import inf
 from typing import Any, Final
 
-from llfsm.bridges.view.classes import class_of
-from llfsm.runtime.failure import logger
+from llfsm.runtime.engine.failure import logger
 from llfsm.whiteboard import BoardClosedError, BoundSlot, Slot, Whiteboard, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import JOURNALS, RECORDER, VARIABLES, VIEWER, Viewer
 
+from ..view.classes import class_of
 from .receiver import JournalReceiver
 from .writer import RecordingWriter
 

@@ -15,9 +15,9 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from llfsm.runtime import Arrangement, ArrangementEndedError, ExecutionError, Reason
-from llfsm.runtime.events import IdleSleep
-from llfsm.runtime.journal import Entry, Journal, as_entry
-from llfsm.runtime.roster import Loadable
+from llfsm.runtime.engine.events import IdleSleep
+from llfsm.runtime.engine.roster import Loadable
+from llfsm.runtime.journal.entries import Entry, Journal, as_entry
 from llfsm.whiteboard import Whiteboard
 
 from .errors import NoEventsError, OtherMachinesError, RecordingFileError, RerunError

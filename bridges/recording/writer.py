@@ -24,7 +24,7 @@ import msgspec
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
-from llfsm.runtime.journal import Entry
+from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
 

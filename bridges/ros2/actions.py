@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-from llfsm.runtime.clock import Clock, MonotonicClock
+from llfsm.runtime.engine.clock import Clock, MonotonicClock
 from llfsm.whiteboard import Message
 
 from .backlog import Put, through

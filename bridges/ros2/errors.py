@@ -23,6 +23,8 @@ What arrives from others raises nothing: one bad message must not end a bridge. 
 notice (see :mod:`.port`).
 """
 
+from llfsm.errors import LlfsmError
+
 __all__ = [
     "AlreadyAnsweredError",
     "CallFailedError",
@@ -45,7 +47,7 @@ __all__ = [
 ]
 
 
-class Ros2Error(Exception):
+class Ros2Error(LlfsmError):
     """Everything the ROS 2 bridge raises."""
 
 

@@ -12,6 +12,8 @@ What a message from outside can hold (an illegal name, a number that is not fini
 one bad message must not end the simulation. It is refused, and the log says why.
 """
 
+from llfsm.errors import LlfsmError
+
 __all__ = [
     "ParameterError",
     "PenError",
@@ -23,7 +25,7 @@ __all__ = [
 ]
 
 
-class TurtlesimError(Exception):
+class TurtlesimError(LlfsmError):
     """Everything the turtle simulator raises."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from llfsm.runtime.clock import Clock, MonotonicClock
+from llfsm.runtime.engine.clock import Clock, MonotonicClock
 
 __all__ = ["STEP_NS", "run"]
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from llfsm.bridges.ros2 import parameters
-from llfsm.bridges.ros2.parameters import Parameter, Value
-
+from ..ros2 import parameters
+from ..ros2.parameters import Parameter, Value
 from .errors import ParameterError
 from .pen import Color
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from llfsm.bridges.ros2.backlog import Backlog, through
-from llfsm.bridges.ros2.parameter_server import PARAMETER_QOS, ParameterServer
-from llfsm.bridges.ros2.port import Port, Request
-from llfsm.bridges.ros2.qos import Qos, Reliability
-from llfsm.bridges.ros2.rosout import Rosout
-from llfsm.bridges.ros2.type_descriptions import TypeDescriptionServer
-from llfsm.bridges.ros2.types import TypeLibrary
-
+from ..ros2.backlog import Backlog, through
+from ..ros2.parameter_server import PARAMETER_QOS, ParameterServer
+from ..ros2.port import Port, Request
+from ..ros2.qos import Qos, Reliability
+from ..ros2.rosout import Rosout
+from ..ros2.type_descriptions import TypeDescriptionServer
+from ..ros2.types import TypeLibrary
 from .ros_turtle import RosTurtle
 from .simulator import Simulator
 from .turtle import Level, Log

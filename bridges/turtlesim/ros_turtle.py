@@ -7,15 +7,15 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from llfsm.bridges.ros2.actions import ActionServer, ServerGoal
-from llfsm.bridges.ros2.backlog import Put, through
-from llfsm.bridges.ros2.goals import GoalStatus
-from llfsm.bridges.ros2.port import Arrival, Node, Request
-from llfsm.bridges.ros2.qos import Qos
-from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtlesim import Color, Pose
 
+from ..ros2.actions import ActionServer, ServerGoal
+from ..ros2.backlog import Put, through
+from ..ros2.goals import GoalStatus
+from ..ros2.port import Arrival, Node, Request
+from ..ros2.qos import Qos
+from ..ros2.types import TypeLibrary
 from .rotate import RotateGoal
 from .simulator import Simulator
 from .turtle import Turtle

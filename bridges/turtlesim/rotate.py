@@ -1,7 +1,6 @@
 """A goal of the action rotate_absolute: turn on the spot to a heading."""
 
-from llfsm.bridges.ros2.goals import GoalStatus
-
+from ..ros2.goals import GoalStatus
 from .arithmetic import float32, normalize
 
 __all__ = ["RotateGoal"]

@@ -13,8 +13,7 @@ from functools import partial
 from math import cos, sin, sqrt
 from typing import NamedTuple
 
-from llfsm.bridges.ros2.goals import GoalStatus
-
+from ..ros2.goals import GoalStatus
 from .arithmetic import DT, FIELD, METER, float32, normalize
 from .canvas import Canvas
 from .parameters import Parameters

@@ -4,10 +4,12 @@ ViewError
 └── RequestError    what a page has asked for cannot be done
 """
 
+from llfsm.errors import LlfsmError
+
 __all__ = ["RequestError", "ViewError"]
 
 
-class ViewError(Exception):
+class ViewError(LlfsmError):
     """Everything that showing a whiteboard raises."""
 
 

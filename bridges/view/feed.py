@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from llfsm.runtime.remote import SILENT_S
+from llfsm.runtime.presence.remote import SILENT_S
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MACHINES, MachineStatus
 

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 
-from llfsm.runtime.remote import is_live
+from llfsm.runtime.presence.remote import is_live
 from llfsm.whiteboard import (
     BoardClosedError,
     BoardNotFoundError,

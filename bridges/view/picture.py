@@ -9,8 +9,8 @@ from typing import Any, Literal
 from llfsm.runtime.drawing import Diagram, arrange
 from llfsm.runtime.drawing.diagram import arrow_head
 from llfsm.runtime.drawing.typeset import TextLine, box_lines, label_lines
-from llfsm.runtime.errors import DefinitionError
-from llfsm.runtime.portrait import table_of
+from llfsm.runtime.engine.errors import DefinitionError
+from llfsm.runtime.presence.description import table_of
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
 
 from .errors import RequestError

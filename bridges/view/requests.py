@@ -6,13 +6,13 @@ from typing import Any
 
 import msgspec
 
-from llfsm.runtime.commands.board import parse_message
-from llfsm.runtime.errors import FsmError
-from llfsm.runtime.events import Status
-from llfsm.runtime.remote import Directory
+from llfsm.runtime.engine.errors import FsmError
+from llfsm.runtime.engine.events import Status
+from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import WhiteboardError
 from llfsm.whiteboard.messages.llfsm import Action
 from llfsm.whiteboard.shared import Whiteboard
+from llfsm.whiteboard.text import parse_message
 
 from .errors import RequestError
 from .source import Source

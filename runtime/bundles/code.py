@@ -6,7 +6,7 @@ import ast
 from collections.abc import Callable
 from typing import Any
 
-from ..state import DEFERRED
+from ..engine.state import DEFERRED
 from .model import Fragment
 from .names import MACHINE
 

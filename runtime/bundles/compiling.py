@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from ..machine import Machine, define
-from ..source import EXPRESSION
-from ..state import State, Transition
+from ..engine.machine import Machine, define
+from ..engine.source_text import EXPRESSION
+from ..engine.state import State, Transition
 from .code import function_of, parse, parse_expression
 from .model import PYTHON, Bundle, BundleState, Fragment
 from .names import resolve

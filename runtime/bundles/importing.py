@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from ..machine import Machine
+from ..engine.machine import Machine
 from .cpp import without_comments
 from .expressions import KINDS, Variable, translate_condition, translate_value
 from .model import PYTHON, Bundle, BundleState, Fragment

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..errors import BundleError
-from ..layout import Layout
+from ..engine.errors import BundleError
+from ..engine.layout import Layout
 
 __all__ = ["PYTHON", "Bundle", "BundleState", "BundleTransition", "Fragment"]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 from xml.parsers.expat import ExpatError
 
-from ..errors import BundleError
-from ..layout import Layout, Point, StateBox, TransitionPath
+from ..engine.errors import BundleError
+from ..engine.layout import Layout, Point, StateBox, TransitionPath
 
 __all__ = ["layout_to_plist", "read_layout"]
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from ..errors import BundleError
-from ..layout import Layout
-from ..state import SECTIONS
+from ..engine.errors import BundleError
+from ..engine.layout import Layout
+from ..engine.state import SECTIONS
 from .cpp import suspend_state, targets
 from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
 from .plist import read_layout

@@ -5,9 +5,9 @@ from __future__ import annotations
 import ast
 from typing import Any, Self
 
-from ..machine import Machine
-from ..ports import Actuator, Sensor
-from ..table import REQUIRED
+from ..engine.machine import Machine
+from ..engine.ports import Actuator, Sensor
+from ..engine.table import REQUIRED
 from .code import evaluate, parse, run
 from .model import Bundle, BundleState, Fragment
 from .names import MACHINE, Known, Meaning, resolve, resolve_method

@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..errors import BundleError
+from ..engine.errors import BundleError
 from .model import PYTHON, Bundle, BundleState
 from .plist import layout_to_plist
 from .read import STATE_NAME, SUFFIX

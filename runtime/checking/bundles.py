@@ -19,8 +19,8 @@ from ..bundles.code import parse, parse_expression
 from ..bundles.names import MACHINE, UNTRANSLATED, Known, Meaning, resolve, resolve_method
 from ..bundles.read import Reader
 from ..bundles.scope import Scope
-from ..errors import BundleError, DefinitionError, UnreachableStateWarning
-from ..machine import Machine
+from ..engine.errors import BundleError, DefinitionError, UnreachableStateWarning
+from ..engine.machine import Machine
 from .rules import findings_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
 

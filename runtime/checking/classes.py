@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 from types import CodeType, FunctionType
 
-from ..machine import Machine
-from ..state import State, Transition
+from ..engine.machine import Machine
+from ..engine.state import State, Transition
 from .rules import findings_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
 

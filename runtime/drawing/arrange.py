@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ..state import State
-from ..table import Table
+from ..engine.state import State
+from ..engine.table import Table
 from .curves import hits, sample, straight
 from .diagram import Arrow, Box, Curve, Diagram, Edge, Label, Point, SectionText
 from .layered import layered

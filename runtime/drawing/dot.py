@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from html import escape
 
-from ..state import State
-from ..table import Table
+from ..engine.state import State
+from ..engine.table import Table
 from .text import numbered_labels, printable, section_texts
 
 __all__ = ["to_dot"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from ..table import Table
+from ..engine.table import Table
 from .text import numbered_labels, printable, section_texts
 
 __all__ = ["to_mermaid"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import combinations
 from math import hypot
 
-from ..layout import Layout, TransitionPath
+from ..engine.layout import Layout, TransitionPath
 from .curves import at, hits, sample
 from .diagram import Arrow, Box, Curve, Edge, Label, Point
 from .loops import self_loops

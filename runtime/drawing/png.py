@@ -9,7 +9,7 @@ from itertools import pairwise
 from math import ceil, hypot
 from typing import TYPE_CHECKING, TypeAlias
 
-from ..errors import DrawingError
+from ..engine.errors import DrawingError
 from . import style
 from .curves import sample
 from .diagram import Box, Curve, Diagram, Label, Point, arrow_head

@@ -6,8 +6,8 @@ import re
 import textwrap
 import unicodedata
 
-from ..source import body_of
-from ..state import SECTIONS, State
+from ..engine.source_text import body_of
+from ..engine.state import SECTIONS, State
 from .diagram import SectionText
 
 __all__ = [

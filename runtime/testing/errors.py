@@ -13,7 +13,7 @@ FsmError                     the test itself is wrong
 
 from __future__ import annotations
 
-from ..errors import FsmError
+from ..engine.errors import FsmError
 
 __all__ = [
     "HypothesisMissingError",

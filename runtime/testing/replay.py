@@ -8,12 +8,12 @@ from typing import Any, NamedTuple, TypeAlias
 
 from llfsm.whiteboard import Slot, Whiteboard
 
-from ..arrangement import Arrangement
-from ..clock import ManualClock
-from ..errors import ObserverError
-from ..events import Event, RoundEnd, Turn
-from ..machine import Machine
-from ..roster import Factory
+from ..engine.arrangement import Arrangement
+from ..engine.clock import ManualClock
+from ..engine.errors import ObserverError
+from ..engine.events import Event, RoundEnd, Turn
+from ..engine.machine import Machine
+from ..engine.roster import Factory
 from .errors import InvariantError, ScriptError
 from .standing import name_of, standing
 

@@ -9,7 +9,7 @@ from typing import Any
 from llfsm.whiteboard import Board, Slot
 from llfsm.whiteboard.errors import wrong_type
 
-from ..events import Event, RoundBegin
+from ..engine.events import Event, RoundBegin
 from .errors import ScriptError
 
 __all__ = ["SensorScript"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ..arrangement import Arrangement
-from ..machine import Machine
+from ..engine.arrangement import Arrangement
+from ..engine.machine import Machine
 
 __all__ = ["name_of", "standing"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
-from ..errors import UnknownMachineError
-from ..events import Event, Section
+from ..engine.errors import UnknownMachineError
+from ..engine.events import Event, Section
 from .errors import StatesError
 
 __all__ = ["assert_states", "states_of"]

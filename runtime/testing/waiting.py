@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeAlias
 
-from ..arrangement import Arrangement
-from ..clock import ManualClock
-from ..errors import OptionError
-from ..machine import Machine
+from ..engine.arrangement import Arrangement
+from ..engine.clock import ManualClock
+from ..engine.errors import OptionError
+from ..engine.machine import Machine
 from .errors import NotReachedError
 from .standing import name_of, standing
 

@@ -71,7 +71,7 @@ class Place(NamedTuple):
         """Start a bridge."""
         relays = [part for n in range(_TOPICS) for part in (direction, f"t{n}:{_TYPE}")]
         where = ["--router", self.router, "--board", self.board, "--domain", str(_DOMAIN)]
-        command = [sys.executable, "-m", "llfsm.runtime", "bridge", "ros2", "--port", "zenoh"]
+        command = [sys.executable, "-m", "llfsm.cli", "bridge", "ros2", "--port", "zenoh"]
         return subprocess.Popen(
             [*command, *relays, *where, "--quiet"], text=True, stderr=subprocess.PIPE
         )

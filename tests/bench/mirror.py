@@ -73,7 +73,7 @@ def _process(*command: str) -> Iterator[None]:
 
 
 def _daemon(folder: str, *options: str) -> AbstractContextManager[None]:
-    command = ("-m", "llfsm.runtime", "whiteboard", "daemon", "-b", "bench", "--directory")
+    command = ("-m", "llfsm.cli", "whiteboard", "daemon", "-b", "bench", "--directory")
     return _process(*command, folder, *options)
 
 

@@ -115,7 +115,7 @@ def measure(seconds: float) -> dict[str, float]:
             without = worker.cost_us(seconds)
             worker.end()
             parts[-1] = worker = Part(__file__, "--work", board)
-            server = Part("-m", "llfsm.runtime", "view", "-b", board, "--no-open", "--port", "0")
+            server = Part("-m", "llfsm.cli", "view", "-b", board, "--no-open", "--port", "0")
             parts.append(server)
             found = re.search(r"http://\S+", server.line())
             assert found

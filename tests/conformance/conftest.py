@@ -21,7 +21,7 @@ from llfsm.runtime import (
     UnreachableStateWarning,
     define,
 )
-from llfsm.runtime import events as ev
+from llfsm.runtime.engine import events as ev
 
 # What clfsm returns for a name that is no machine, where the runtime raises
 CLFSM_UNKNOWN = {"is_suspended": False, "is_running": True, "abandon": False, "unload": False}

@@ -126,7 +126,7 @@ def test_cpp_prints_what_python_adds(build: Callable[[str], Path], name: str) ->
 
 
 def test_c_drives_the_simulated_turtle(build: Callable[[str], Path], name: str) -> None:
-    simulator = [sys.executable, "-m", "llfsm.runtime", "turtlesim", "-b", name]
+    simulator = [sys.executable, "-m", "llfsm.cli", "turtlesim", "-b", name]
     with (
         Whiteboard(name) as board,
         subprocess.Popen(simulator, stderr=subprocess.DEVNULL) as turtlesim,

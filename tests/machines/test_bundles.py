@@ -17,7 +17,7 @@ from llfsm.machines.ping_pong import PINPONG
 from llfsm.machines.turtle import CMD_VEL
 from llfsm.runtime import Arrangement, Machine, ManualClock, Trace
 from llfsm.runtime.bundles import load_bundle, read_bundle
-from llfsm.runtime.events import Eval
+from llfsm.runtime.engine.events import Eval
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST, TurtlePositionAnswer
 

@@ -15,7 +15,7 @@ from llfsm.machines import (
 from llfsm.machines.ping_pong import PINPONG
 from llfsm.machines.turtle import CMD_VEL
 from llfsm.runtime import Arrangement, Machine, ManualClock
-from llfsm.runtime.events import Event, Section
+from llfsm.runtime.engine.events import Event, Section
 from llfsm.whiteboard import Board, Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST, TurtlePositionAnswer

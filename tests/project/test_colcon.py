@@ -20,7 +20,7 @@ import click
 import pytest
 from catkin_pkg.package import parse_package
 
-from llfsm.runtime.cli import main
+from llfsm.cli.root import main
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -116,7 +116,7 @@ def test_a_wheel_has_it_all(tmp_path: Path) -> None:
         "data/share/ament_index/resource_index/packages/llfsm",
         "data/share/llfsm/package.xml",
         "data/share/llfsm/launch/wall.launch.py",
-        "runtime/cli.py",
+        "cli/root.py",
         "machines/RosPingPong.machine/States",
     } <= names
     assert {"Requires-Python: >=3.11", "License: Apache-2.0"} <= set(told)

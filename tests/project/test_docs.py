@@ -145,7 +145,7 @@ def test_readme_names_the_two_commands() -> None:
 def test_the_reference_names_every_command_and_option() -> None:
     import click
 
-    from llfsm.runtime.cli import main
+    from llfsm.cli.root import main
 
     reference = (ROOT / "docs" / "reference.md").read_text()
     context = click.Context(main)

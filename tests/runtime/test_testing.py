@@ -27,7 +27,7 @@ from llfsm.runtime import (
     Trace,
     UnknownMachineError,
 )
-from llfsm.runtime.events import Section
+from llfsm.runtime.engine.events import Section
 from llfsm.runtime.testing import (
     HypothesisMissingError,
     InvariantError,

@@ -105,7 +105,7 @@ def soak(hosts: int, slots: int, rate: float, seconds: float) -> bool:
             others = [part for p in places if p != place for part in ("--connect", p)]
             command = ["whiteboard", "daemon", "-b", BOARD, "--directory", folder, "--listen"]
             daemon = subprocess.Popen(
-                [sys.executable, "-m", "llfsm.runtime", *command, place, *others],
+                [sys.executable, "-m", "llfsm.cli", *command, place, *others],
                 stdout=subprocess.PIPE,
             )
             stack.callback(daemon.wait)

@@ -147,7 +147,7 @@ def _bridge(place: Place, leg: Leg) -> Iterator[int]:
         config = Path(folder, "bridge.toml")
         config.write_text("\n".join(relays))
         where = ["--router", place.router, "--board", place.board, "--domain", str(_DOMAIN)]
-        command = [sys.executable, "-m", "llfsm.runtime", "bridge", "ros2", "--port", "zenoh"]
+        command = [sys.executable, "-m", "llfsm.cli", "bridge", "ros2", "--port", "zenoh"]
         with _process([*command, *where, "--config", str(config), "--quiet"]) as bridge:
             assert bridge.stderr is not None
             bridge.stderr.readline()

@@ -56,7 +56,7 @@ class Soak:
 
     def start(self, name: str) -> None:
         self.processes[name] = subprocess.Popen(
-            [sys.executable, "-m", "llfsm.runtime", *self._commands[name]],
+            [sys.executable, "-m", "llfsm.cli", *self._commands[name]],
             stdout=subprocess.DEVNULL,
         )
 

@@ -18,8 +18,8 @@ from llfsm.bridges.recording.recorder import BoardRecorder
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.feed import Feed
 from llfsm.bridges.view.live import LiveSource
-from llfsm.runtime.cli import main
-from llfsm.runtime.remote import Directory
+from llfsm.cli.root import main
+from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import (
     BoardNotFoundError,
     MessageTypeError,

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from llfsm.whiteboard import Board, WhiteboardError
+from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
 
 from ..errors import PortUnavailableError
@@ -165,16 +166,4 @@ def _is_commanded(relay: ToRos[Any]) -> bool:
         sample = relay.slot.sample()
     except WhiteboardError:  # nonsense, or the board is gone
         return False
-    return sample is not None and _lives(sample.writer)
-
-
-def _lives(process: int) -> bool:
-    if process == os.getpid():
-        return False
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass  # somebody else's, and alive
-    return True
+    return sample is not None and sample.writer != os.getpid() and writer_lives(sample)

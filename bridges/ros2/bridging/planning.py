@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from llfsm.runtime.errors import ConfigurationError
+from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.whiteboard import Slot, SlotTypeError, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST

@@ -63,7 +63,7 @@ def board() -> Iterator[str]:
 
 def command(*arguments: object) -> list[str]:
     given = [str(argument) for argument in arguments]
-    return [sys.executable, "-m", "llfsm.runtime", "bridge", "gusimplewhiteboard", *given]
+    return [sys.executable, "-m", "llfsm.cli", "bridge", "gusimplewhiteboard", *given]
 
 
 def refusal(folder: Path, *arguments: object) -> tuple[int, str]:

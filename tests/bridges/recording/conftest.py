@@ -15,7 +15,7 @@ import pytest
 
 from llfsm.bridges.recording.reader import Recorded, Recording
 from llfsm.bridges.recording.writer import RecordingWriter
-from llfsm.runtime.journal import Entry
+from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot, Whiteboard
 from llfsm.whiteboard.local import LocalBoard
 
@@ -59,7 +59,7 @@ def llfsm(tmp_path: Path) -> Iterator[Start]:
 
     def start(*arguments: object, **options: Any) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "llfsm.runtime", *map(str, arguments)],
+            [sys.executable, "-m", "llfsm.cli", *map(str, arguments)],
             cwd=tmp_path,
             text=True,
             stdin=subprocess.PIPE,

@@ -207,7 +207,7 @@ def test_every_writer_is_known(file: Path) -> None:
 
 def test_without_the_library_it_is_said_what_to_install(tmp_path: Path) -> None:
     hidden = "import sys; sys.modules['mcap'] = None; sys.argv[1:] = ['record', '--help']; "
-    code = f"{hidden}from llfsm.runtime.cli import main; main()"
+    code = f"{hidden}from llfsm.cli.root import main; main()"
     done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=False)
     assert done.returncode == 1
     assert done.stderr == (

@@ -17,9 +17,9 @@ from llfsm.bridges.recording.playback import RecordedSource
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.source import Change
 from llfsm.runtime import Machine, ManualClock, State
-from llfsm.runtime.journal import Journal, entries_of
-from llfsm.runtime.journalled import JournalledArrangement
-from llfsm.runtime.presence import Presence
+from llfsm.runtime.journal.entries import Journal, entries_of
+from llfsm.runtime.journal.journalled import JournalledArrangement
+from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Sample, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 

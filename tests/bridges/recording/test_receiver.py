@@ -20,10 +20,10 @@ from llfsm.bridges.recording.receiver import JournalReceiver
 from llfsm.bridges.recording.rerun import Rerun, whole_journals
 from llfsm.bridges.recording.writer import ARRANGEMENT, RecordingWriter
 from llfsm.runtime import Machine, ManualClock, State
-from llfsm.runtime.handover import Handover, find_recorder
-from llfsm.runtime.journalled import JournalledArrangement
-from llfsm.runtime.remote import born
+from llfsm.runtime.journal.handover import Handover, find_recorder
+from llfsm.runtime.journal.journalled import JournalledArrangement
 from llfsm.whiteboard import BoardFullError, Whiteboard
+from llfsm.whiteboard.liveness import born
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
 from llfsm.whiteboard.shared import remove_board
 

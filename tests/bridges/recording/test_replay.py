@@ -13,8 +13,8 @@ from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.replay import Replay
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
-from llfsm.runtime.journal import Journal, entries_of
-from llfsm.runtime.journalled import JournalledArrangement
+from llfsm.runtime.journal.entries import Journal, entries_of
+from llfsm.runtime.journal.journalled import JournalledArrangement
 from llfsm.whiteboard import Message, Sample, Slot, SlotTypeError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import BELL, Bell, MachineRequest, request_slot
 from llfsm.whiteboard.messages.std_msgs import Bool

@@ -36,12 +36,12 @@ from llfsm.runtime import (
     State,
     Timetable,
     Trace,
-    journal,
 )
-from llfsm.runtime.journal import Entry, Journal, entries_of
-from llfsm.runtime.journalled import JournalledArrangement
-from llfsm.runtime.remote import born, host_name
+from llfsm.runtime.journal import entries as journal
+from llfsm.runtime.journal.entries import Entry, Journal, entries_of
+from llfsm.runtime.journal.journalled import JournalledArrangement
 from llfsm.whiteboard import Board, Message, Slot, Whiteboard
+from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
 from . import machines

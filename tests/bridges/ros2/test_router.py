@@ -12,7 +12,7 @@ import pytest
 from llfsm.bridges.ros2.router import loopback
 from llfsm.bridges.ros2.wire.port import ZenohPort
 
-ROUTER = [sys.executable, "-m", "llfsm.runtime", "router"]
+ROUTER = [sys.executable, "-m", "llfsm.cli", "router"]
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.wire.port import ZenohPort
-from llfsm.bridges.turtlesim.command import turtlesim
+from llfsm.cli.turtlesim import turtlesim
 from llfsm.whiteboard.shared import boards
 
 DOMAIN = 92
@@ -31,7 +31,7 @@ def start(router: str) -> Iterator[Callable[..., subprocess.Popen[str]]]:
         def start(*options: str) -> subprocess.Popen[str]:
             process = processes.enter_context(
                 subprocess.Popen(
-                    [sys.executable, "-m", "llfsm.runtime", "turtlesim", "--ros", "--until-eof",
+                    [sys.executable, "-m", "llfsm.cli", "turtlesim", "--ros", "--until-eof",
                      "--port", "zenoh", "--domain", str(DOMAIN), "--router", router, *options],
                     stdin=subprocess.PIPE,
                     stderr=subprocess.PIPE,

@@ -38,7 +38,7 @@ class Process:
 
     def __init__(self, *arguments: str, cwd: Path, **environment: str) -> None:
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", "llfsm.runtime", *arguments],
+            [sys.executable, "-m", "llfsm.cli", *arguments],
             cwd=cwd,
             env={**os.environ, **environment},
             text=True,

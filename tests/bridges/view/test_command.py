@@ -66,7 +66,7 @@ def test_it_opens_the_browser(board: str, tmp_path: Path) -> None:
 
 def test_it_ends_with_its_supervisor(board: str, tmp_path: Path) -> None:
     process = subprocess.Popen(
-        f"{sys.executable} -m llfsm.runtime view -b {board} --no-open --port 0 --until-eof".split(),
+        f"{sys.executable} -m llfsm.cli view -b {board} --no-open --port 0 --until-eof".split(),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         cwd=tmp_path,
@@ -81,7 +81,7 @@ def test_without_its_libraries_it_says_what_to_install(board: str, tmp_path: Pat
     code = """
 import sys
 sys.modules["uvicorn"] = None
-from llfsm.runtime.cli import main
+from llfsm.cli.root import main
 main()
 """
     done = subprocess.run(
@@ -99,7 +99,7 @@ def test_help_and_the_command_line_load_no_server() -> None:
     code = """
 import sys
 from click.testing import CliRunner
-from llfsm.runtime.cli import main
+from llfsm.cli.root import main
 assert CliRunner().invoke(main, ["--help"]).exit_code == 0
 assert CliRunner().invoke(main, ["view", "--help"]).exit_code == 0
 print(*sys.modules)

@@ -8,8 +8,8 @@ from typing import Any
 
 from playwright.sync_api import expect
 
-from llfsm.runtime.remote import born, host_name
 from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import (
     DefinedSection,
     DefinedState,

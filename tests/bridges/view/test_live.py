@@ -12,8 +12,8 @@ import pytest
 from llfsm.bridges.view.history import History
 from llfsm.bridges.view.live import LiveSource
 from llfsm.runtime import Arrangement, Machine, State
-from llfsm.runtime.remote import born, host_name
 from llfsm.whiteboard import Sample, Slot, Whiteboard
+from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import (
     VIEWER,
     JournalPart,

@@ -31,8 +31,8 @@ from llfsm.runtime.bundles import (
     load_bundle,
     read_bundle,
 )
-from llfsm.runtime.events import Eval
-from llfsm.runtime.layout import Layout, StateBox
+from llfsm.runtime.engine.events import Eval
+from llfsm.runtime.engine.layout import Layout, StateBox
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int64
 

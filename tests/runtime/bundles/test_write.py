@@ -21,8 +21,8 @@ from llfsm.runtime.bundles import (
     read_bundle,
     write_bundle,
 )
-from llfsm.runtime.layout import Layout, StateBox, TransitionPath
-from llfsm.runtime.state import SECTIONS
+from llfsm.runtime.engine.layout import Layout, StateBox, TransitionPath
+from llfsm.runtime.engine.state import SECTIONS
 
 NAMES = ["A", "B", "Done", "Done_Suspending", "Variables", "OnEntry", "A_OnEntry", "_x1"]
 number = st.floats(allow_nan=False, allow_infinity=False)

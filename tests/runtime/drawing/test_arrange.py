@@ -14,7 +14,7 @@ from llfsm.runtime import Machine, State, define
 from llfsm.runtime.drawing import Box, Diagram, Label, Point, arrange
 from llfsm.runtime.drawing.curves import sample
 from llfsm.runtime.drawing.text import numbered_labels, wrap
-from llfsm.runtime.layout import Layout, StateBox, TransitionPath
+from llfsm.runtime.engine.layout import Layout, StateBox, TransitionPath
 
 from .conftest import machine, machines
 

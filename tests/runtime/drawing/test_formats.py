@@ -16,7 +16,7 @@ from llfsm.machines import RosPingPong
 from llfsm.runtime import DrawingError, Machine
 from llfsm.runtime.drawing import arrange, to_dot, to_mermaid, to_png, to_svg
 from llfsm.runtime.drawing.text import numbered_labels, printable, wrap
-from llfsm.runtime.layout import Layout, StateBox
+from llfsm.runtime.engine.layout import Layout, StateBox
 
 from .conftest import machine, machines
 

@@ -15,7 +15,7 @@ import pytest
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
 
-LLFSM = [sys.executable, "-m", "llfsm.runtime"]
+LLFSM = [sys.executable, "-m", "llfsm.cli"]
 NAME = "mirrored"
 
 

@@ -15,8 +15,8 @@ import time
 import pyte
 
 from llfsm.bridges.ros2.bridging.tally import Link
-from llfsm.bridges.ros2.commands.counts import Counts
 from llfsm.bridges.ros2.graph import Role
+from llfsm.cli.bridge.counts import Counts
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import String
 
@@ -62,7 +62,7 @@ def test_a_terminal_has_a_table_that_changes_and_notices_above_it(
             stream.feed(os.read(controller, 65536))
 
     with subprocess.Popen(
-        [sys.executable, "-m", "llfsm.runtime", *command],
+        [sys.executable, "-m", "llfsm.cli", *command],
         stdin=terminal, stdout=terminal, stderr=terminal,
         env=os.environ | {"TERM": "xterm"},
     ) as process:  # fmt: skip

@@ -7,7 +7,7 @@ import importlib.util
 import pytest
 from click.testing import CliRunner
 
-from llfsm.runtime.cli import main
+from llfsm.cli.root import main
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 

@@ -22,7 +22,7 @@ GARBAGE = [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0\1\2\3", b"\xff" * 200, b"\0\1\0\0
 @contextmanager
 def running_router(tcp_port):
     """Run `llfsm router`; it is killed without warning."""
-    command = [sys.executable, "-m", "llfsm.runtime", "router", "--until-eof"]
+    command = [sys.executable, "-m", "llfsm.cli", "router", "--until-eof"]
     with subprocess.Popen(
         [*command, "--listen", f"tcp/127.0.0.1:{tcp_port}"],
         stdin=subprocess.PIPE,

@@ -1,1 +1,0 @@
-"""``llfsm bridge``: the command line of the ROS 2 bridge."""

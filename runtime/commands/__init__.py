@@ -1,1 +1,0 @@
-"""The commands of ``llfsm``, a module each; imported when they are called."""

@@ -1,0 +1,1 @@
+"""What gives machines their turns; nothing here imports anything else of the runtime."""

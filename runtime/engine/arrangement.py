@@ -1,0 +1,325 @@
+"""An arrangement: machines that take turns, round after round, in one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Literal, Self
+
+from .clock import Clock, MonotonicClock
+from .errors import ArrangementEndedError, ExecutionError, LoadError, OptionError
+from .events import (
+    Accepting,
+    End,
+    Failed,
+    Observer,
+    Reason,
+    Request,
+    RoundBegin,
+    RoundEnd,
+    Turn,
+)
+from .execution import Execution
+from .failure import logger
+from .pacing import Pacer
+from .ringlet import ringlet
+from .roster import Library, Loadable, Roster
+from .schedule import Timetable
+from .seat import Seat
+from .signals import stop_on_signals
+from .statistics import MachineStatistics, Stopwatch
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Board
+
+    from ..journal.handover import Handover
+
+
+__all__ = ["Arrangement", "Reason"]
+
+
+class Arrangement(Roster):
+    """Run machines in load order, one ringlet each per round; those in `start_suspended` last.
+
+    Args:
+        machines: classes, instances or names of the `library`.
+        start_suspended: more of them, loaded after the others in their suspend state.
+        whiteboard: where sensors read and actuators post.
+        clock: the only source of time (default: a `MonotonicClock`).
+        idle_us: how long to sleep after a round in which nothing fired.
+        period_us: begin rounds at this fixed period instead, the n-th of them n periods after the
+            first. Turns that end after the next round is due are counted as overruns.
+        timetable: give each machine its turns at its own times instead, a cycle a round.
+        timed: measure every turn for `statistics`, as with a period or a timetable anyway.
+        unload_accepting: unload a machine that accepts (clfsm's -u is False).
+        library: machines that code may load by name.
+        on_error: when code of a machine raises, "stop" everything and raise the
+            `ExecutionError`, or "suspend" the machine, log it and tell the observers; one
+            that fails while suspended is unloaded.
+        observers: functions to be called with every event.
+
+    Leaving a `with` block ends it, like the end of `run`: the `at_end` messages are posted.
+
+    """
+
+    def __init__(
+        self,
+        machines: Iterable[Loadable] = (),
+        *,
+        start_suspended: Iterable[Loadable] = (),
+        whiteboard: Board | None = None,
+        clock: Clock | None = None,
+        idle_us: int = 10_000,
+        period_us: int | None = None,
+        timetable: Timetable | None = None,
+        timed: bool = False,
+        unload_accepting: bool = True,
+        library: Library | None = None,
+        on_error: Literal["stop", "suspend"] = "stop",
+        observers: Iterable[Observer] = (),
+    ):
+        super().__init__(whiteboard, clock or MonotonicClock(), library)
+        for option, value, least in (
+            ("idle_us", idle_us, 0),
+            ("period_us", 1 if period_us is None else period_us, 1),
+        ):
+            if value < least:
+                raise OptionError(f"{option} is {value}; it must be {least} or more")
+        if on_error not in ("stop", "suspend"):
+            raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
+        if period_us is not None and timetable is not None:
+            raise OptionError("give period_us or a timetable, not both")
+        self.idle_us = idle_us
+        self.timetable = timetable
+        self.unload_accepting = unload_accepting
+        self.on_error = on_error
+        self.reason: Reason | None = None
+        self.stop_cause: str | None = None
+        self.handover: Handover | None = None  # of a journal, while somebody records it
+        self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
+        self._execution: Execution | None = None
+        cycle_us = period_us if timetable is None else timetable.cycle_us
+        self._pacer = None
+        if cycle_us is not None:
+            self._pacer = Pacer(cycle_us, self.clock, self._wait_for_turn)
+        # What a round must pass to begin: its time, or nothing; after the end nobody passes.
+        self._gate = None if self._pacer is None else self._pacer.wait_for_round
+        self._stopwatch = None
+        if timed or self._pacer is not None:
+            self._stopwatch = Stopwatch(self.clock, self._pacer)
+        self._turn = self._choose_turn()
+        for observer in observers:
+            self.attach(observer)
+        for machine in machines:
+            self.load(machine)
+        for machine in start_suspended:
+            self.load_suspended(machine)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self.end(Reason.CLOSED)
+        else:
+            self.end(Reason.FAILED if issubclass(kind, Exception) else Reason.INTERRUPTED)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the execution is over: every machine left accepts or is suspended.
+
+        One that was suspended from another process keeps it going until a stop is asked for.
+        """
+        return all(
+            seat is None or (seat.settled and (self.stopping or not seat.held))
+            for seat in self._seats
+        )
+
+    def round(self) -> bool:
+        """Give every machine one turn, in order, and return whether a transition fired.
+
+        With a period or a timetable, wait until they are due.
+        """
+        gate = self._gate
+        if gate is not None and not gate():
+            return False
+        self.rounds += 1
+        if self._observers:
+            self.emit(RoundBegin(*self.stamp()))
+        fired, leaving = False, self._leaving
+        seats = self._seats if self.timetable is None else self._turns(self.timetable)
+        for seat in seats:  # the list grows and gets holes on the way
+            if seat is None:
+                continue
+            turn = self._turn  # another one when an observer comes or goes
+            try:
+                if turn(seat):
+                    fired = True
+                elif not seat.current.transitions:
+                    self._accept(seat)
+            except ExecutionError as error:
+                self._fail(seat, error)
+            if leaving:
+                self._let_go()
+        if self._observers:
+            self.emit(RoundEnd(*self.stamp(), fired, self.finished, self.standings()))
+        return fired
+
+    def run(self, *, grace_s: float = 1.0, max_rounds: int | None = None) -> Reason:
+        """Run rounds until every machine accepts or is suspended; return why it ended.
+
+        After `stop`, SIGINT or SIGTERM (if this is the main thread), or when the whiteboard
+        has gone, the machines see `stopping` and have `grace_s` seconds to reach accepting
+        states. A second signal acts as if there were no arrangement. `max_rounds` ends it
+        after that round, counted from the first.
+        """
+        if self.reason is not None:
+            self._refuse()
+        reason = Reason.INTERRUPTED
+        try:
+            with stop_on_signals(self.stop):
+                self._execution = Execution(self, grace_s)
+                reason = self._execution.run(max_rounds)
+        except Exception:
+            reason = Reason.FAILED
+            raise
+        finally:
+            self.end(reason)
+        return reason
+
+    def stop(self, cause: str = "stop() was called") -> None:
+        """Ask the machines to reach accepting states; may be called from any thread."""
+        if not self.stopping:
+            self.stop_cause = cause
+            self.stopping = True
+
+    def stop_machine(self, name: str) -> None:
+        """Ask one machine to reach an accepting state; `run` unloads it after the grace period."""
+        seat = self._find(name)
+        if not seat.stopping:
+            seat.stopping = True
+            self._stopped.append((self.clock.now_ns(), seat))
+
+    def unload_stopped(self, grace_ns: int) -> None:
+        """Unload the machines that were asked to stop alone so long ago."""
+        while self._stopped and self.clock.now_ns() - self._stopped[0][0] >= grace_ns:
+            seat = self._stopped.pop(0)[1]
+            if seat.taken:
+                self._vacate(seat)
+
+    def statistics(self) -> tuple[MachineStatistics, ...]:
+        """Return what each machine did, also those that were unloaded, in order of first turns.
+
+        Raise `OptionError` if turns are not timed.
+        """
+        if self._stopwatch is None:
+            raise OptionError("turns are not timed: make the Arrangement with timed=True")
+        return self._stopwatch.read()
+
+    def progress(self, name: str) -> tuple[int, int]:
+        """Return the numbers of ringlets and of overruns of a loaded machine."""
+        seat = self._find(name)
+        return (seat.ringlets, 0) if self._stopwatch is None else self._stopwatch.progress(name)
+
+    def end(self, reason: Reason = Reason.CLOSED) -> None:
+        """Run no more rounds and post the `at_end` messages; nothing if it has ended before."""
+        if self.reason is not None:
+            return
+        self.reason = reason
+        self._gate = self._refuse
+        for seat in self._seats:
+            if seat is not None:
+                seat.finish()
+        if self._execution is not None:
+            self._execution.end()
+        if self._stopwatch is not None:
+            self._stopwatch.end()
+        self.emit(End(*self.stamp(), reason))
+
+    @property
+    def paced(self) -> bool:
+        """Whether rounds have a time at which they begin."""
+        return self._pacer is not None
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the next round begins; None if it begins when it is asked for."""
+        return None if self._pacer is None else self._pacer.next_ns
+
+    def _refuse(self) -> bool:
+        raise ArrangementEndedError(f"this arrangement has ended: {self.reason}")
+
+    def _wait_for_turn(self, due_ns: int) -> bool:
+        if self._execution is not None:
+            return self._execution.sleep_to_turn(due_ns)
+        self.clock.sleep_until_ns(due_ns)
+        return self.reason is None
+
+    def _turns(self, timetable: Timetable) -> Iterable[Seat | None]:
+        assert self._pacer is not None, "it has the timetable's cycle"
+        return self._pacer.turns(timetable.slots, self._named)
+
+    def _admit(self, name: str) -> None:
+        if self.timetable is not None and name not in self.timetable.machines:
+            raise LoadError(
+                f"{name} has no slot in the timetable; it has slots for: "
+                f"{', '.join(self.timetable.machines)}"
+            )
+
+    def _accept(self, seat: Seat) -> None:
+        """Unload a machine whose ringlet ended in an accepting state, unless it must stay."""
+        if seat.suspended:
+            action = "kept: suspended"
+        elif not self.unload_accepting:
+            action = "kept: -u"
+            seat.accepted = True
+        elif seat.request in (Request.SUSPEND, Request.RESTART):
+            action = f"kept: scheduled for {seat.request}"
+        else:
+            action = "unloaded"
+            seat.accepted = True
+            self._vacate(seat)
+        if self._observers:
+            self.emit(Accepting(*self.stamp(), seat.index, seat.name, action))
+
+    def _fail(self, seat: Seat, error: ExecutionError) -> None:
+        """Do what `on_error` says about a machine whose code raised."""
+        if self.on_error == "stop":
+            self.end(Reason.FAILED)
+            raise error
+        logger().error("%s", error, exc_info=error)
+        seat.request = None
+        seat.failed = True
+        if seat.suspended:
+            self._leaving.append(seat)
+            self._let_go()
+        else:
+            seat.suspend()
+        if self._observers:
+            self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
+
+    def _nested_turn(self, seat: Seat) -> None:
+        turn = ringlet if self._stopwatch is None else self._stopwatch.around(ringlet)
+        try:
+            turn(seat)
+        except ExecutionError as error:
+            self._fail(seat, error)
+
+    def _bind_all(self) -> None:
+        super()._bind_all()
+        self._turn = self._choose_turn()
+
+    def _choose_turn(self) -> Callable[[Seat], bool]:
+        turn = self._observed_turn if self._observers else ringlet
+        return turn if self._stopwatch is None else self._stopwatch.around(turn)
+
+    def _vacate(self, seat: Seat) -> None:
+        super()._vacate(seat)
+        if self._stopwatch is not None:
+            self._stopwatch.rest(seat.name)
+
+    def _observed_turn(self, seat: Seat) -> bool:
+        previous = None if seat.previous is None else seat.previous.name
+        self.emit(
+            Turn(*self.stamp(), seat.index, seat.name, seat.current.name, previous, seat.request)
+        )
+        return ringlet(seat)

@@ -1,0 +1,189 @@
+"""The errors of `llfsm.runtime`.
+
+FsmError
+├── DefinitionError          a machine class contradicts itself; raised when the class is made
+├── BundleError              a bundle cannot be read, run or written: names file and line
+├── ConfigurationError       an arrangement file or another configuration: names file and line
+├── LoadError                a machine cannot be loaded as asked
+│   └── VariableError        no such machine variable, no value, or a value of another type
+├── ScheduleError            a timetable contradicts itself
+├── UnknownMachineError      no machine of that name (also a LookupError)
+├── NotLoadedError           a machine that is in no arrangement was asked to act
+├── ExecutionError           code of a machine failed: names machine, state, step and line
+│   └── GuardResultError     a guard returned something else than True or False
+├── ObserverError            an observer raised
+├── DrawingError             a picture of a machine cannot be drawn as asked
+├── PackageError             a ROS 2 package cannot be written as asked
+├── ProcessDiedError         a process that a command watches ended by itself
+├── OptionError              an argument of an arrangement is impossible
+├── ArrangementEndedError    a round was asked of an arrangement that has ended
+└── ClockError               a clock was told to go back (also a ValueError)
+
+UnreachableStateWarning      a state that no chain of transitions reaches
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+from llfsm.errors import LlfsmError
+
+__all__ = [
+    "ArrangementEndedError",
+    "BundleError",
+    "ClockError",
+    "ConfigurationError",
+    "DefinitionError",
+    "DrawingError",
+    "ExecutionError",
+    "FsmError",
+    "GuardResultError",
+    "LoadError",
+    "NotLoadedError",
+    "ObserverError",
+    "OptionError",
+    "PackageError",
+    "ProcessDiedError",
+    "ScheduleError",
+    "UnknownMachineError",
+    "UnreachableStateWarning",
+    "VariableError",
+]
+
+
+class FsmError(LlfsmError):
+    """Stand at the root of every error that the runtime raises."""
+
+
+class DefinitionError(FsmError):
+    """Say what is wrong with the definition of a machine."""
+
+
+class BundleError(FsmError):
+    """Say what is wrong in which file of a bundle; `line` is None if it is all of the file."""
+
+    def __init__(self, what: str, file: Path | None = None, line: int | None = None):
+        self.file = file
+        self.line = line
+        where = "" if file is None else f"{file}: " if line is None else f"{file}:{line}: "
+        super().__init__(where + what)
+
+
+class ConfigurationError(FsmError):
+    """Say what is wrong in which file; `line` is None if it is all of the file.
+
+    `where` is the path of the wrong value, as ("machine", 1, "name"), while the line is unknown.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        where: tuple[str | int, ...] = (),
+        *,
+        file: Path | None = None,
+        line: int | None = None,
+    ):
+        self.what = what
+        self.where = where
+        self.file = file
+        self.line = line
+        place = "" if file is None else f"{file}: " if line is None else f"{file}:{line}: "
+        super().__init__(place + what)
+
+
+class LoadError(FsmError):
+    """Say why a machine cannot be loaded."""
+
+
+class VariableError(LoadError):
+    """Say which machine variable is unknown, missing or of another type."""
+
+
+class ScheduleError(FsmError):
+    """Say why machines cannot have their turns as asked."""
+
+
+class UnknownMachineError(FsmError, LookupError):
+    """Name a machine that does not exist, and those that do.
+
+    clfsm returns -1 instead, and its `is_running` of an unknown machine is true.
+    """
+
+    def __init__(
+        self,
+        name: str | int,
+        known: Iterable[str],
+        where: str = "loaded",
+        elsewhere: Iterable[str] = (),
+    ):
+        self.name = name
+        self.known = tuple(known)
+        self.elsewhere = tuple(elsewhere)
+        names = ", ".join(self.known) or "none"
+        if self.elsewhere:
+            names += f"; run by other processes: {', '.join(self.elsewhere)}"
+        which = f"machine at index {name}" if isinstance(name, int) else f"machine {name!r}"
+        super().__init__(f"no {which}; {where}: {names}")
+
+
+class NotLoadedError(FsmError):
+    """Say that a machine must be loaded into an arrangement first."""
+
+
+class ExecutionError(FsmError):
+    """Report that a section or guard of a machine raised; `__cause__` is what it raised.
+
+    `step` is a section ("OnEntry"), "transition <label>" or "the snapshot"; `filename` and
+    `line` point into the machine's own code and are None if none of it was running.
+    """
+
+    def __init__(
+        self, what: str, machine: str, state: str, step: str, filename: str | None, line: int | None
+    ):
+        self.machine = machine
+        self.state = state
+        self.step = step
+        self.filename = filename
+        self.line = line
+        where = "" if filename is None else f" ({filename}:{line})"
+        super().__init__(f"machine {machine}, state {state}, {step}: {what}{where}")
+
+
+class GuardResultError(ExecutionError):
+    """Report that a guard returned something else than True or False."""
+
+
+class ObserverError(FsmError):
+    """Report that an observer raised; `__cause__` is what it raised."""
+
+
+class DrawingError(FsmError):
+    """Say why a picture of a machine cannot be drawn, and which other one can."""
+
+
+class OptionError(FsmError, ValueError):
+    """Say which option of an arrangement has an impossible value, and what is possible."""
+
+
+class PackageError(FsmError):
+    """Say why a package cannot be written."""
+
+
+class ProcessDiedError(FsmError):
+    """Tell which process ended although nobody asked it to, and what it said last."""
+
+
+class ArrangementEndedError(FsmError):
+    """Say that an arrangement has ended and runs no more rounds."""
+
+
+class ClockError(FsmError, ValueError):
+    """Say that a clock cannot go back."""
+
+
+class UnreachableStateWarning(UserWarning):
+    """Warn of a state that no chain of transitions reaches."""

@@ -1,0 +1,83 @@
+"""Turn a failure of a machine's code into an error that says where it happened."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from .errors import ExecutionError, GuardResultError
+
+if TYPE_CHECKING:
+    from logging import Logger
+
+    from .binding import BoundState
+    from .seat import Seat
+
+__all__ = ["explain", "logger", "not_a_bool"]
+
+_RUNTIME = os.path.dirname(os.path.dirname(__file__))
+
+
+def logger() -> Logger:
+    """Return the runtime's logger, importing logging only when there is something to say."""
+    import logging
+
+    return logging.getLogger("llfsm.runtime")
+
+
+def explain(seat: Seat, state: BoundState, code: object, error: Exception) -> ExecutionError:
+    """Describe the `error` that `code` raised in a ringlet of `seat` that began in `state`."""
+    where, step = _place(seat, state, code)
+    filename, line = None, None
+    trace = error.__traceback__
+    while trace is not None:
+        file = trace.tb_frame.f_code.co_filename
+        if not file.startswith(_RUNTIME):
+            filename, line = file, trace.tb_lineno
+            break
+        trace = trace.tb_next
+    what = f"{type(error).__name__}: {error}"
+    return ExecutionError(what, seat.name, where, step, filename, line)
+
+
+def not_a_bool(seat: Seat, state: BoundState, guard: object, value: object) -> GuardResultError:
+    """Describe the `value`, neither True nor False, that `guard` returned."""
+    where, step = _place(seat, state, guard)
+    number = next(i for i, (bound, _) in enumerate(state.transitions) if bound is guard)
+    filename, line = seat.declared(state).transitions[number].location
+    what = f"the guard returned {value!r}, a {type(value).__name__}; it must return True or False"
+    return GuardResultError(what, seat.name, where, step, filename, line)
+
+
+def _place(seat: Seat, state: BoundState, code: object) -> tuple[str, str]:
+    """Return the state and the section or transition that `code` is.
+
+    The ringlet keeps no record of its steps, for speed, so look for the function; one that
+    serves in several places of one state gives them all.
+    """
+    if code is None:
+        return state.name, "the snapshot"
+    steps = list(_steps(seat, state, code))
+    if steps:
+        return state.name, " or ".join(steps)
+    for other in seat.states.values():  # only these run in the turn of another state
+        if other.on_suspend is code:
+            return other.name, "OnSuspend"
+        if other.on_resume is code:
+            return other.name, "OnResume"
+    return state.name, "a section"
+
+
+def _steps(seat: Seat, state: BoundState, code: object) -> Iterator[str]:
+    if state.on_entry is code:
+        yield "OnEntry"
+    if state.on_exit is code:
+        yield "OnExit"
+    if state.internal is code:
+        yield "Internal"
+    if state.on_resume is code:
+        yield "OnResume"
+    for number, (guard, _) in enumerate(state.transitions):
+        if guard is code:
+            yield f"transition {seat.declared(state).transitions[number].label}"

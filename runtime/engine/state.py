@@ -1,0 +1,239 @@
+"""States and transitions: what a machine class declares, and what everything reads.
+
+A `State` is a name, its sections and its ordered transitions; a `Transition` is an ordered
+(expression, target). The runner, the drawing and the checker read these same objects.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, TypeAlias, TypeVar
+
+from .errors import DefinitionError
+from .source_text import expression_of, location_of
+
+__all__ = ["DEFERRED", "SECTIONS", "ClassBody", "Guard", "SectionCode", "State", "Transition"]
+
+SectionCode: TypeAlias = Callable[[Any], None]
+Guard: TypeAlias = Callable[[Any], bool]
+S = TypeVar("S", bound=SectionCode)
+G = TypeVar("G", bound=Guard)
+
+DEFERRED = 0x20 | 0x80 | 0x200
+"""Flags of the code of generators, coroutines and both, which does nothing when called."""
+
+SECTIONS = ("OnEntry", "OnExit", "Internal", "OnSuspend", "OnResume")
+
+
+class ClassBody(dict[str, Any]):
+    """The names of a machine class under way, with copies of its parent's states to extend."""
+
+    def __init__(self, owner: str, parent: type | None, states: tuple[State, ...]):
+        super().__init__()
+        self.owner = owner
+        self.parent = parent
+        self.inherited = {state.name: state.copy() for state in states}
+        for state in self.inherited.values():
+            for transition in state.transitions:
+                transition.target = self.inherited[transition.target.name]
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        if getattr(self.get(name), "declared_once", False):
+            raise DefinitionError(f"{self.owner}: {name!r} is declared twice")
+        super().__setitem__(name, value)
+
+
+class State:
+    """Declare a state of a machine; the first one declared is the initial state.
+
+    The state is called what the class calls it, unless a `name` is given. `suspend=True` makes
+    it the machine's suspend state. In a subclass, declare on `Parent.state` to extend the
+    subclass's copy: sections replace the inherited ones, transitions come after them.
+    """
+
+    declared_once = True
+
+    def __init__(self, name: str | None = None, *, suspend: bool = False):
+        self.name = name or ""
+        self.suspend = suspend
+        self.sections: dict[str, SectionCode] = {}
+        self._given: set[str] = set()  # those of `sections` that are not inherited
+        self.transitions: list[Transition] = []
+        self.owner: type | None = None  # set when the class is complete
+
+    def __repr__(self) -> str:
+        return f"State({self.name!r})"
+
+    def on_entry(self, code: S) -> S:
+        """Run `code` when the state is entered from another one."""
+        return self._section("OnEntry", code)
+
+    def on_exit(self, code: S) -> S:
+        """Run `code` when a transition of the state fires."""
+        return self._section("OnExit", code)
+
+    def internal(self, code: S) -> S:
+        """Run `code` in each ringlet in which no transition fires."""
+        return self._section("Internal", code)
+
+    def on_suspend(self, code: S) -> S:
+        """Run `code` when the machine is suspended in this state."""
+        return self._section("OnSuspend", code)
+
+    def on_resume(self, code: S) -> S:
+        """Run `code` when the machine is resumed in this state, before its OnEntry."""
+        return self._section("OnResume", code)
+
+    def to(
+        self,
+        target: State,
+        *,
+        when: Guard | None = None,
+        after_ms: float | None = None,
+        after: float | None = None,
+        label: str | None = None,
+    ) -> Transition:
+        """Add a transition to `target`, evaluated after those already there.
+
+        It fires when all that is given holds: more than `after_ms` milliseconds, or `after`
+        seconds, have passed since the state was entered, and `when` (or the guard that the
+        result decorates) returns True. With nothing given it always fires. `label` replaces
+        the label that would be derived.
+        """
+        frame = sys._getframe(1)
+        state = self._open(frame)
+        transition = Transition(
+            state, target, (frame.f_code.co_filename, frame.f_lineno), after_ms, after, label
+        )
+        if when is not None:
+            transition(when)
+        state.transitions.append(transition)
+        return transition
+
+    def copy(self) -> State:
+        """Return an independent state with the same sections, transitions and targets."""
+        twin = State(self.name, suspend=self.suspend)
+        twin.sections = dict(self.sections)
+        twin.transitions = [transition.copy(twin) for transition in self.transitions]
+        return twin
+
+    def _section(self, section: str, code: S) -> S:
+        state = self._open(sys._getframe(2))
+        if section in state._given:
+            raise DefinitionError(f"state {self.name!r}: {section} is given twice")
+        _check_code(self, section, code)
+        state._given.add(section)
+        state.sections[section] = code
+        return code
+
+    def _open(self, frame: FrameType) -> State:
+        """Return the state to declare on: this one, or its copy in a subclass under way.
+
+        A complete class never changes, so a declaration on one of its states belongs to the
+        class whose body makes it. Only the calling frame knows which that is.
+        """
+        if self.owner is None:
+            return self
+        body = frame.f_locals
+        if isinstance(body, ClassBody) and body.parent and issubclass(body.parent, self.owner):
+            return body.inherited[self.name]
+        raise DefinitionError(
+            f"{self.owner.__qualname__} is complete: extend its state {self.name!r} "
+            f"in the body of a subclass"
+        )
+
+
+class Transition:
+    """One transition of a state; as a decorator it takes the guard that must also hold."""
+
+    def __init__(
+        self,
+        source: State,
+        target: State,
+        declared: tuple[str, int],
+        after_ms: float | None,
+        after: float | None,
+        label: str | None,
+    ):
+        if not isinstance(target, State):
+            raise DefinitionError(
+                f"state {source.name!r}: a transition leads to a State, not to {target!r}"
+            )
+        if after_ms is not None and after is not None:
+            raise DefinitionError(f"state {source.name!r}: give after_ms or after, not both")
+        self.source = source
+        self.target = target
+        self.guard: Guard | None = None
+        self.after_ms = after_ms if after is None else _time(source, after) * 1000
+        self._timed = "" if after is None else f"after({after!r})"
+        if after_ms is not None:
+            self._timed = f"after_ms({_time(source, after_ms)!r})"
+        self._declared = declared
+        self._label = label
+
+    def __call__(self, guard: G) -> G:
+        """Require `guard` too."""
+        if self.guard is not None:
+            raise DefinitionError(f"state {self.source.name!r}: {self!r} has two guards")
+        _check_code(self.source, "a guard", guard)
+        self.guard = guard
+        return guard
+
+    def __repr__(self) -> str:
+        return f"Transition({self.source.name!r} -> {self.target.name!r}, {self.label!r})"
+
+    @property
+    def label(self) -> str:
+        """What stands on the arrow: the guard's name, or its expression if it has none.
+
+        "after_ms(1000)" for a timed transition, "true" for an unconditional one.
+        """
+        if self._label is not None:
+            return self._label
+        named = ""
+        if self.guard is not None:
+            named = getattr(self.guard, "__name__", "")
+            if named in ("", "_", "<lambda>"):
+                named = self.expression or "{}:{}".format(*self.location)
+        return " and ".join(filter(None, (self._timed, named))) or "true"
+
+    @property
+    def expression(self) -> str | None:
+        """The source text of the guard's expression; None without guard or without source."""
+        return None if self.guard is None else expression_of(self.guard)
+
+    @property
+    def location(self) -> tuple[str, int]:
+        """File and line of the guard, or of the declaration if there is none."""
+        return (self.guard and location_of(self.guard)) or self._declared
+
+    @property
+    def unconditional(self) -> bool:
+        """Whether it always fires."""
+        return self.guard is None and self.after_ms is None
+
+    def copy(self, source: State) -> Transition:
+        """Return the same transition leaving `source`."""
+        twin = Transition(source, self.target, self._declared, None, None, self._label)
+        twin.guard, twin.after_ms, twin._timed = self.guard, self.after_ms, self._timed
+        return twin
+
+
+def _check_code(state: State, what: str, code: object) -> None:
+    """Refuse what is no function, and functions that do nothing when called."""
+    flags = getattr(getattr(code, "__code__", None), "co_flags", 0)
+    if not callable(code) or flags & DEFERRED:
+        raise DefinitionError(
+            f"state {state.name!r}: {what} must be a plain function of the machine, not {code!r}"
+        )
+
+
+def _time(source: State, value: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise DefinitionError(
+            f"state {source.name!r}: a transition waits for a time of 0 or more, not {value!r}"
+        )
+    return value

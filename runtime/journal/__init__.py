@@ -1,0 +1,1 @@
+"""What machines learn and do, entry by entry."""

@@ -1,0 +1,164 @@
+"""A journal: all that the machines of an arrangement learn, and all that they do with it.
+
+What is in it is enough to run the machines again just as they ran. An entry is one of
+
+* an event, as observers see it, with the `reads`: what the clock told since the entry before it;
+* `Sensed`: a sensor's message is another one; no message means its default;
+* `Posted`: an actuator was called, and the whiteboard has counted the message;
+* `Asked`: something was asked of a machine, or of all (`stop`), from outside the arrangement;
+* `Answered`: a machine of another process was asked for its state, or to do something;
+* `Loaded`: a machine was loaded, but not by another one;
+* `Plan`, at the beginning: what the arrangement was made from, if that was a plan;
+* `Lost`, written by a recorder: entries that should be here were lost on their way to it.
+
+Time that passes between turns is nobody's input, so that its reads are left out. Entries are
+gathered in memory and written, many at once, between rounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final, TypeAlias
+
+import msgspec
+
+from ..engine import events
+from ..engine.errors import ExecutionError
+from ..engine.submachine import Submachine
+
+__all__ = ["FIELDS", "Entry", "Journal", "as_entry", "entries_of"]
+
+Entry: TypeAlias = dict[str, Any]
+"""An entry by the names of its fields, as JSON would have it; `event` says what it is."""
+
+_OUTSIDE: Final = (events.RoundEnd, events.IdleSleep, events.End)
+"""After these no code of a machine runs before the next event."""
+
+_WRITE_NS: Final = 20_000_000
+_MOST: Final = 4096  # entries that are gathered even if no round ends
+
+FIELDS: Final[dict[str, tuple[str, ...]]] = {
+    "Plan": ("plan", "folder"),
+    "Lost": (),
+    "Loaded": ("machine", "path"),
+    "Sensed": ("machine", "sensor", "slot", "message", "error"),
+    "Posted": ("machine", "actuator", "slot", "message", "count"),
+    "Asked": ("action", "machine"),
+    "Answered": ("machine", "answer"),
+} | {
+    kind.__name__: ("reads", *kind._fields)
+    for kind in (
+        events.RoundBegin,
+        events.Turn,
+        events.Section,
+        events.Eval,
+        events.Call,
+        events.Accepting,
+        events.Failed,
+        events.RoundEnd,
+        events.IdleSleep,
+        events.End,
+    )
+}
+"""The names of the fields of each kind of entry."""
+
+
+class Journal:
+    """Keep the journal of one arrangement, of which it is an observer.
+
+    `write` is called with entries, encoded; it must neither block for long nor raise. `add` takes
+    an entry: a tuple of what it is and the values of its fields.
+    """
+
+    def __init__(self, write: Callable[[bytes], None]):
+        self.reads: list[int] = []
+        self.outside = True
+        """Whether no code of a machine can be running."""
+        self.ended = False
+        """Whether the arrangement has ended: there is nothing to come."""
+        self.between: Callable[[], None] = lambda: None
+        """Called whenever none is running any more."""
+        self._entries: list[tuple[Any, ...]] = []
+        self.add: Callable[[tuple[Any, ...]], None] = self._entries.append
+        self._write = write
+        self._standings: dict[str, tuple[Any, ...]] = {}
+        self._written_ns = 0
+
+    def __call__(self, event: events.Event) -> None:
+        """Take an event."""
+        # A signal's handler may come anywhere, and ask for a stop: before this, or after all.
+        outside, self.outside = self.outside, False
+        reads = self.reads
+        # The last one is the event's own time.
+        inputs = () if outside or len(reads) == 1 else tuple(reads[:-1])
+        reads.clear()
+        kind = type(event)
+        if kind is events.RoundEnd:
+            assert isinstance(event, events.RoundEnd)
+            self.add(("RoundEnd", inputs, *event[:-1], self._news(event)))
+        else:
+            self.add((kind.__name__, inputs, *event))
+        if kind in _OUTSIDE:
+            self.outside = True
+            self._pause(event)
+        elif len(self._entries) >= _MOST:
+            self.flush()
+
+    def _pause(self, event: events.Event) -> None:
+        self.between()
+        self.ended = isinstance(event, events.End)
+        due = event.time_ns - self._written_ns >= _WRITE_NS or len(self._entries) >= _MOST
+        if self.ended or due:
+            self._written_ns = event.time_ns
+            self.flush()
+
+    def close(self) -> None:
+        """Take nothing any more."""
+        self.add = lambda _: None
+
+    def flush(self) -> None:
+        """Write what was gathered."""
+        entries = self._entries[:]
+        if entries:
+            del self._entries[: len(entries)]  # no more: a signal's handler may have added one
+            self._write(_encoder.encode(entries))
+
+    def _news(self, end: events.RoundEnd) -> list[tuple[Any, ...]]:
+        """Return the machines that stand elsewhere than after the last round, or are gone."""
+        now = {m.machine: (m.index, *m[2:-1]) for m in end.machines if m}
+        if now == self._standings:
+            return []
+        news: list[tuple[Any, ...]] = [
+            (name, *now[name]) for name in now if now[name] != self._standings.get(name)
+        ]
+        news += [(name,) for name in self._standings if name not in now]
+        self._standings = now
+        return news
+
+
+def entries_of(data: bytes) -> Iterator[Entry]:
+    """Return the entries that a journal has written at one time."""
+    for kind, *values in msgspec.msgpack.decode(data, type=list[list[Any]]):
+        yield {"event": kind, **dict(zip(FIELDS[kind], values, strict=True))}
+
+
+def as_entry(values: tuple[Any, ...]) -> Entry:
+    """Return an entry as it will be read again, from what `Journal.add` is given."""
+    return next(entries_of(_encoder.encode([values])))
+
+
+def _describe(value: object) -> object:
+    """Return what stands for an object that is no data."""
+    match value:
+        case ExecutionError():  # where it is in a file changes more often than what it is
+            return f"{value.state}, {value.step}: {value.__cause__ or value}"
+        case Exception():
+            return f"{type(value).__name__}: {value}"
+        case Submachine():
+            return value.name
+        case type():
+            return value.__name__
+    return type(value).__name__
+
+
+_encoder: Final = msgspec.msgpack.Encoder(enc_hook=_describe)

@@ -1,0 +1,1 @@
+"""What to run and how: arrangement files and clfsm's dispatch tables."""

@@ -1,0 +1,165 @@
+"""What to run, and how: what a command line, an arrangement file or a dispatch table says.
+
+An arrangement file is TOML; its keys are the fields of `Plan` and, in each `[[machine]]`, those
+of `PlannedMachine`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import msgspec
+
+from ..engine.arrangement import Arrangement
+from ..engine.errors import ConfigurationError, ScheduleError
+from ..engine.machine import Machine
+from ..engine.schedule import Requirement, Timetable
+from .toml_files import read_toml
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Board
+
+    from ..engine.roster import Library
+
+__all__ = ["Plan", "PlannedMachine", "assemble", "names_of", "read_plan"]
+
+_LONGEST_US = 10**12  # eleven days
+Positive = Annotated[int, msgspec.Meta(ge=1, le=_LONGEST_US)]
+NotNegative = Annotated[int, msgspec.Meta(ge=0, le=_LONGEST_US)]
+
+
+class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One machine: `definition` is what the command line would name it by.
+
+    `variables` and `slots` are as for `Arrangement.load`. A machine is loaded suspended, or only
+    made ready to be loaded by others (`preload`). With `period_us` it has a turn at each of
+    `start_us` (0) after the beginning of every period, to be done `deadline_us` (the period)
+    later.
+    """
+
+    definition: str
+    name: str | None = None
+    suspended: bool = False
+    preload: bool = False
+    variables: dict[str, Any] = {}
+    slots: dict[str, str] = {}
+    period_us: Positive | None = None
+    deadline_us: Positive | None = None
+    start_us: NotNegative | tuple[NotNegative, ...] = 0
+
+    def requirement(self, name: str) -> list[Requirement]:
+        """Return what a timetable must give it, if it is called so; nothing without a period."""
+        if self.period_us is None:
+            return []
+        starts = (self.start_us,) if isinstance(self.start_us, int) else self.start_us
+        deadline_us = self.period_us if self.deadline_us is None else self.deadline_us
+        return [Requirement(name, self.period_us, deadline_us, starts)]
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Machines in their order, and how they have their turns, as for `Arrangement`."""
+
+    machines: tuple[PlannedMachine, ...] = msgspec.field(name="machine", default=())
+    board: str | None = None
+    idle_us: NotNegative = 10_000
+    period_us: Positive | None = None
+    unload_accepting: bool = True
+    on_error: Literal["stop", "suspend"] = "stop"
+
+    def timetable(self, names: Iterable[str]) -> Timetable | None:
+        """Return the timetable of machines that are called so, None if they need none.
+
+        Raise `ScheduleError` if there can be none.
+        """
+        planned = zip(names, self.machines, strict=True)
+        needs = [need for name, machine in planned for need in machine.requirement(name)]
+        return Timetable.meeting(needs) if needs else None
+
+
+def read_plan(file: Path) -> Plan:
+    """Read an arrangement file; raise `ConfigurationError` with the line of what is wrong."""
+    return read_toml(file, Plan, _check)
+
+
+def names_of(plan: Plan, classes: Iterable[type[Machine]]) -> list[str]:
+    """Return the name that each machine of the plan gets: a second `P` becomes `P.0`.
+
+    Those that are only preloaded get what is left.
+    """
+    names: dict[int, str] = {}
+    given = list(enumerate(zip(plan.machines, classes, strict=True)))
+    for number, (planned, cls) in sorted(given, key=lambda each: each[1][0].preload):
+        name = planned.name or cls.__name__
+        all_names = [name, *(f"{name}.{count}" for count in range(len(names)))]
+        names[number] = next(free for free in all_names if free not in names.values())
+    return [names[number] for number in range(len(names))]
+
+
+def assemble(
+    plan: Plan,
+    classes: Mapping[str, type[Machine]],
+    whiteboard: Board,
+    *,
+    library: Library,
+    timed: bool = False,
+    make: Callable[..., Arrangement] = Arrangement,
+) -> Arrangement:
+    """Return the arrangement of a plan, everything loaded; `classes` are by name, in order.
+
+    `make` is called as `Arrangement` would be. Suspended machines come after the others, unless a
+    timetable says who has which turn. Raise `LoadError` for a machine that cannot be loaded as
+    planned, `ScheduleError` for turns.
+    """
+    timetable = plan.timetable(classes)
+    arrangement = make(
+        whiteboard=whiteboard,
+        idle_us=plan.idle_us,
+        period_us=plan.period_us,
+        timetable=timetable,
+        timed=timed,
+        unload_accepting=plan.unload_accepting,
+        library=library,
+        on_error=plan.on_error,
+    )
+    planned = list(zip(classes.items(), plan.machines, strict=True))
+    if timetable is None:
+        planned.sort(key=lambda each: each[1].suspended)
+    for (name, cls), machine in planned:
+        if not machine.preload:
+            load = arrangement.load_suspended if machine.suspended else arrangement.load
+            load(cls, name=name, variables=machine.variables, slots=machine.slots)
+    return arrangement
+
+
+def _check(plan: Plan) -> None:
+    if not plan.machines:
+        raise ConfigurationError("it names no [[machine]] to run")
+    timed = [planned.period_us is not None for planned in plan.machines]
+    for number, planned in enumerate(plan.machines):
+        where = ("machine", number)
+        if planned.period_us is not None and plan.period_us is not None:
+            raise ConfigurationError(
+                "give a period_us to all machines together, above them, or to each its own",
+                (*where, "period_us"),
+            )
+        if planned.period_us is None and any(timed):
+            raise ConfigurationError("needs a period_us, as other machines have one", where)
+        if planned.period_us is None and (planned.deadline_us or planned.start_us):
+            raise ConfigurationError("start_us and deadline_us need a period_us", where)
+        if planned.suspended and planned.preload:
+            raise ConfigurationError("is either loaded suspended or preloaded", where)
+        if planned.preload and (planned.name or planned.variables or planned.slots):
+            raise ConfigurationError(
+                "is only preloaded: who loads it gives it name, variables and slots", where
+            )
+        _check_turns((planned,), where)
+    _check_turns(plan.machines, ("machine",))
+
+
+def _check_turns(machines: tuple[PlannedMachine, ...], where: tuple[str | int, ...]) -> None:
+    try:
+        Plan(machines=machines).timetable(each.name or each.definition for each in machines)
+    except ScheduleError as error:
+        raise ConfigurationError(str(error), where) from error

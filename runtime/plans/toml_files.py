@@ -1,0 +1,122 @@
+"""Read a TOML file into typed structs; what is wrong in it is told with its file and line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from ..engine.errors import ConfigurationError
+
+__all__ = ["line_of", "read_toml"]
+
+T = TypeVar("T")
+Path_ = tuple[str | int, ...]
+
+_WHERE = re.compile(r" - at (?:key in )?`(\$.*)`$")
+_STEP = re.compile(r"\[(\d+|\.\.\.)\]|\.?([^.\[\]]+)")
+
+
+def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: None) -> T:
+    """Return what `file` says as a `kind`, a msgspec Struct.
+
+    `check` may raise `ConfigurationError` with a `where` path (as ("machine", 1, "name")) about
+    what the types cannot say. Raise `ConfigurationError` with file and line for all that is wrong.
+    """
+    try:
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"cannot be read: {error.strerror}", file=file) from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"is no UTF-8 text: {error.reason}", file=file) from error
+    try:
+        value = msgspec.convert(tomllib.loads(text), kind)
+        check(value)
+    except tomllib.TOMLDecodeError as error:
+        what, _, place = str(error).partition(" (at ")
+        found = re.match(r"line (\d+)", place)
+        line = int(found[1]) if found else text.rstrip("\n").count("\n") + 1
+        raise ConfigurationError(what, file=file, line=line) from error
+    except RecursionError as error:
+        raise ConfigurationError("is nested too deeply", file=file) from error
+    except msgspec.ValidationError as error:
+        found = _WHERE.search(str(error))
+        where = _steps(found[1]) if found else ()
+        what = _WHERE.sub("", str(error))
+        raise _located(what, file, text, where, _unknown_key(what)) from error
+    except ConfigurationError as error:
+        raise _located(error.what, file, text, error.where) from error
+    except ValueError as error:  # a number of thousands of digits
+        raise ConfigurationError(str(error), file=file) from error
+    return value
+
+
+def line_of(text: str, where: Path_) -> int | None:
+    """Return the line, from 1, where the value at `where` in a TOML text begins, or what it is in.
+
+    Only a parser knows, so it is asked: the value is there as soon as the lines up to its last one
+    are a document, and begins after the last document without it.
+    """
+    lines = text.split("\n")
+
+    def document(end: int) -> dict[str, Any] | None:
+        try:
+            return tomllib.loads("\n".join(lines[:end]))
+        except ValueError:  # in the middle of a value
+            return None
+
+    for length in range(len(where), 0, -1):
+        if not _has(document(len(lines)), where[:length]):
+            continue
+        without, within = 0, len(lines)  # no document with so many lines lacks it, but the first
+        while within - without > 1:
+            middle = end = (without + within) // 2
+            while end < within and (found := document(end)) is None:
+                end += 1
+            if end == within or _has(found, where[:length]):
+                within = middle
+            else:
+                without = end
+        rest = enumerate(lines[without:], without + 1)
+        return next(n for n, line in rest if line.strip() and line.strip()[0] != "#")
+    return None
+
+
+def _has(value: Any, where: Path_) -> bool:
+    for step in where:
+        if isinstance(step, int):
+            if not (isinstance(value, list) and step < len(value)):
+                return False
+        elif not (isinstance(value, dict) and step in value):
+            return False
+        value = value[step]
+    return True
+
+
+def _located(
+    what: str, file: Path, text: str, where: Path_, key: str | None = None
+) -> ConfigurationError:
+    line = line_of(text, where if key is None else (*where, key))
+    place = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in where)
+    return ConfigurationError(
+        f"{place.lstrip('.')}: {what}" if place else what, where, file=file, line=line
+    )
+
+
+def _unknown_key(what: str) -> str | None:
+    found = re.search(r"unknown field `(.*)`", what)
+    return found[1] if found else None
+
+
+def _steps(path: str) -> Path_:
+    """Turn msgspec's ``$.machine[1].name`` into steps; what it calls `...` ends them."""
+    steps: list[str | int] = []
+    for index, name in _STEP.findall(path[1:]):
+        if index == "...":
+            break
+        steps.append(int(index) if index else name)
+    return tuple(steps)

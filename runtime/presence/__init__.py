@@ -1,0 +1,1 @@
+"""Machines on the board, for other processes to see and to control."""

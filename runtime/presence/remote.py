@@ -1,0 +1,140 @@
+"""Machines that other processes run on a whiteboard: how they are, and requests to them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from llfsm.whiteboard.errors import MessageUnreadableError, SlotError
+from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.messages.llfsm import (
+    BELL,
+    MACHINES,
+    Action,
+    Bell,
+    MachineRequest,
+    MachineStatus,
+    request_slot,
+    status_slot,
+)
+
+from ..engine.errors import UnknownMachineError
+from ..engine.events import Status
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Board, BoundSlot, Sample
+
+__all__ = ["SILENT_S", "Directory", "RemoteMachine", "is_live"]
+
+SILENT_S = 1.0
+"""A process that has posted nothing for so long is gone, or stands still."""
+
+
+class RemoteMachine:
+    """A machine that another process runs, as of its latest status: up to a quarter second old."""
+
+    def __init__(self, board: Board, name: str, sample: Sample[MachineStatus]):
+        self.name = name
+        self._board = board
+        self._sample = sample
+
+    @property
+    def told(self) -> MachineStatus:
+        """What its process has told of it."""
+        return self._sample.message
+
+    @property
+    def state(self) -> str:
+        """The name of its state."""
+        return self.told.state
+
+    @property
+    def suspended(self) -> bool:
+        """Whether it is in its suspend state."""
+        return self.told.suspended
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since its process has told of it."""
+        return (time.monotonic_ns() - self._sample.stamp_ns) / 1e9
+
+    @property
+    def in_state_s(self) -> float:
+        """Seconds since it has entered its state."""
+        return self.told.in_state_s + self.silent_s
+
+    def request(self, action: Action) -> Status:
+        """Ask it for something at its next turn; return its status before.
+
+        As in one arrangement, a resume after a restart that is pending is refused.
+        """
+        slot = self._board[request_slot(self.name)]
+        latest = slot.sample()
+        pending = self.told.pending
+        is_here = self.told.host == host_name()  # else it counts requests on a board of its own
+        if is_here and latest is not None and latest.count > self.told.obeyed:
+            pending = latest.message.action
+        if action == "resume" and pending == "restart":
+            return Status.ERROR
+        slot.add(MachineRequest(action))
+        self._board.add_message(BELL, Bell(self.name))
+        return Status.SUSPENDED if self.suspended else Status.RUNNING
+
+
+class Directory:
+    """The machines that run on a board, of all processes. Looking for one leaves no slot there."""
+
+    def __init__(self, board: Board):
+        self._board = board
+        self._slots: dict[str, BoundSlot[MachineStatus]] = {}  # by name of the slot
+
+    def find(self, name: str, known: Iterable[str] | None = None) -> RemoteMachine:
+        """Return the machine of that name, or raise `UnknownMachineError` naming those there are.
+
+        `known` are the machines of the asking arrangement, if one asks; they are others.
+        """
+        slot = status_slot(name).name
+        if slot not in self._slots:
+            self._look()
+        sample = self._slots[slot].sample() if slot in self._slots else None
+        if sample is None or not is_live(sample):
+            others = {machine.name for machine in self.machines()} - {*(known or ())}
+            if known is None:
+                raise UnknownMachineError(name, sorted(others), f"on {self._board.name}")
+            raise UnknownMachineError(name, known, elsewhere=sorted(others))
+        return RemoteMachine(self._board, name, sample)
+
+    def machines(self) -> list[RemoteMachine]:
+        """Return all of them."""
+        self._look()
+        found = []
+        for slot, bound in self._slots.items():
+            with suppress(MessageUnreadableError):
+                sample = bound.sample()
+                if sample is not None and is_live(sample):
+                    found.append(RemoteMachine(self._board, slot.removeprefix(MACHINES), sample))
+        return found
+
+    def _look(self) -> None:
+        for slot in self._board.slots():
+            if slot.name.startswith(MACHINES) and slot.name not in self._slots:
+                machine = slot.name.removeprefix(MACHINES)
+                with suppress(SlotError):  # it is no machine's, whatever it is called
+                    self._slots[slot.name] = self._board[status_slot(machine)]
+
+
+def is_live(sample: Sample[MachineStatus]) -> bool:
+    """Tell whether a machine is loaded by a process that has not died.
+
+    On this host the process is asked for; of another one no more is known than that it tells.
+    """
+    status = sample.message
+    if not status.loaded:
+        return False
+    recent = time.monotonic_ns() - sample.stamp_ns < SILENT_S * 1e9
+    if status.host != host_name():
+        return recent
+    started = born(status.pid)
+    return started == status.born or (recent and started != 0)

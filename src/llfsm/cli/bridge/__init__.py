@@ -1,0 +1,1 @@
+"""``llfsm bridge``: whiteboards and other worlds."""

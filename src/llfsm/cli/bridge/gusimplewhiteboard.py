@@ -1,0 +1,99 @@
+"""``llfsm bridge gusimplewhiteboard``."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from contextlib import closing
+from pathlib import Path
+from typing import get_args
+
+import click
+import msgspec
+
+from llfsm.bridges.gusimplewhiteboard.configuration import Plan, PlannedRelay, check_plan, read_plan
+from llfsm.bridges.gusimplewhiteboard.file import DEFAULT_PATH, GuWhiteboard
+from llfsm.bridges.gusimplewhiteboard.relay import Direction, Relay, run
+from llfsm.runtime.engine.errors import ConfigurationError
+from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.whiteboard import Whiteboard
+
+__all__ = ["gusimplewhiteboard"]
+
+_Told = tuple[tuple[int, str, str, str], ...]
+_RELAY = (click.IntRange(0, 511), str, str, str)
+_METAVAR = "NUMBER SLOT TYPE LAYOUT"
+
+
+@click.command()
+@click.argument(
+    "plan_file",
+    metavar="[FILE.toml]",
+    required=False,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+)
+@click.option("--in", "in_", type=_RELAY, metavar=_METAVAR, multiple=True, help="Relay to SLOT.")
+@click.option("--out", type=_RELAY, metavar=_METAVAR, multiple=True, help="Relay from SLOT.")
+@click.option("--both", type=_RELAY, metavar=_METAVAR, multiple=True, help="Relay both ways.")
+@click.option("--file", metavar="PATH", help=f"The gusimplewhiteboard; by default {DEFAULT_PATH}.")
+@click.option(
+    "-b",
+    "--board",
+    metavar="NAME",
+    help="The whiteboard; by default the file's, $WHITEBOARD_NAME, or `whiteboard`.",
+)
+@click.option(
+    "--period-ms",
+    type=click.FloatRange(0, min_open=True),
+    metavar="MS",
+    help="How often to look; by default 5.",
+)
+def gusimplewhiteboard(
+    plan_file: Path | None, in_: _Told, out: _Told, both: _Told, **given: str | float | None
+) -> None:
+    """Relay slots to and from a gusimplewhiteboard of version 2207, until Ctrl-C.
+
+    NUMBER is the message's there, TYPE as for `llfsm whiteboard add`, LAYOUT a format of Python's
+    struct or module:Structure, a ctypes structure with fields of the message's names.
+
+    \b
+    llfsm bridge gusimplewhiteboard --in 12 turtle1/cmd_vel geometry_msgs/Twist 6d
+    llfsm bridge gusimplewhiteboard robot.toml
+    """
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    plan = Plan() if plan_file is None else read_plan(plan_file)
+    relays = [
+        PlannedRelay(number=number, slot=slot, type=kind, layout=layout, direction=direction)
+        for direction, told in zip(get_args(Direction), (in_, out, both), strict=True)
+        for number, slot, kind, layout in told
+    ]
+    known = {name: value for name, value in given.items() if value is not None}
+    plan = msgspec.structs.replace(plan, relays=(*plan.relays, *relays), **known)
+    if not plan.relays:
+        raise click.UsageError("nothing to relay: a [[relay]] in FILE.toml, or --in, --out, --both")
+    try:
+        check_plan(plan)
+    except ConfigurationError as error:
+        raise click.UsageError(str(error)) from error
+    _relay(plan)
+
+
+def _relay(plan: Plan) -> None:
+    over = threading.Event()
+    with closing(GuWhiteboard(plan.file)) as foreign, Whiteboard(plan.board) as board:
+        relays = [
+            Relay(foreign, planned.number, board, *planned.resolve(), planned.direction)
+            for planned in plan.relays
+        ]
+        click.echo(f"{plan.file} <-> {board.name}: {len(relays)} relayed", err=True)
+        try:
+            with stop_on_signals(lambda _: over.set()):
+                run(foreign, relays, lambda: over.wait(plan.period_ms / 1000), lambda: board.alive)
+        finally:
+            for relay in relays:
+                click.echo(
+                    f"{relay}: {relay.relayed_in} in, {relay.relayed_out} out, "
+                    f"{relay.refused} refused",
+                    err=True,
+                )

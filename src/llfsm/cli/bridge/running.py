@@ -1,0 +1,72 @@
+"""Runs a bridge until it is told to end."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import time
+from contextlib import ExitStack, suppress
+
+import click
+
+from llfsm.bridges.ros2.bridging.bridge import Bridge
+from llfsm.bridges.ros2.errors import DomainIdError, Ros2Error
+from llfsm.bridges.ros2.telling import log_notice
+from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.whiteboard import SlotTypeError, Whiteboard
+
+from ..ros_options import Ways
+from ..supervised import end_with_input
+from .configured import BadConfigurationError, Configured, slots_on
+from .counts import show_until
+
+__all__ = ["run_bridge"]
+
+_LOOK_S = 0.25  # how often to look whether the whiteboard is still there
+
+
+def run_bridge(configured: Configured, ways: Ways) -> None:
+    """Run a bridge until Ctrl-C, SIGTERM, or the end of its whiteboard.
+
+    After the first signal it stays for those who still command a stop; a second one ends that.
+    """
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    try:
+        _run(configured, ways)
+    except (DomainIdError, SlotTypeError) as error:
+        raise BadConfigurationError(str(error)) from error
+    except Ros2Error as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _run(configured: Configured, ways: Ways) -> None:
+    told = threading.Event()
+    with suppress(KeyboardInterrupt), stop_on_signals(lambda _: told.set()), ExitStack() as stack:
+        plan = configured.plan(slots_on(ways.board))
+        port = stack.enter_context(ways.open_port(log_notice))
+        board = stack.enter_context(Whiteboard(ways.board))
+        if ways.remove_board:
+            stack.callback(board.remove)
+        bridge = Bridge(plan, board, port)
+        stack.callback(bridge.close)
+        if ways.until_eof:
+            end_with_input()
+        where = f"ROS domain {port.domain}, whiteboard {board.name}"
+        click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)
+        _stay(bridge, board, told, ways.quiet)
+        bridge.linger()
+
+
+def _stay(bridge: Bridge, board: Whiteboard, told: threading.Event, quiet: bool) -> None:
+    def over(seconds: float) -> bool:
+        until = time.monotonic() + seconds
+        while board.alive and not told.is_set() and time.monotonic() < until:
+            told.wait(min(seconds, _LOOK_S))
+        return told.is_set() or not board.alive
+
+    if quiet:
+        while not over(_LOOK_S):
+            pass
+    else:
+        show_until(over, bridge.links)

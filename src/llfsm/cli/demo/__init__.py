@@ -1,0 +1,1 @@
+"""``llfsm demo``: processes that meet on a whiteboard."""

@@ -1,0 +1,199 @@
+"""``llfsm demo``: processes that meet on a whiteboard, started and shown together."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import NamedTuple
+
+import click
+
+from llfsm.whiteboard import BoardError, BoardNotFoundError
+from llfsm.whiteboard.shared import boards, remove_board
+
+from .processes import Processes
+from .ros import RosGraph, ros_options
+from .screen import LiveBoard, show
+
+__all__ = ["demo"]
+
+_VIEW_PORT = 8420
+_PATIENCE_S = 5.0  # for the processes of a killed demo to go
+
+
+class _Demo(NamedTuple):
+    machines: tuple[str, ...]
+    with_turtle: bool
+    text: str
+
+
+_DEMOS = {
+    "wall": _Demo(("RosWallTurttleBot",), True, "a turtle that keeps away from the walls"),
+    "blind": _Demo(("RosBlindTurttleBot",), True, "a turtle that drives triangles"),
+    "suspend": _Demo(
+        ("RosBlindTurttleBot", "TurtleSuspendResume"), True, "one machine suspends another"
+    ),
+    "pingpong": _Demo(("RosPingPong",), False, "a machine that posts a text"),
+}
+
+
+class _EndError(Exception):
+    """Raised by the signal handler to leave the loop, wherever it is."""
+
+
+@click.command()
+@click.argument("name", type=click.Choice(list(_DEMOS)))
+@click.option("--seconds", type=click.FloatRange(0), help="End after so long; else at Ctrl-C.")
+@click.option(
+    "--picture",
+    "target",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Where to draw the turtle's path: FILE.svg, FILE.png, or both; default demo-NAME.",
+)
+@click.option(
+    "-b", "--board", metavar="NAME", default="demo", show_default=True, help="The whiteboard."
+)
+@click.option("--view", is_flag=True, help="Serve it on a page, too, and tell its address.")
+@click.option(
+    "--record",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record it, for llfsm rerun; not with --ros.",
+)
+@ros_options
+def demo(
+    name: str,
+    seconds: float | None,
+    target: Path | None,
+    board: str,
+    view: bool,
+    record: Path | None,
+    graph: RosGraph | None,
+) -> None:
+    """Watch machines and a turtle simulator, each in a process, meet on a whiteboard.
+
+    \b
+    wall      a turtle that keeps away from the walls
+    blind     a turtle that drives triangles
+    suspend   one machine suspends and resumes another
+    pingpong  a machine that posts a text
+
+    With --ros they meet on a ROS 2 graph instead: a router if the nodes need one, the simulator,
+    the bridge and the machines. Whichever is killed is started again, and the turtle goes on.
+
+    \b
+    llfsm demo wall --ros
+    llfsm demo wall --ros --no-simulator    # with: ros2 run turtlesim turtlesim_node
+    """
+    chosen = _DEMOS[name]
+    draws = chosen.with_turtle and (graph is None or graph.simulator)
+    if target is not None and not draws:
+        raise click.UsageError("--picture: the path is drawn by a simulator, and there is none")
+    if record is not None and graph is not None:
+        raise click.UsageError("--record is not for --ros: a file is not begun again")
+    target = target or Path(f"demo-{name}")
+    where = f"whiteboard {board!r}" if graph is None else f"whiteboard {board!r}, {graph}"
+    title = f"llfsm demo {name}: {chosen.text} ({where})"
+    _clear(board)
+    with _ending_on_signals(), LiveBoard(board) as live:
+        try:
+            with _processes(graph) as processes:
+                if graph is None:
+                    _start(processes, chosen, board, target, record)
+                else:
+                    _start_on_ros(processes, chosen, board, target, graph)
+                if view:
+                    port = str(_free_port())
+                    processes.start("page", "view", "-b", board, "--no-open", "--port", port)
+                    title += f"\nin the browser: http://127.0.0.1:{port}/"
+                show(live, processes, title, seconds)
+        except _EndError:
+            pass
+    if draws:
+        endings = [""] if target.suffix else [".png", ".svg"]
+        for path in filter(Path.exists, (Path(f"{target}{ending}") for ending in endings)):
+            click.echo(f"the turtle's path: {path}")
+
+
+def _free_port() -> int:
+    """Return a free port of this host: that of `llfsm view` if it is one."""
+    for port in (_VIEW_PORT, 0):
+        with socket.socket() as probe, suppress(OSError):
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(("127.0.0.1", port))
+            return int(probe.getsockname()[1])
+    raise AssertionError("the system has a free port")
+
+
+def _processes(graph: RosGraph | None) -> Processes:
+    if graph is None:
+        return Processes()
+    return Processes(restart=True, environment=graph.environment())
+
+
+def _start(
+    processes: Processes, chosen: _Demo, board: str, target: Path, record: Path | None
+) -> None:
+    """Start what meets on a whiteboard; one removes it if this process is killed."""
+    on_board = ("--board", board)
+    if chosen.with_turtle:
+        processes.start(
+            "simulator", "turtlesim", *on_board, "--picture", str(target), "--remove-board"
+        )
+    owner = () if chosen.with_turtle else ("--remove-board",)
+    recorded = () if record is None else ("--record", str(record))
+    processes.start("machine", "run", *chosen.machines, "-q", *on_board, *owner, *recorded)
+
+
+def _start_on_ros(
+    processes: Processes, chosen: _Demo, board: str, target: Path, graph: RosGraph
+) -> None:
+    graph.start_router(processes)
+    if chosen.with_turtle:
+        graph.start_simulator(processes, target)
+    graph.start_bridge(processes, board)
+    processes.start("machine", "run", *chosen.machines, "-q", "--board", board)
+
+
+def _clear(board: str) -> None:
+    """Remove the board that a killed run left; refuse if somebody uses it."""
+    until = time.monotonic() + _PATIENCE_S
+    while True:
+        there = {info.name: info.used for info in boards()}
+        if board not in there:
+            return
+        if not there[board]:
+            click.echo(f"removing the whiteboard {board!r} that an earlier run left", err=True)
+            with suppress(BoardNotFoundError):  # its last process did it meanwhile
+                remove_board(board)
+            return
+        if time.monotonic() > until:
+            raise BoardError(
+                f"the whiteboard {board!r} is in use; end what uses it or choose another --board"
+            )
+        time.sleep(0.05)  # nothing tells when the last process lets go of a board
+
+
+@contextmanager
+def _ending_on_signals() -> Iterator[None]:
+    """Leave the block by :class:`_EndError` at the first SIGINT or SIGTERM; later ones wait."""
+
+    def end(_: int, __: FrameType | None) -> None:
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)
+        raise _EndError
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    except _EndError:
+        pass
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,123 @@
+"""A running demo on the terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Self
+
+import click
+
+from llfsm.whiteboard import Whiteboard
+
+from ..tables import Watcher, machine_table, slot_table, turtle_field
+from .processes import Processes, Standing
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+__all__ = ["LiveBoard", "show"]
+
+_FRAME_S = 0.1
+_NEWS = 5  # lines of it on the terminal
+
+
+class LiveBoard:
+    """The whiteboard of a demo, removed at the end.
+
+    A process that somebody else ends removes it, too: then it is made again.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._open()
+
+    def _open(self) -> None:
+        self._board = Whiteboard(self._name)
+        self._watcher = Watcher(self._board)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._board.remove()
+        self._board.close()
+
+    def watcher(self) -> Watcher:
+        """Return what sees the whiteboard that is there now."""
+        if not self._board.alive:
+            self._board.close()
+            self._open()
+        return self._watcher
+
+
+def show(board: LiveBoard, processes: Processes, title: str, seconds: float | None) -> None:
+    """Show a demo for so long: as a picture on a terminal, else a line for each change."""
+    started = time.monotonic()
+    until = float("inf") if seconds is None else started + seconds
+
+    def timed(line: str) -> str:
+        return f"{time.monotonic() - started:6.1f} s  {line}"
+
+    if sys.stdout.isatty():
+        from rich.live import Live
+
+        news: deque[str] = deque(maxlen=_NEWS)
+        with Live(auto_refresh=False) as live:
+            while time.monotonic() < until:
+                news.extend(map(timed, _reports(processes)))
+                shown = _picture(board.watcher(), title, processes.standings(), news)
+                live.update(shown, refresh=True)
+                processes.wait(_FRAME_S)
+        return
+    click.echo(title)
+    told: dict[str, str] = {}
+    while time.monotonic() < until:
+        for report in _reports(processes):
+            click.echo(timed(report))
+        watcher = board.watcher()
+        pose = watcher.pose()
+        where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
+        states = {machine.name: machine.state for machine in watcher.machines()}
+        for machine, state in states.items():
+            if told.get(machine) != state:
+                click.echo(timed(f"{machine}: {state}{where}"))
+        told = states
+        processes.wait(_FRAME_S / 2)
+
+
+def _reports(processes: Processes) -> Iterator[str]:
+    while processes.reports:
+        yield processes.reports.popleft()
+
+
+def _picture(
+    watcher: Watcher, title: str, processes: Sequence[Standing], news: Sequence[str]
+) -> RenderableType:
+    """Return all that `watcher` sees, to be shown on a terminal, with what became of processes."""
+    from rich.columns import Columns
+    from rich.console import Group
+    from rich.panel import Panel
+    from rich.table import Table
+    from rich.text import Text
+
+    machines = machine_table(watcher.machines())
+    running = Table.grid(padding=(0, 2))
+    for name, pid, since_s, said in processes:
+        state = Text("starts again", "bold red") if pid is None else Text(f"process {pid}", "green")
+        running.add_row(name, state, f"{since_s:5.0f} s", Text(said, "dim", no_wrap=True))
+    pose = watcher.pose()
+    board = slot_table(watcher.slots())
+    top: list[RenderableType] = [Panel(machines, title="machines", title_align="left")]
+    if pose is not None:
+        where = f"turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
+        top.append(Panel(turtle_field(watcher, pose), title=where, title_align="left"))
+    return Group(
+        Text(title, "bold"),
+        Columns(top),
+        Panel(running, title="processes", title_align="left"),
+        Panel(board, title="whiteboard", title_align="left"),
+        *(Text(line, "red") for line in news),
+    )

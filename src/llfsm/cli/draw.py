@@ -1,0 +1,85 @@
+"""``llfsm draw``: a machine as a picture, or as text that other tools draw."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from llfsm.runtime.drawing import arrange, to_dot, to_mermaid, to_png, to_svg
+from llfsm.runtime.engine.machine import Machine
+
+from .machine_names import find_machine
+
+__all__ = ["draw"]
+
+_ENDINGS = {
+    ".dot": "dot", ".gv": "dot", ".mmd": "mermaid", ".mermaid": "mermaid",
+    ".svg": "svg", ".png": "png",
+}  # fmt: skip
+
+
+@click.command()
+@click.argument("machine")
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write to FILE instead of standard output.",
+)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["dot", "mermaid", "svg", "png"]),
+    help="What to write; by default what FILE's ending says, and dot without a FILE.",
+)
+@click.option(
+    "--sections/--fold",
+    default=None,
+    help="Show the states' code, or their names only; by default as the machine's layout says.",
+)
+def draw(machine: str, output: Path | None, form: str | None, sections: bool | None) -> None:
+    """Draw MACHINE: one that ships, package.module:Class, or a .machine bundle.
+
+    A bundle's own layout is kept; without one the states are laid out from the initial one down.
+
+    \b
+    llfsm draw RosWallTurttleBot -o wall.svg
+    llfsm draw RosPingPong -o pingpong.png --sections
+    llfsm draw RosPingPong --format mermaid
+    """
+    form = form or _format_of(output)
+    written = _drawn(find_machine(machine), form, sections)
+    if output is None:
+        if form == "png" and sys.stdout.isatty():
+            raise click.UsageError("a PNG is not for the terminal: give it a file with -o FILE")
+        click.echo(written, nl=False)
+        return
+    try:
+        output.write_bytes(written)
+    except OSError as error:
+        raise click.ClickException(f"cannot write {output}: {error.strerror}") from error
+
+
+def _format_of(output: Path | None) -> str:
+    if output is None:
+        return "dot"
+    form = _ENDINGS.get(output.suffix.lower())
+    if form is None:
+        raise click.UsageError(
+            f"{output}: its ending names no format ({', '.join(_ENDINGS)}); "
+            f"rename it or give --format"
+        )
+    return form
+
+
+def _drawn(machine: type[Machine], form: str, sections: bool | None) -> bytes:
+    table, name = machine.table, machine.__name__
+    if form == "dot":
+        return to_dot(table, title=name, sections=bool(sections)).encode()
+    if form == "mermaid":
+        return to_mermaid(table, title=name, sections=bool(sections)).encode()
+    diagram = arrange(table, title=name, sections=sections)
+    return to_png(diagram) if form == "png" else to_svg(diagram).encode()

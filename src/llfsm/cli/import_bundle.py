@@ -1,0 +1,60 @@
+"""``llfsm import``: a bundle of Python from one of C++."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from llfsm.runtime.bundles import (
+    SUFFIX,
+    UNTRANSLATED,
+    Bundle,
+    Fragment,
+    import_bundle,
+    read_bundle,
+    write_bundle,
+)
+
+from .options import output_option
+
+__all__ = ["import_"]
+
+
+@click.command("import")
+@click.argument("bundle", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@output_option("the new bundle")
+@click.option("-f", "--force", is_flag=True, help="Replace a bundle that is there already.")
+def import_(bundle: Path, output: Path, force: bool) -> None:
+    """Make a bundle of Python from BUNDLE, one of C++.
+
+    Structure, layout, simple variables and simple expressions are translated; other C++ becomes
+    comments, with marks that keep the bundle from running until it is translated by hand.
+
+    \b
+    llfsm import clfsm/Patrol.machine -o machines
+    """
+    source = read_bundle(bundle)
+    folder = output / f"{source.name}{SUFFIX}"
+    write_bundle(import_bundle(source), folder, replace=force)
+    click.echo(f"wrote {folder}")
+    marks = [mark for fragment in _fragments(read_bundle(folder)) for mark in _marks(fragment)]
+    if marks:
+        click.echo(f"{len(marks)} to translate by hand; it does not run before:")
+    for mark in marks:
+        click.echo(f"  {mark}")
+
+
+def _fragments(bundle: Bundle) -> Iterator[Fragment]:
+    yield from filter(None, (bundle.variables, bundle.methods))
+    for state in bundle.states:
+        yield from filter(None, (state.variables, state.methods))
+        yield from state.sections.values()
+        yield from filter(None, (transition.expression for transition in state.transitions))
+
+
+def _marks(fragment: Fragment) -> Iterator[str]:
+    for number, line in enumerate(fragment.text.splitlines(), 1):
+        if line.startswith(UNTRANSLATED):
+            yield f"{fragment.file}:{number}"

@@ -1,0 +1,175 @@
+"""``llfsm new``: a machine to start from, which runs at once."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from importlib.util import find_spec
+from keyword import iskeyword
+from pathlib import Path
+
+import click
+
+from llfsm.runtime.bundles import (
+    SUFFIX,
+    Bundle,
+    BundleState,
+    BundleTransition,
+    Fragment,
+    write_bundle,
+)
+from llfsm.runtime.engine.layout import Layout, StateBox, TransitionPath
+
+from .options import output_option
+
+__all__ = ["new"]
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--class/--bundle",
+    "as_class",
+    default=False,
+    help="Make a Python file with a class, or a .machine bundle, which is the default.",
+)
+@output_option("it")
+def new(name: str, as_class: bool, output: Path) -> None:
+    """Make machine NAME: it counts for a second and ends, and its comments explain.
+
+    What is there already is never replaced.
+
+    \b
+    llfsm new Patrol
+    llfsm new WallFollower --class
+    """
+    if not (name.isascii() and name.isidentifier()) or iskeyword(name):
+        raise click.UsageError(
+            f"{name!r} cannot name a machine: use letters, digits and _, not a digit first, "
+            f"and no keyword of Python"
+        )
+    if as_class:
+        wrote, machine = _write_class(name, output)
+    else:
+        wrote = output / f"{name}{SUFFIX}"
+        machine = str(output / name)
+        write_bundle(_bundle(name), wrote)
+    click.echo(f"wrote {wrote}; next:")
+    if as_class and output != Path():
+        click.echo(f"  cd {shlex.quote(str(output))}")
+    machine = shlex.quote(machine)
+    for command in (f"run {machine}", f"check {machine}", f"draw {machine} -o {name}.svg"):
+        click.echo(f"  llfsm {command}")
+
+
+def _write_class(name: str, folder: Path) -> tuple[Path, str]:
+    """Write the class; return its file, and how `llfsm run` calls it."""
+    module = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+    file = folder / f"{module}.py"
+    if file.exists():
+        raise click.ClickException(f"{file} is there already; choose another name")
+    if iskeyword(module) or find_spec(module) is not None or name in ("Machine", "State"):
+        raise click.UsageError(
+            f"{name!r}: {module}.py would hide what Python or a library calls so; "
+            f"choose another name"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with file.open("x") as opened:
+            opened.write(_CLASS.format(name=name, module=module))
+    except OSError as error:
+        raise click.ClickException(f"cannot write {file}: {error.strerror}") from error
+    return file, f"{module}:{name}"
+
+
+_CLASS = '''\
+"""A machine that counts for a second and ends."""
+
+from llfsm.runtime import Machine, State
+
+__all__ = ["{name}"]
+
+
+class {name}(Machine):
+    """Count the ringlets, the turns that the machine is given.
+
+    Run it with ``llfsm run {module}:{name}``.
+    To set its variable, add ``{name}:count=100``.
+    """
+
+    # Annotated, so that it is a variable: each machine of this class has its own.
+    count: int = 0
+
+    # The first state is initial. One without transitions accepts: the machine is done there.
+    COUNT = State()
+    END = State()
+
+    @COUNT.on_entry
+    def _(self) -> None:
+        # OnEntry runs once, when the state is entered from another one.
+        print(f"{{self.name}} counts from {{self.count}}")
+
+    @COUNT.internal
+    def _(self) -> None:
+        # Internal runs in each ringlet in which no transition fires.
+        self.count += 1
+
+    # Transitions are evaluated in this order, and the first that holds fires. A guard looks at
+    # variables and sensors and changes nothing.
+    @COUNT.to(END)
+    def stopped(self) -> bool:
+        """Tell whether an end was asked for, as by Ctrl-C."""
+        return self.stopping
+
+    COUNT.to(END, after_ms=1000)
+
+    @END.on_entry
+    def _(self) -> None:
+        print(f"{{self.name}} counted to {{self.count}}")
+'''
+
+_VARIABLES = """\
+# The machine's variables and ports, which all of its code calls by these names.
+# A sensor is  pose = Sensor(SLOT)  and an actuator  drive = Actuator(SLOT);  import Sensor and
+# Actuator, slots and messages in {name}_Includes.py.
+count: int = 0  # ringlets so far; `llfsm run {name} {name}:count=100` begins elsewhere
+"""
+_COUNT_ENTRY = """\
+# OnEntry runs once, when the state is entered from another one.
+print(f"{name} counts from {count}")
+"""
+_COUNT_INTERNAL = """\
+# Internal runs in each ringlet, the machine's turn, in which no transition fires.
+count += 1
+"""
+_END_ENTRY = """\
+# No transition leaves this state, so it accepts: the machine is done.
+print(f"{name} counted to {count}")
+"""
+_STOPPED = "stopping  # an end was asked for, as by Ctrl-C; transition 0 is evaluated first\n"
+
+
+def _bundle(name: str) -> Bundle:
+    transitions = (
+        BundleTransition("END", Fragment(_STOPPED)),
+        BundleTransition("END", Fragment("after_ms(1000)\n")),
+    )
+    sections = {"OnEntry": Fragment(_COUNT_ENTRY), "Internal": Fragment(_COUNT_INTERNAL)}
+    states = (
+        BundleState("COUNT", sections, transitions),
+        BundleState("END", {"OnEntry": Fragment(_END_ENTRY)}),
+    )
+    variables = Fragment(_VARIABLES.format(name=name))
+    return Bundle(name, states, variables=variables, layout=_LAYOUT)
+
+
+def _arrow(bend: float) -> TransitionPath:
+    """Return an arrow from the upper state down to the lower one, bent to one side."""
+    return TransitionPath((250 + bend, 140), (250 + bend, 260),
+                          (250 + 2 * bend, 180), (250 + 2 * bend, 220))  # fmt: skip
+
+
+_LAYOUT = Layout(
+    {"COUNT": StateBox(250, 100, 140, 80), "END": StateBox(250, 300, 140, 80)},
+    {"COUNT": (_arrow(-40), _arrow(40))},
+)

@@ -1,0 +1,78 @@
+"""The command line's root: ``llfsm``, and ``clfsm`` as another name for ``llfsm run``.
+
+Commands are imported when they are called, and found by name; see :mod:`.lazy`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from llfsm.errors import LlfsmError
+
+from .lazy import LazyGroup
+
+__all__ = ["clfsm", "main"]
+
+# name: (where it is, what `llfsm --help` says of it)
+_COMMANDS = {
+    "new": ("llfsm.cli.new:new", "Make a machine to start from."),
+    "run": ("llfsm.cli.run.command:run", "Run machines as one arrangement."),
+    "ps": ("llfsm.cli.control:ps", "List the machines that run."),
+    "suspend": ("llfsm.cli.control:suspend", "Suspend a machine that runs."),
+    "resume": ("llfsm.cli.control:resume", "Resume a suspended machine."),
+    "restart": ("llfsm.cli.control:restart", "Restart a machine that runs."),
+    "stop": ("llfsm.cli.control:stop", "Ask a machine to end."),
+    "check": ("llfsm.cli.check:check", "Check machines without running them."),
+    "draw": ("llfsm.cli.draw:draw", "Draw a machine."),
+    "show": ("llfsm.cli.show:show", "Show what a machine consists of."),
+    "import": (
+        "llfsm.cli.import_bundle:import_",
+        "Make a bundle of Python from one of C++.",
+    ),
+    "package": (
+        "llfsm.cli.package:package",
+        "Write the ROS 2 package that starts a machine.",
+    ),
+    "turtlesim": (
+        "llfsm.cli.turtlesim:turtlesim",
+        "Simulate turtles, on a whiteboard or as a ROS 2 node.",
+    ),
+    "router": ("llfsm.cli.router:router", "Let ROS 2 nodes over Zenoh find each other."),
+    "view": ("llfsm.cli.view:view", "Show a whiteboard and its machines on a page."),
+    "record": ("llfsm.cli.recording:record", "Record a whiteboard to a file."),
+    "replay": ("llfsm.cli.recording:replay", "Replay a recording to a whiteboard."),
+    "rerun": ("llfsm.cli.recording:rerun", "Run machines on what was recorded."),
+    "top": ("llfsm.cli.top:top", "Show a whiteboard and its machines, live."),
+    "whiteboard": ("llfsm.cli.whiteboard:whiteboard", "List, read and write whiteboards."),
+    "bridge": ("llfsm.cli.bridge.group:bridge", "Connect a whiteboard with another world."),
+    "demo": ("llfsm.cli.demo.command:demo", "Watch machines and turtles work together."),
+}
+
+
+class _Root(LazyGroup):
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            if ctx.params["debug"] or not isinstance(error, LlfsmError):
+                raise
+            raise click.ClickException(str(error)) from error
+
+
+@click.group(cls=_Root, table=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.version_option(package_name="llfsm")
+def main(debug: bool) -> None:
+    """Deterministic robot behaviours: state machines that pull from a typed whiteboard.
+
+    Try `llfsm demo wall`, or `llfsm COMMAND --help`.
+    """
+
+
+def clfsm() -> None:
+    """Be ``llfsm run`` for those who type its ancestor's name."""
+    import sys
+
+    main.main(["run", *sys.argv[1:]], prog_name="clfsm")

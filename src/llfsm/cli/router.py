@@ -1,0 +1,56 @@
+"""``llfsm router``: where nodes over Zenoh find each other, in place of rmw_zenohd."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+
+import click
+
+from llfsm.bridges.ros2.errors import Ros2Error
+from llfsm.bridges.ros2.router import loopback, open_router
+
+from .supervised import end_with_input, until_eof_option
+
+__all__ = ["router"]
+
+
+@click.command()
+@click.option(
+    "--listen",
+    metavar="ENDPOINT",
+    multiple=True,
+    help="Where to listen, as tcp/0.0.0.0:7447 (all hosts that reach this one). May be repeated.  "
+    "[default: port 7447 of this host alone]",
+)
+@until_eof_option
+def router(listen: tuple[str, ...], until_eof: bool) -> None:
+    """Let ROS 2 nodes that use Zenoh find each other, until Ctrl-C.
+
+    It stands in for rmw_zenohd where ROS is not installed: nodes with
+    RMW_IMPLEMENTATION=rmw_zenoh_cpp, of ROS and of llfsm, need one to meet.
+
+    \b
+    llfsm router
+    llfsm router --listen tcp/0.0.0.0:7447
+    """
+    over = threading.Event()
+
+    def end(_: int, __: FrameType | None) -> None:
+        over.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    endpoints = listen or loopback()
+    try:
+        session = open_router(endpoints)
+    except Ros2Error as error:
+        raise click.ClickException(str(error)) from error
+    try:
+        if until_eof:
+            end_with_input()
+        click.echo(f"router: listening on {', '.join(endpoints)}")
+        over.wait()
+    finally:
+        session.close()

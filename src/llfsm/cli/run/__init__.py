@@ -1,0 +1,1 @@
+"""``llfsm run``: machines as one arrangement."""

@@ -1,0 +1,189 @@
+"""``llfsm run``: machines as one arrangement, with clfsm's letters."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import logging
+import sys
+from pathlib import Path
+from typing import Literal
+
+import click
+from msgspec.structs import replace
+
+from llfsm.runtime.plans.plan import Plan, assemble
+from llfsm.whiteboard import Whiteboard
+
+from ..options import board_option
+from ..supervised import end_with_input, supervised_options
+from .arguments import plan_of
+from .nonstop import run_nonstop
+from .recorder import recorded
+from .report import StateReport, SuspensionReport
+from .timing import timing_table
+
+__all__ = ["run"]
+
+
+@click.command()
+@click.argument("machines", nargs=-1)
+@click.option(
+    "-S", "suspended", metavar="MACHINE", multiple=True, help="Load MACHINE, too, suspended."
+)
+@click.option(
+    "-P",
+    "preloaded",
+    metavar="MACHINE",
+    multiple=True,
+    help="Make MACHINE ready to be loaded by the others.",
+)
+@click.option(
+    "-T",
+    "table",
+    metavar="TABLE",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Run the machines of a dispatch table, each at its times.",
+)
+@click.option(
+    "-v",
+    "verbose",
+    count=True,
+    help="Tell each state change: machine number, state number, machine, state; -vv: its path too.",
+)
+@click.option("-s", "report", is_flag=True, help="Tell of suspends, resumes and restarts.")
+@click.option("-t", "timed", is_flag=True, help="Time the ringlets; tell at the end.")
+@click.option("-n", "nonstop", is_flag=True, help="Start again after a crash.")
+@click.option("-q", "quiet", is_flag=True, help="Leave out the header.")
+@click.option("-u", "keep", is_flag=True, help="Do not unload accepting machines.")
+@click.option(
+    "-i",
+    "idle_us",
+    metavar="US",
+    type=click.IntRange(0),
+    help="Sleep so many microseconds (10000) after a round in which no transition fired.",
+)
+@click.option(
+    "--period",
+    "period_us",
+    metavar="US",
+    type=click.IntRange(1),
+    help="Begin a round every so many microseconds instead.",
+)
+@click.option(
+    "--on-error",
+    type=click.Choice(["stop", "suspend"]),
+    help="When a machine's code raises: stop all (as by default), or suspend that machine.",
+)
+@click.option(
+    "--record",
+    "recording",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record the whiteboard and all that the machines do, to be run again by llfsm rerun.",
+)
+@board_option
+@supervised_options
+def run(
+    machines: tuple[str, ...],
+    suspended: tuple[str, ...],
+    preloaded: tuple[str, ...],
+    table: Path | None,
+    verbose: int,
+    report: bool,
+    timed: bool,
+    nonstop: bool,
+    quiet: bool,
+    keep: bool,
+    idle_us: int | None,
+    period_us: int | None,
+    on_error: Literal["stop", "suspend"] | None,
+    recording: Path | None,
+    board: str,
+    until_eof: bool,
+    remove_board: bool,
+) -> None:
+    """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
+
+    A machine is one that ships, package.module:Class, or the folder of a bundle; name=machine
+    gives it a name, name:variable=value sets a variable, name:slot:=other exchanges a slot.
+    Instead of machines, name an arrangement file (.toml).
+
+    \b
+    llfsm run RosPingPong -v
+    llfsm run path/to/Patrol.machine
+    llfsm run RosBlindTurttleBot TurtleSuspendResume -s
+    llfsm run a=my_robot.patrol:Patrol a:rounds=3 a:turtle1/pose:=bob/pose
+    llfsm run robot.toml -t
+    """
+    if nonstop and recording is not None:
+        raise click.UsageError("--record keeps one run, -n may start several: leave out one")
+    planned = plan_of(machines, table, suspended, preloaded)
+    plan = _with_options(planned.plan, keep, idle_us, period_us, on_error)
+    _log()
+    with (
+        Whiteboard(_board(plan, board)) as wb,
+        recorded(recording, wb, plan, forks=nonstop) as make,
+    ):
+        try:
+            arrangement = assemble(
+                plan, planned.classes, wb, library=planned.library, timed=timed, make=make
+            )
+            if verbose:
+                arrangement.attach(StateReport(arrangement, with_path=verbose > 1))
+            if report:
+                arrangement.attach(SuspensionReport(arrangement))
+            if not quiet:
+                version = importlib.metadata.version("llfsm")
+                names = ", ".join(planned.classes)
+                click.echo(f"llfsm {version}: {names} on whiteboard {wb.name}", err=True)
+            if until_eof:
+                end_with_input()
+
+            def execute() -> None:
+                try:
+                    arrangement.run()
+                finally:
+                    if timed:
+                        click.echo(timing_table(arrangement.statistics()), err=True)
+
+            if nonstop:
+                run_nonstop(execute, arrangement.stop)
+            else:
+                execute()
+        finally:
+            if remove_board:
+                wb.remove()
+
+
+def _with_options(
+    plan: Plan,
+    keep: bool,
+    idle_us: int | None,
+    period_us: int | None,
+    on_error: Literal["stop", "suspend"] | None,
+) -> Plan:
+    """Return the plan with what the command line says differently."""
+    if period_us is not None and any(machine.period_us for machine in plan.machines):
+        raise click.UsageError("--period: the machines have their own times already")
+    return replace(
+        plan,
+        unload_accepting=plan.unload_accepting and not keep,
+        idle_us=plan.idle_us if idle_us is None else idle_us,
+        period_us=period_us or plan.period_us,
+        on_error=on_error or plan.on_error,
+    )
+
+
+def _log() -> None:
+    """Have what machines say on standard output, and what went wrong on standard error."""
+    said, wrong = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
+    said.addFilter(lambda record: record.levelno < logging.WARNING)
+    wrong.setLevel(logging.WARNING)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[said, wrong])
+
+
+def _board(plan: Plan, board: str) -> str:
+    """Return the whiteboard's name: the command line's, if it gives one, else the file's."""
+    source = click.get_current_context().get_parameter_source("board")
+    given = source is click.core.ParameterSource.COMMANDLINE
+    return board if given or plan.board is None else plan.board

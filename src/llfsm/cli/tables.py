@@ -1,0 +1,180 @@
+"""A board and its machines as tables on the terminal, all of it pulled from the whiteboard."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from llfsm.runtime.presence.remote import SILENT_S, Directory, RemoteMachine
+from llfsm.whiteboard import (
+    BoardClosedError,
+    BoundSlot,
+    Message,
+    Sample,
+    Whiteboard,
+    WhiteboardError,
+)
+from llfsm.whiteboard.messages.turtlesim import Pose
+from llfsm.whiteboard.schema import to_plain
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rich.console import RenderableType
+
+__all__ = ["SeenSlot", "Watcher", "machine_table", "slot_table", "turtle_field"]
+
+_FIELD = 11.09  # metres
+_COLUMNS, _ROWS = 44, 18
+_ARROWS = "→↗↑↖←↙↓↘"
+_RATE_S = 1.0  # over which changes are counted
+_OWN = "llfsm/"  # slots by which machines are told of: they have a table of their own
+
+
+class SeenSlot(NamedTuple):
+    """A slot as it was when somebody looked."""
+
+    name: str
+    sample: Sample[Message] | None
+    rate: float
+    """Changes per second."""
+    problem: str = ""
+    """Why its message cannot be shown."""
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since the latest message was added; infinite if none was."""
+        if self.sample is None:
+            return math.inf
+        return (time.monotonic_ns() - self.sample.stamp_ns) / 1e9
+
+
+class Watcher:
+    """Pull all there is on a board, as often as somebody looks."""
+
+    def __init__(self, board: Whiteboard) -> None:
+        self._board = board
+        self._directory = Directory(board)
+        self._slots: dict[str, BoundSlot[Any]] = {}
+        self._problems: dict[str, str] = {}  # of slots that cannot be read at all
+        self._counted: dict[str, tuple[float, int]] = {}
+        self._rates: dict[str, float] = {}
+        self.trail: dict[tuple[int, int], None] = {}
+
+    def machines(self) -> list[RemoteMachine]:
+        """Return the machines that run on the board."""
+        return self._directory.machines()
+
+    def pose(self) -> Pose | None:
+        """Return where turtle1 is, and remember that it was there."""
+        self._find_slots()
+        slot = self._slots.get("turtle1/pose")
+        pose: Pose | None = None if slot is None else slot.get()
+        if pose is not None:
+            self.trail[_cell(pose)] = None
+        return pose
+
+    def slots(self) -> list[SeenSlot]:
+        """Return all slots but those by which machines are told of."""
+        self._find_slots()
+        seen = [SeenSlot(name, None, 0.0, problem) for name, problem in self._problems.items()]
+        for name, slot in self._slots.items():
+            try:
+                seen.append(SeenSlot(name, slot.sample(), self._rate(name, slot.count)))
+            except BoardClosedError:
+                raise
+            except WhiteboardError as error:
+                seen.append(SeenSlot(name, None, self._rate(name, slot.count), str(error)))
+        return seen
+
+    def _rate(self, name: str, count: int) -> float:
+        now = time.monotonic()
+        then, before = self._counted.setdefault(name, (now, count))
+        if now - then >= _RATE_S:
+            self._rates[name] = (count - before) / (now - then)
+            self._counted[name] = now, count
+        return self._rates.get(name, 0.0)
+
+    def _find_slots(self) -> None:
+        for info in self._board.slots():
+            name = info.name
+            if name in self._slots or name in self._problems or name.startswith(_OWN):
+                continue
+            try:
+                self._slots[name] = self._board[info.slot()]
+            except BoardClosedError:
+                raise
+            except WhiteboardError as error:
+                self._problems[name] = str(error)
+
+
+def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> RenderableType:
+    """Return machines with their states; `wide` adds what `llfsm ps` tells."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for machine in machines:
+        style = "yellow" if machine.suspended else "bold green"
+        how = "suspended" if machine.suspended else "running"
+        if machine.silent_s > SILENT_S:
+            style, how = "red", "silent"
+        row: list[RenderableType] = [
+            Text(machine.name),
+            Text(machine.state, style),
+            f"{machine.in_state_s:6.1f} s",
+        ]
+        if wide:
+            told = machine.told
+            overruns = Text(f"{told.overruns} overruns", "red" if told.overruns else "dim")
+            row += [Text(how, style), f"{told.ringlets} ringlets", overruns, f"pid {told.pid}"]
+        table.add_row(*row)
+    return table
+
+
+def slot_table(slots: Iterable[SeenSlot], *, wide: bool = False) -> RenderableType:
+    """Return slots with their values; `wide` adds how old they are and who wrote them."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for slot in slots:
+        sample = slot.sample
+        value = Text(_short(sample.message)) if sample else Text(slot.problem or "-", "red")
+        value.overflow, value.no_wrap = "ellipsis", True
+        count = "-" if sample is None else str(sample.count)
+        row: list[RenderableType] = [Text(slot.name, "cyan"), f"{count:>6}", f"{slot.rate:5.1f}/s"]
+        if wide:
+            stale = slot.age_s > 1 and slot.rate == 0
+            row.append(Text(f"{slot.age_s:6.1f} s" if sample else "", "dim" if stale else ""))
+            row.append(f"pid {sample.writer}" if sample else "")
+        table.add_row(*row, value)
+    return table
+
+
+def turtle_field(watcher: Watcher, pose: Pose) -> str:
+    """Return the field of turtle1 as lines of text: where it is, heads and has been."""
+    rows = [[" "] * _COLUMNS for _ in range(_ROWS)]
+    for column, row in watcher.trail:
+        rows[row][column] = "·"
+    column, row = _cell(pose)
+    rows[row][column] = _ARROWS[round(pose.theta / (math.pi / 4)) % 8]
+    return "\n".join("".join(cells) for cells in rows)
+
+
+def _cell(pose: Pose) -> tuple[int, int]:
+    column = int(pose.x / _FIELD * _COLUMNS)
+    row = int((1 - pose.y / _FIELD) * _ROWS)
+    return min(max(column, 0), _COLUMNS - 1), min(max(row, 0), _ROWS - 1)
+
+
+def _short(message: Message) -> str:
+    def rounded(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: rounded(inner) for key, inner in value.items()}
+        return round(value, 2) if isinstance(value, float) else value
+
+    text = json.dumps(rounded(to_plain(message)), ensure_ascii=False)
+    return text[1:-1].replace('"', "")

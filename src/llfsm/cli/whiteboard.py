@@ -1,0 +1,178 @@
+"""``llfsm whiteboard``: list, read and write whiteboards from a terminal."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import click
+
+from llfsm.whiteboard import (
+    BoardClosedError,
+    BoardError,
+    BoundSlot,
+    Message,
+    MessageUnreadableError,
+    Sample,
+    Slot,
+    Whiteboard,
+    WhiteboardError,
+)
+from llfsm.whiteboard.messages.llfsm import JOURNALS
+from llfsm.whiteboard.schema import to_plain
+from llfsm.whiteboard.shared import boards, remove_board
+from llfsm.whiteboard.text import message_class, parse_message
+
+from .daemon import daemon, status
+from .options import board_option
+
+__all__ = ["whiteboard"]
+
+_LOOK_S = 0.02  # how often `watch` looks, a frame of a screen
+
+
+@click.group()
+def whiteboard() -> None:
+    """List, read and write whiteboards.
+
+    \b
+    llfsm whiteboard list
+    llfsm whiteboard get turtle1/pose -b demo
+    llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 1}}' -b demo
+    """
+
+
+whiteboard.add_command(daemon)
+whiteboard.add_command(status)
+
+
+@whiteboard.command("list")
+@click.argument("board", required=False)
+def list_(board: str | None) -> None:
+    """List the whiteboards of this host, or the slots of one BOARD."""
+    if board is not None:
+        with Whiteboard(board, create=False) as wb:
+            for info in wb.slots():
+                try:
+                    how = _age(wb[info.slot()].sample())
+                except BoardClosedError:
+                    raise
+                except WhiteboardError as error:
+                    how = f"cannot be read: {error}"
+                click.echo(f"{info.name}  {info.type_name}  {how}")
+        return
+    for found in boards():
+        click.echo(f"{found.name}  {'in use' if found.used else 'not in use'}")
+
+
+@whiteboard.command()
+@click.argument("slot")
+@board_option
+def get(slot: str, board: str) -> None:
+    """Print the latest message of SLOT as JSON."""
+    with Whiteboard(board, create=False) as wb:
+        message = wb.get_message(wb.find(slot))
+        if message is None:
+            raise click.ClickException(f"nothing was added to {slot!r} yet")
+        click.echo(_json(message))
+
+
+@whiteboard.command()
+@click.argument("slot")
+@click.argument("message")
+@click.option(
+    "--type",
+    "kind",
+    metavar="TYPE",
+    help="For a new slot: package.module:Class, or a shipped type, as geometry_msgs/Twist.",
+)
+@board_option
+def add(slot: str, message: str, kind: str | None, board: str) -> None:
+    """Add MESSAGE, a JSON object, to SLOT; fields left out are zero. A new slot needs --type."""
+    with Whiteboard(board, create=kind is not None) as wb:
+        target = wb.find(slot) if kind is None else Slot(slot, message_class(kind))
+        count = wb.add_message(target, parse_message(target, message))
+        click.echo(f"message {count} of {slot}")
+
+
+@whiteboard.command()
+@click.argument("slots", nargs=-1)
+@click.option("-n", "--changes", type=click.IntRange(1), help="Stop after so many changes.")
+@board_option
+def watch(slots: tuple[str, ...], changes: int | None, board: str) -> None:
+    """Print the messages of SLOTS (default: all) as they change, until Ctrl-C.
+
+    Of a slot that changes more often than 50 times a second only the newest message is shown.
+    """
+    with Whiteboard(board, create=False) as wb:
+        try:
+            for number, (name, sample) in enumerate(_changes(wb, slots), 1):
+                click.echo(f"{name} {sample.count} {_json(sample.message)}")
+                if number == changes:
+                    return
+        except KeyboardInterrupt:
+            return
+    raise click.ClickException(f"the whiteboard {board!r} was removed")
+
+
+def _changes(wb: Whiteboard, names: tuple[str, ...]) -> Iterator[tuple[str, Sample[Message]]]:
+    bound: dict[str, BoundSlot[Message]] = {name: wb[wb.find(name)] for name in names}
+    seen: dict[str, int] = {}
+    unreadable: set[str] = set()
+
+    def warn(name: str, error: WhiteboardError) -> None:
+        if name not in unreadable:
+            unreadable.add(name)
+            click.echo(f"{name} cannot be read: {error}", err=True)
+
+    def find_all() -> None:
+        for info in wb.slots():
+            if info.name in bound or info.name in unreadable or info.name.startswith(JOURNALS):
+                continue
+            try:
+                bound[info.name] = wb[info.slot()]
+            except BoardClosedError:
+                raise
+            except WhiteboardError as error:
+                warn(info.name, error)
+
+    while wb.alive:
+        if not names:
+            find_all()
+        for name, slot in bound.items():
+            try:
+                sample = slot.sample()
+            except MessageUnreadableError as error:
+                warn(name, error)
+                continue
+            if sample is not None and seen.get(name) != sample.count:
+                seen[name] = sample.count
+                yield name, sample
+        time.sleep(_LOOK_S)
+
+
+@whiteboard.command()
+@click.argument("names", metavar="BOARD...", nargs=-1, required=True)
+@click.option("-f", "--force", is_flag=True, help="Also if some process has it open.")
+def rm(names: tuple[str, ...], force: bool) -> None:
+    """Remove whiteboards; processes that have one open are told to stop."""
+    used = {info.name for info in boards() if info.used}
+    for name in names:
+        if name in used and not force:
+            raise BoardError(
+                f"the whiteboard {name!r} is in use; end its processes, or use --force"
+            )
+        remove_board(name)
+
+
+def _age(sample: Sample[Any] | None) -> str:
+    if sample is None:
+        return "nothing added yet"
+    seconds = (time.monotonic_ns() - sample.stamp_ns) / 1e9
+    return f"{sample.count} added, the last {seconds:.1f} s ago by process {sample.writer}"
+
+
+def _json(message: Message) -> str:
+    return json.dumps(to_plain(message), ensure_ascii=False)

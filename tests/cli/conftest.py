@@ -1,0 +1,116 @@
+"""Real `llfsm` processes on boards of their own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+
+from llfsm.whiteboard import BoardNotFoundError, Whiteboard
+from llfsm.whiteboard.shared import boards, remove_board
+
+PATIENCE_S = 30  # how long a condition may take on a busy machine before it counts as failed
+
+
+class Llfsm:
+    """Start `llfsm` and remember what was started."""
+
+    def __init__(self, cwd: Path) -> None:
+        self.cwd = cwd
+        self.started: list[subprocess.Popen[str]] = []
+
+    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            self._command(arguments),
+            cwd=self.cwd,
+            text=True,
+            capture_output=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            self._command(arguments),
+            cwd=self.cwd,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+        self.started.append(process)
+        return process
+
+    def _command(self, arguments: tuple[str, ...]) -> list[str]:
+        return [sys.executable, "-m", "llfsm.cli", *arguments]
+
+    def end(self) -> None:
+        for process in self.started:
+            process.kill()
+            process.wait()
+            process.stdout.close()
+
+
+@pytest.fixture
+def llfsm(tmp_path: Path) -> Iterator[Llfsm]:
+    llfsm = Llfsm(tmp_path)
+    yield llfsm
+    llfsm.end()
+
+
+@pytest.fixture
+def board() -> Iterator[str]:
+    """Give a name that no other board has, and see that none is left."""
+    name = f"test-{os.getpid()}-{uuid4().hex[:8]}"
+    yield name
+    with suppress(BoardNotFoundError):
+        remove_board(name)
+
+
+def exists(board: str) -> bool:
+    return board in {info.name for info in boards()}
+
+
+def wait_for(condition: Callable[[], object], what: str) -> None:
+    until = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until, f"never: {what}"
+        os.sched_yield()
+
+
+def wait_for_line(process: subprocess.Popen[str], text: str) -> str:
+    """Read what the process prints up to a line with `text`."""
+    said = ""
+    for line in process.stdout:
+        said += line
+        if text in line:
+            return line
+    raise AssertionError(f"{text!r} was never printed, but:\n{said}")
+
+
+def children(pid: int) -> dict[str, int]:
+    """Return the processes started by `pid`, by the llfsm command that each runs."""
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+            if parent == pid:
+                words = (path / "cmdline").read_text().split("\0")
+                if "llfsm.cli" in words:  # else it is about to be, or has just ended
+                    found[words[words.index("llfsm.cli") + 1]] = int(path.name)
+    return found
+
+
+def alive(pid: int) -> bool:
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
+__all__ = ["Llfsm", "Whiteboard", "alive", "children", "exists", "wait_for", "wait_for_line"]

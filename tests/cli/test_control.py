@@ -1,0 +1,377 @@
+"""`llfsm ps`, `suspend`, `resume`, `restart` and `stop`: machines of other processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from llfsm.cli import control
+from llfsm.cli.root import main
+from llfsm.runtime.presence.remote import SILENT_S, Directory
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import request_slot, status_slot
+from llfsm.whiteboard.shared import BoardInfo
+
+from .conftest import Llfsm, wait_for, wait_for_line
+
+MODULE = """
+from llfsm.runtime import Machine, State
+
+class Stays(Machine):
+    A = State()
+    B = State()
+
+    @A.on_entry
+    def _(self):
+        print(self.name, "entered A", flush=True)
+
+    @A.on_suspend
+    def _(self):
+        print(self.name, "suspended", flush=True)
+
+    @A.on_resume
+    def _(self):
+        print(self.name, "resumed", flush=True)
+
+    @B.on_entry
+    def _(self):
+        print(self.name, "ended well", flush=True)
+
+    A.to(B, when=lambda m: m.stopping)
+
+class Stubborn(Machine):
+    A = State()
+    A.to(A, when=lambda m: False)
+
+class Shy(Machine):
+    A = State()
+
+    @A.on_entry
+    def _(self):
+        self.suspend_self()
+
+    A.to(A, when=lambda m: False)
+"""
+
+
+@pytest.fixture(autouse=True)
+def module(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(MODULE)
+
+
+@pytest.fixture
+def running(llfsm: Llfsm, board: str) -> Iterator[subprocess.Popen[str]]:
+    """Start a process with Stays and Stubborn, both told of on the board."""
+    process = llfsm.start("run", "mine:Stays", "mine:Stubborn", "-q", "-b", board)
+    wait_for_line(process, "Stays entered A")
+    with Whiteboard(board, create=False) as wb:
+        told = wb[status_slot("Stubborn")]
+        wait_for(lambda: told.get().ringlets, "its ringlets are told of")
+    yield process
+    process.send_signal(signal.SIGCONT)
+
+
+def rows(llfsm: Llfsm, *arguments: str) -> dict[str, dict[str, Any]]:
+    """Return what `llfsm ps` tells of each machine."""
+    done = llfsm.run("ps", "--json", *arguments)
+    assert (done.returncode, done.stderr) == (0, "")
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    return {row["machine"]: row for row in found}
+
+
+# ps
+
+
+def test_ps_is_a_table(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    done = llfsm.run("ps", "-b", board)
+    assert (done.returncode, done.stderr) == (0, "")
+    head, *lines = [line.split() for line in done.stdout.splitlines()]
+    assert head == ["MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID"]
+    for line, name in zip(lines, ["Stays", "Stubborn"], strict=True):
+        assert line[:3] == [name, "A", "running"]
+        assert re.fullmatch(r"\d+\.\d s", " ".join(line[3:5]))
+        assert int(line[5]) > 0
+        assert line[6:] == ["0", str(running.pid)]
+
+
+def test_ps_is_json_for_programs(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    told = rows(llfsm, "-b", board)
+    assert list(told) == ["Stays", "Stubborn"]
+    row = told["Stays"]
+    assert row["in_state_s"] >= row["silent_s"] >= 0
+    assert row["ringlets"] > 0
+    assert {
+        key: row[key] for key in ("whiteboard", "state", "status", "overruns", "pid", "host")
+    } == {
+        "whiteboard": board,
+        "state": "A",
+        "status": "running",
+        "overruns": 0,
+        "pid": running.pid,
+        "host": socket.gethostname(),
+    }
+
+
+def test_ps_of_every_board(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    done = llfsm.run("ps", "-a")
+    assert done.returncode == 0
+    head, *lines = [line.split() for line in done.stdout.splitlines()]
+    assert head[:2] == ["WHITEBOARD", "MACHINE"]
+    assert [line[1] for line in lines if line[0] == board] == ["Stays", "Stubborn"]
+    told = [json.loads(line) for line in llfsm.run("ps", "-a", "--json").stdout.splitlines()]
+    assert [row["machine"] for row in told if row["whiteboard"] == board] == ["Stays", "Stubborn"]
+
+
+def test_ps_of_every_board_although_one_goes_meanwhile(
+    board: str, running: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed = [BoardInfo(f"{board}-not", True), BoardInfo(board, True)]
+    monkeypatch.setattr(control, "boards", lambda: listed)
+    done = CliRunner().invoke(main, ["ps", "-a", "--json"])
+    assert done.exit_code == 0, done.output
+    told = [json.loads(line) for line in done.output.splitlines()]
+    assert [(row["whiteboard"], row["machine"]) for row in told] == [
+        (board, "Stays"),
+        (board, "Stubborn"),
+    ]
+
+
+def test_ps_of_every_board_although_one_cannot_be_read(
+    board: str, running: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = Path(f"/dev/shm/llfsm.{board}-broken")
+    broken.write_bytes(b"no whiteboard")
+    try:
+        listed = [BoardInfo(f"{board}-broken", True), BoardInfo(board, True)]
+        monkeypatch.setattr(control, "boards", lambda: listed)
+        done = CliRunner().invoke(main, ["ps", "-a"])
+    finally:
+        broken.unlink()
+    assert done.exit_code == 0, done.output
+    assert f"whiteboard '{board}-broken': " in done.output
+    assert "Stays" in done.output
+
+
+def test_ps_of_a_board_without_machines(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board):
+        assert rows(llfsm, "-b", board) == {}
+        assert len(llfsm.run("ps", "-b", board).stdout.splitlines()) == 1
+
+
+def test_machines_of_one_name_are_told_apart(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    second = llfsm.start("run", "mine:Stays", "-q", "-b", board)
+    wait_for_line(second, "Stays entered A")
+    told = {name: row["pid"] for name, row in rows(llfsm, "-b", board).items()}
+    assert told == {"Stays": running.pid, "Stays.0": second.pid, "Stubborn": running.pid}
+    assert llfsm.run("stop", "Stays.0", "-b", board).returncode == 0
+    assert second.wait() == 0
+    assert rows(llfsm, "-b", board)["Stays"]["pid"] == running.pid
+
+
+def test_what_is_over_is_not_listed(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    running.terminate()
+    assert running.wait() == 0
+    assert rows(llfsm, "-b", board) == {}
+
+
+def test_a_killed_process_is_gone_within_a_second(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    """Even if nobody has taken note of its death, so that its number is still in use."""
+    with Whiteboard(board, create=False) as wb:
+        slot = wb[status_slot("Stays")]
+        running.kill()
+        os.waitid(os.P_PID, running.pid, os.WEXITED | os.WNOWAIT)
+        last_ns, now_ns = slot.sample().stamp_ns, 0
+
+        def gone() -> bool:
+            nonlocal now_ns
+            now_ns = time.monotonic_ns()
+            return not Directory(wb).machines()
+
+        while not gone():
+            assert now_ns - last_ns < SILENT_S * 1e9
+            os.sched_yield()
+    assert rows(llfsm, "-b", board) == {}
+
+
+def test_a_process_that_stands_still_is_silent(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    def statuses() -> set[str]:
+        return {row["status"] for row in rows(llfsm, "-b", board).values()}
+
+    assert statuses() == {"running"}
+    running.send_signal(signal.SIGSTOP)
+    wait_for(lambda: statuses() == {"silent"}, "machines are silent")
+    assert rows(llfsm, "-b", board)["Stays"]["silent_s"] > SILENT_S
+    running.send_signal(signal.SIGCONT)
+    wait_for(lambda: statuses() == {"running"}, "machines run again")
+
+
+# Requests
+
+
+def test_suspend_and_resume(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    done = llfsm.run("suspend", "Stays", "-b", board)
+    assert (done.returncode, done.stdout) == (0, "Stays is suspended in Suspended\n")
+    assert "suspended" in wait_for_line(running, "Stays")
+    told = rows(llfsm, "-b", board)
+    assert (told["Stays"]["status"], told["Stubborn"]["status"]) == ("suspended", "running")
+    assert llfsm.run("suspend", "Stays", "-b", board).returncode == 0
+    done = llfsm.run("resume", "Stays", "-b", board)
+    assert (done.returncode, done.stdout) == (0, "Stays is running in A\n")
+    assert "resumed" in wait_for_line(running, "Stays")
+    assert llfsm.run("resume", "Stays", "-b", board).returncode == 0
+    assert rows(llfsm, "-b", board)["Stays"]["status"] == "running"
+
+
+def test_restart(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    done = llfsm.run("restart", "Stays", "-b", board)
+    assert (done.returncode, done.stdout) == (0, "Stays is running again in A\n")
+    assert "entered A" in wait_for_line(running, "Stays")
+    assert llfsm.run("suspend", "Stays", "-b", board).returncode == 0
+    assert llfsm.run("restart", "Stays", "-b", board).returncode == 0
+    assert "suspended" in wait_for_line(running, "Stays")
+    assert "entered A" in wait_for_line(running, "Stays")
+
+
+def test_stop_ends_one_machine(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    done = llfsm.run("stop", "Stays", "-b", board)
+    assert (done.returncode, done.stdout) == (0, "Stays has ended\n")
+    assert "ended well" in wait_for_line(running, "Stays")
+    assert list(rows(llfsm, "-b", board)) == ["Stubborn"]
+    done = llfsm.run("stop", "Stubborn", "-b", board)  # it is unloaded, as it does not listen
+    assert (done.returncode, done.stdout) == (0, "Stubborn has ended\n")
+    assert running.wait() == 0
+
+
+def test_a_lone_machine_suspended_from_outside_may_be_resumed(llfsm: Llfsm, board: str) -> None:
+    process = llfsm.start("run", "mine:Stays", "-q", "-b", board)
+    wait_for_line(process, "Stays entered A")
+    assert llfsm.run("suspend", "Stays", "-b", board).returncode == 0
+    with Whiteboard(board, create=False) as wb:
+        slot = wb[status_slot("Stays")]
+        count = slot.count
+        wait_for(lambda: slot.count > count + 1, "it is still told of")
+    assert process.poll() is None
+    assert llfsm.run("resume", "Stays", "-b", board).returncode == 0
+    assert llfsm.run("stop", "Stays", "-b", board).returncode == 0
+    assert process.stdout.read().endswith("resumed\nStays entered A\nStays ended well\n")
+    assert process.wait() == 0
+
+
+def test_a_lone_machine_suspended_from_outside_ends_with_a_signal(llfsm: Llfsm, board: str) -> None:
+    process = llfsm.start("run", "mine:Stays", "-q", "-b", board)
+    wait_for_line(process, "Stays entered A")
+    assert llfsm.run("suspend", "Stays", "-b", board).returncode == 0
+    process.terminate()
+    assert process.wait() == 0
+
+
+def test_a_lone_machine_that_suspends_itself_is_not_waited_for(llfsm: Llfsm, board: str) -> None:
+    assert llfsm.run("run", "mine:Shy", "-q", "-b", board).returncode == 0
+
+
+# What cannot be done
+
+
+@pytest.mark.parametrize("action", ["suspend", "resume", "restart", "stop"])
+def test_there_must_be_such_a_machine_and_board(
+    llfsm: Llfsm, board: str, action: str, running: subprocess.Popen[str]
+) -> None:
+    done = llfsm.run(action, "Nobody", "-b", board)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("Error: no machine 'Nobody'")
+    assert "Stays, Stubborn" in done.stderr
+    done = llfsm.run(action, "Nobody", "-b", f"{board}-not")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert f"{board}-not: no such whiteboard" in done.stderr
+    assert llfsm.run(action, "-b", board).returncode == 2
+
+
+def test_ps_needs_a_board(llfsm: Llfsm, board: str) -> None:
+    done = llfsm.run("ps", "-b", board)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert f"{board}: no such whiteboard" in done.stderr
+
+
+def test_asking_for_nobody_leaves_no_trace(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board) as wb:
+        before = [info.name for info in wb.slots()]
+        llfsm.run("stop", "Nobody", "-b", board)
+        assert [info.name for info in wb.slots()] == before
+
+
+def test_a_machine_may_die_meanwhile(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    running.send_signal(signal.SIGSTOP)
+    with Whiteboard(board, create=False) as wb:
+        asked = {name: wb[request_slot(name)] for name in ("Stays", "Stubborn")}
+        suspending = llfsm.start("suspend", "Stays", "-b", board)
+        stopping = llfsm.start("stop", "Stubborn", "-b", board)
+        wait_for(lambda: all(slot.count for slot in asked.values()), "both are asked for")
+    running.kill()
+    running.wait()
+    assert suspending.stdout.read() == "Error: Stays has ended meanwhile\n"
+    assert suspending.wait() == 1
+    assert stopping.stdout.read() == "Stubborn has ended\n"  # as it was to
+    assert stopping.wait() == 0
+
+
+def test_no_resume_while_a_restart_is_pending(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    running.send_signal(signal.SIGSTOP)
+    with Whiteboard(board, create=False) as wb:
+        asked = wb[request_slot("Stays")]
+        restarting = llfsm.start("restart", "Stays", "-b", board)
+        wait_for(lambda: asked.count, "a restart is asked for")
+        done = llfsm.run("resume", "Stays", "-b", board)
+        assert done.returncode == 1
+        assert "Stays is about to restart" in done.stderr
+        running.send_signal(signal.SIGCONT)
+    assert restarting.stdout.read() == "Stays is running again in A\n"
+    assert restarting.wait() == 0
+
+
+@pytest.mark.parametrize("action", ["suspend", "resume", "restart", "stop"])
+def test_patience_has_an_end(
+    board: str, running: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch, action: str
+) -> None:
+    """Also if the machine is as it was asked to be: nobody knows that it will be so."""
+    monkeypatch.setattr(control, "_PATIENCE_S", 0.1)
+    running.send_signal(signal.SIGSTOP)
+    done = CliRunner().invoke(main, [action, "Stays", "-b", board])
+    assert done.exit_code == 1
+    assert "Stays was asked for it, but has not done it for 0.1 s; it is in A" in done.output
+
+
+def test_a_request_that_waits_for_the_next_turn_is_not_done_yet(
+    llfsm: Llfsm, board: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process = llfsm.start("run", "mine:Stays", "--period", "900000000", "-q", "-b", board)
+    wait_for_line(process, "Stays entered A")
+    monkeypatch.setattr(control, "_PATIENCE_S", 0.5)
+    done = CliRunner().invoke(main, ["restart", "Stays", "-b", board])
+    assert done.exit_code == 1
+    assert "has not done it" in done.output
+    with Whiteboard(board, create=False) as wb:
+        told = wb[status_slot("Stays")]
+        wait_for(lambda: told.get().pending == "restart", "the request is told of")

@@ -1,0 +1,142 @@
+"""``llfsm whiteboard daemon`` and ``status``: what they say, and what they refuse."""
+
+from __future__ import annotations
+
+import configparser
+import json
+import shlex
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import llfsm.whiteboard.mirror.daemon as mirror_daemon
+from llfsm.cli.daemon import daemon
+from llfsm.cli.root import main
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus, PeerStatus, Refusal
+
+UNIT = Path(mirror_daemon.__file__).with_name("llfsm-whiteboard@.service")
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(main, ["whiteboard", *arguments])
+    return done.exit_code, done.output
+
+
+def test_status_shows_all_that_the_daemon_tells(tmp_path: Path) -> None:
+    told = MirrorStatus(
+        host="ab", pid=7, slots=3, left=10, entered=20, leave_rate=1.5, enter_rate=2.0,
+        conflicts=4, held_back=5, peers=(PeerStatus("laptop", "cd", 2.5, 1.25, 8, 1),),
+        refused=(Refusal("it is not listed: x", 6),),
+    )  # fmt: skip
+    with Whiteboard("board", directory=tmp_path) as board:
+        board.add_message(MIRROR, told)
+    status, output = run("status", "-b", "board", "--directory", str(tmp_path))
+    assert status == 0
+    assert output == (
+        "board: mirrored by process 7, host ab\n"
+        "slots      3 may leave\n"
+        "left       10, 1.5 a second\n"
+        "entered    20, 2 a second\n"
+        "conflicts  4\n"
+        "held back  5\n"
+        "peer       cd laptop: lag 1.2 ms, 8 batches, 1 lost, silent for 2.5 s\n"
+        "refused    6 x it is not listed: x\n"
+    )
+    status, output = run("status", "-b", "board", "--directory", str(tmp_path), "--json")
+    assert json.loads(output)["peers"][0]["name"] == "laptop"
+
+
+def test_status_says_that_there_is_no_daemon(tmp_path: Path) -> None:
+    select = ("-b", "board", "--directory", str(tmp_path))
+    status, output = run("status", *select)
+    assert status == 1
+    assert "no such whiteboard" in output
+    with Whiteboard("board", directory=tmp_path) as board:
+        status, output = run("status", *select)
+        assert "no daemon mirrors the whiteboard 'board'" in output
+        assert board.slots() == []
+
+
+def test_status_says_that_the_daemon_is_silent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("llfsm.cli.daemon._STALE_S", -1.0)
+    with Whiteboard("board", directory=tmp_path) as board:
+        board.add_message(MIRROR, MirrorStatus())
+    status, output = run("status", "-b", "board", "--directory", str(tmp_path))
+    assert status == 1
+    assert "has ended or stands still" in output
+
+
+@pytest.mark.parametrize(
+    ("toml", "message"),
+    [
+        ("listn = []", "hosts.toml:1: Object contains unknown field `listn`"),
+        ("\nrate = 0", "hosts.toml:2: rate: Expected `float` > 0.0"),
+        ("listen = 'tcp/x:1'", "hosts.toml:1: listen: Expected `array | null`, got `str`"),
+        ('[rates]\n"a" = 1\n"b" = "fast"', "hosts.toml:1: rates: Expected `float`, got `str`"),
+        ("rate = ", "hosts.toml:1"),
+        ("zenoh = 'not-there.json5'", "not-there.json5: no such file"),
+    ],
+)
+def test_a_mistake_in_the_settings_is_told_with_its_place(
+    tmp_path: Path, toml: str, message: str
+) -> None:
+    (tmp_path / "hosts.toml").write_text(toml)
+    status, output = run("daemon", "--directory", str(tmp_path), "-c", str(tmp_path / "hosts.toml"))
+    assert status == 1
+    assert message in output
+
+
+def test_a_mistake_in_the_flags_is_one_of_usage(tmp_path: Path) -> None:
+    status, output = run("daemon", "--directory", str(tmp_path), "--rate", "-5")
+    assert status == 2
+    assert "rate" in output
+
+
+@pytest.mark.parametrize("endpoint", ["nonsense", "tcp/256.1.1.1:5", "carrier/pigeon:1"])
+def test_an_impossible_endpoint_is_an_error(tmp_path: Path, endpoint: str) -> None:
+    status, output = run("daemon", "--directory", str(tmp_path), "--listen", endpoint)
+    assert status == 1, output
+    assert endpoint in output
+
+
+def test_without_zenoh_it_says_what_to_install(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['zenoh'] = None\n"
+        "from llfsm.cli.root import main\n"
+        f"main(['whiteboard', 'daemon', '--directory', {str(tmp_path)!r}])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=False)
+    assert done.returncode == 1
+    assert "pip install 'llfsm[hosts]'" in done.stderr
+
+
+def test_the_unit_calls_the_command_as_it_is() -> None:
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.read(UNIT)
+    service = parser["Service"]
+    assert service["Type"] == "notify"
+    _, llfsm, group, command, *arguments = shlex.split(service["ExecStart"])
+    assert (llfsm, group, command) == ("llfsm", "whiteboard", "daemon")
+    options = {name for parameter in daemon.params for name in parameter.opts}
+    assert {part for part in arguments if part.startswith("--")} <= options
+
+
+def test_systemd_is_told_when_it_is_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
+        supervisor.bind(str(tmp_path / "notify"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        from llfsm.whiteboard.mirror.settings import Settings
+
+        with (
+            Whiteboard("board", directory=tmp_path) as board,
+            mirror_daemon.daemon(board, Settings(listen=())),
+        ):
+            assert supervisor.recv(100) == b"READY=1"
+        assert supervisor.recv(100) == b"STOPPING=1"

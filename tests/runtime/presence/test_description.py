@@ -1,0 +1,176 @@
+"""A machine as messages: what can be drawn of it elsewhere is what can be drawn of it here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from llfsm.machines import RosWallTurttleBot
+from llfsm.runtime import Arrangement, DefinitionError, Machine, ManualClock, State, define
+from llfsm.runtime.bundles import load_bundle
+from llfsm.runtime.drawing import arrange
+from llfsm.runtime.presence.description import definition_of, table_of, variables_of
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import (
+    VIEWER,
+    DefinedBox,
+    DefinedState,
+    DefinedTransition,
+    MachineDefinition,
+    Viewer,
+    definition_slot,
+    variables_slot,
+)
+
+BUNDLES = sorted((Path(__file__).parents[3] / "machines").glob("*.machine"))
+
+
+class Odd(Machine):
+    """Have variables of every kind."""
+
+    number: int = 3
+    large: int = 2**70
+    part: float = 0.5
+    flag: bool = True
+    text: str = "a" * 300
+    nothing: None = None
+    things: list[int] = [1, 2]  # noqa: RUF012  a variable: each machine has its own
+    hostile: Any = None
+    unsaid: str = "\ud800"
+
+    a = State()
+    b = State()
+    a.to(b, when=lambda m: False)
+
+    @a.on_entry
+    def _(self) -> None:
+        self.hostile = _Hostile()
+
+
+class _Hostile:
+    def __repr__(self) -> str:
+        raise RuntimeError("no")
+
+
+@pytest.mark.parametrize("sections", [None, True, False])
+@pytest.mark.parametrize("path", BUNDLES, ids=lambda path: path.stem)
+def test_a_table_made_of_a_definition_is_drawn_as_the_machine_is(
+    path: Path, sections: bool | None
+) -> None:
+    table = load_bundle(path).table
+    again = table_of(definition_of(table))
+    assert arrange(again, sections=sections) == arrange(table, sections=sections)
+
+
+def test_a_class_is_drawn_as_it_is_too() -> None:
+    table = RosWallTurttleBot.table
+    assert arrange(table_of(definition_of(table)), sections=True) == arrange(table, sections=True)
+
+
+def test_a_section_of_which_only_the_text_is_known_is_not_run() -> None:
+    table = table_of(definition_of(Odd.table))
+    with pytest.raises(TypeError, match="cannot be run"):
+        table.states[0].sections["OnEntry"](None)
+
+
+def _told(*states: DefinedState) -> MachineDefinition:
+    return MachineDefinition("bad", states)
+
+
+@pytest.mark.parametrize(
+    ("told", "what"),
+    [
+        (_told(), "no states"),
+        (_told(DefinedState("a"), DefinedState("a")), "two of the same name"),
+        (_told(DefinedState("a", (), (DefinedTransition("z", ""),))), "no state of it"),
+        (_told(DefinedState("a", box=DefinedBox(float("nan"), 0, 1, 1))), "places that are none"),
+        (_told(DefinedState("a", box=DefinedBox(1e300, 0, 1, 1))), "places that are none"),
+        (_told(*(DefinedState(str(i)) for i in range(251))), "251 states"),
+        (_told(DefinedState("x" * 1_000_001)), "characters"),
+    ],
+)
+def test_a_definition_that_cannot_be_drawn_says_why(told: MachineDefinition, what: str) -> None:
+    with pytest.raises(DefinitionError, match=what):
+        table_of(told)
+
+
+def test_a_path_of_some_other_length_is_left_aside() -> None:
+    told = DefinedState("a", (), (DefinedTransition("a", "", (1.0, 2.0)),), DefinedBox(0, 0, 9, 9))
+    table = table_of(_told(told))
+    assert table.layout is not None
+    assert table.layout.transitions == {"a": ()}
+
+
+def test_variables_are_told_whatever_they_are() -> None:
+    board = Whiteboard.local()
+    arrangement = Arrangement([Odd], whiteboard=board, clock=ManualClock())
+    arrangement.round()
+    told = {v.name: v.value for v in variables_of(arrangement.machine("Odd")).variables}
+    assert told["number"] == 3
+    assert told["part"] == 0.5
+    assert told["flag"] is True
+    assert told["nothing"] is None
+    assert told["things"] == "[1, 2]"
+    assert str(told["large"]).startswith("118059")
+    assert told["text"] == "a" * 199 + "…"
+    assert str(told["hostile"]).startswith("<_Hostile instance")
+    assert told["unsaid"] == "(UnicodeEncodeError while it was described)"
+
+
+def test_a_machine_tells_once_what_it_consists_of() -> None:
+    board = Whiteboard.local()
+    Arrangement([Odd], whiteboard=board, clock=ManualClock()).run(max_rounds=50)
+    slot = board[definition_slot("Odd")]
+    assert slot.count == 1
+    assert slot.get() == definition_of(Odd.table)
+
+
+def test_a_machine_with_too_much_code_is_told_of_without_it() -> None:
+    states = [State("a"), State("b")]
+    states[0].to(states[1], label="x" * 30_000, when=lambda m: False)
+    states[0].on_entry(long := _long())
+    board = Whiteboard.local()
+    machine = define("Large", states)
+    Arrangement([machine], whiteboard=board, clock=ManualClock()).run(max_rounds=1)
+    told = board.get_message(definition_slot("Large"))
+    assert long is not None
+    assert told == definition_of(machine.table, sections=False)
+
+
+def _long() -> Any:
+    namespace: dict[str, Any] = {}
+    import linecache
+
+    text = "def long(self):\n" + "    pass  # and so on\n" * 500
+    linecache.cache["<long>"] = (len(text), None, text.splitlines(True), "<long>")
+    exec(compile(text, "<long>", "exec"), namespace)
+    return namespace["long"]
+
+
+def test_variables_are_told_ten_times_a_second_and_only_while_somebody_looks() -> None:
+    board, clock = Whiteboard.local(), ManualClock()
+    counts = []
+
+    class Watched(Machine):
+        n: int = 0
+        a = State()
+        b = State()
+
+        @a.internal
+        def _(self) -> None:
+            self.n += 1
+            if self.n == 100:
+                board.add_message(VIEWER, Viewer(1))
+            counts.append(board[variables_slot("Watched")].count)
+
+        a.to(b, after=10)
+
+    Arrangement([Watched], whiteboard=board, clock=clock).run()
+    assert counts[99] == 0
+    assert counts[-1] in (20, 21)  # for two seconds
+    last = board.get_message(variables_slot("Watched"))
+    assert last is not None
+    assert replace(last.variables[0], value=0).name == "n"
