@@ -1,4 +1,4 @@
-"""An action's server on a port: goals, feedback, cancelling, results.
+"""An action's server on a transport: goals, feedback, cancelling, results.
 
 An action is three services and two topics under ``<name>/_action/``. What is answered and
 published, and when, is what rclcpp_action does:
@@ -23,9 +23,9 @@ from llfsm.whiteboard import Message
 from .backlog import Put, through
 from .errors import AlreadyAnsweredError
 from .goals import GoalStatus
-from .port import Node, Request
 from .qos import Durability, Qos
 from .stamps import from_ns, to_ns
+from .transport import Node, Request
 from .types import RosAction, TypeLibrary
 
 __all__ = ["ActionServer", "ServerGoal"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from llfsm.whiteboard.message import M
 
-from .port import Arrival, MessageInfo
+from .transport import Arrival, MessageInfo
 from .types import RosMessage
 
 __all__ = ["ArrivedBytes"]

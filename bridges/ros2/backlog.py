@@ -1,4 +1,4 @@
-"""What came in on a port's threads and is to be done on another."""
+"""What came in on a transport's threads and is to be done on another."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from .errors import AlreadyAnsweredError
-from .port import Request
+from .transport import Request
 
 __all__ = ["Backlog", "Put", "through"]
 

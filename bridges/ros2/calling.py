@@ -6,7 +6,7 @@ from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from typing import Any
 
-from .errors import CallFailedError, CallTimeoutError, CdrError, NoServerError, PortClosedError
+from .errors import CallFailedError, CallTimeoutError, CdrError, NoServerError, TransportClosedError
 from .telling import Teller
 from .types import RosMessage
 
@@ -55,7 +55,10 @@ class Calls:
     def close(self) -> None:
         """End all calls that are open."""
         for call in list(self._pending):
-            _end(call, PortClosedError(f"{self._service}: the client was closed before an answer"))
+            _end(
+                call,
+                TransportClosedError(f"{self._service}: the client was closed before an answer"),
+            )
 
 
 def _end(call: Future[Any], error: Exception) -> None:

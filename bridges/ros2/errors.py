@@ -8,10 +8,10 @@ Ros2Error
 │   ├── DefinitionPlaceError  where definitions were to be looked for is nothing
 │   └── TypeMismatchError     a Message class with other fields than the type of its name
 ├── CdrError                  bytes that are no message of a type, or a message that has no bytes
-└── PortError
-    ├── PortUnavailableError  this way into ROS is not installed, or cannot be opened
+└── TransportError
+    ├── TransportUnavailableError  this way into ROS is not installed, or cannot be opened
     ├── DomainIdError         not a ROS domain id
-    ├── PortClosedError       the port, node or endpoint is closed
+    ├── TransportClosedError       the transport, node or endpoint is closed
     ├── AlreadyAnsweredError  a request was answered twice
     ├── RouterError           a router cannot be started
     └── ServiceCallError      a call ended without a response
@@ -20,7 +20,7 @@ Ros2Error
         └── CallFailedError   the server refused, or went away while it was asked
 
 What arrives from others raises nothing: one bad message must not end a bridge. It is told as a
-notice (see :mod:`.port`).
+notice (see :mod:`.transport`).
 """
 
 from llfsm.errors import LlfsmError
@@ -34,14 +34,14 @@ __all__ = [
     "DefinitionSyntaxError",
     "DomainIdError",
     "NoServerError",
-    "PortClosedError",
-    "PortError",
-    "PortUnavailableError",
     "Ros2Error",
     "RosNameError",
     "RosTypeError",
     "RouterError",
     "ServiceCallError",
+    "TransportClosedError",
+    "TransportError",
+    "TransportUnavailableError",
     "TypeMismatchError",
     "UnknownTypeError",
 ]
@@ -79,31 +79,31 @@ class CdrError(Ros2Error, ValueError):
     """Bytes are no message of a type, or a message cannot be bytes; the message names the field."""
 
 
-class PortError(Ros2Error):
+class TransportError(Ros2Error):
     """Something about a way into ROS."""
 
 
-class PortUnavailableError(PortError):
+class TransportUnavailableError(TransportError):
     """A way into ROS is not installed or cannot be opened; the message says how to get it."""
 
 
-class DomainIdError(PortError, ValueError):
+class DomainIdError(TransportError, ValueError):
     """A ROS domain id is a whole number from 0 to 232."""
 
 
-class PortClosedError(PortError):
-    """A port, a node or an endpoint was used after it was closed."""
+class TransportClosedError(TransportError):
+    """A transport, a node or an endpoint was used after it was closed."""
 
 
-class AlreadyAnsweredError(PortError):
+class AlreadyAnsweredError(TransportError):
     """A request has one answer, and it was given."""
 
 
-class RouterError(PortError):
+class RouterError(TransportError):
     """A router cannot listen where it was told to."""
 
 
-class ServiceCallError(PortError):
+class ServiceCallError(TransportError):
     """A call of a service ended without a response."""
 
 

@@ -1,4 +1,4 @@
-"""The thread on which a port does what must not be done where it is found out."""
+"""The thread on which a transport does what must not be done where it is found out."""
 
 from __future__ import annotations
 
@@ -56,4 +56,4 @@ class Later:
             try:
                 do()
             except Exception:
-                _LOG.exception("an action of a port failed")
+                _LOG.exception("an action of a transport failed")

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from typing import Self
 
-from .errors import PortClosedError
+from .errors import TransportClosedError
 
 __all__ = ["Closable"]
 
@@ -20,7 +20,7 @@ class Closable(ABC):
     """
 
     def __init__(self, owner: Closable | None = None) -> None:
-        """Belong to ``owner``; raise :class:`.PortClosedError` if that is closed."""
+        """Belong to ``owner``; raise :class:`.TransportClosedError` if that is closed."""
         self._closed = False
         self._owned: dict[Closable, None] = {}
         self._owner = owner
@@ -62,4 +62,4 @@ class Closable(ABC):
 
     def _check_open(self) -> None:
         if self._closed:
-            raise PortClosedError(f"{self} is closed")
+            raise TransportClosedError(f"{self} is closed")

@@ -78,7 +78,7 @@ def _check_full(full: str, given: str, what: str) -> None:
 
 def check_domain(domain: int) -> int:
     """Return a ROS domain id; raise :class:`.DomainIdError` if it is outside 0 to 232."""
-    if not 0 <= domain <= 232:  # above, DDS has no ports left
+    if not 0 <= domain <= 232:  # above, DDS has no transports left
         raise DomainIdError(f"the ROS domain id {domain} is not in 0 to 232")
     return domain
 

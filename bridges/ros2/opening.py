@@ -6,42 +6,42 @@ import importlib.util
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from .errors import PortUnavailableError
-from .port import Notice, Port
+from .errors import TransportUnavailableError
 from .telling import log_notice
+from .transport import Notice, Transport
 
-__all__ = ["WAYS", "explained", "open_port"]
+__all__ = ["WAYS", "explained", "open_transport"]
 
 WAYS = ("auto", "rclpy", "zenoh")
 
 
-def open_port(
+def open_transport(
     way: str = "auto",
     domain: int | None = None,
     *,
     router: Sequence[str] = (),
     notify: Callable[[Notice], None] = log_notice,
-) -> Port:
+) -> Transport:
     """Open a way into ROS: ``rclpy``, ``zenoh``, or ``auto``.
 
     ``auto`` is rclpy where a ROS environment is sourced (rclpy can be imported), as its nodes may
     use any middleware; else Zenoh, as with a ``router`` (endpoints as ``tcp/localhost:7447``),
     which says nothing to rclpy. ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise
-    :class:`.PortUnavailableError` and :class:`.DomainIdError`.
+    :class:`.TransportUnavailableError` and :class:`.DomainIdError`.
     """
     if way == "auto":
         way = "rclpy" if importlib.util.find_spec("rclpy") and not router else "zenoh"
     if way == "rclpy":
         with explained():
-            from .rcl.port import RclpyPort
+            from .rclpy_transport.transport import RclpyTransport
 
-            return RclpyPort(domain, notify=notify)
+            return RclpyTransport(domain, notify=notify)
     if way == "zenoh":
         with explained():
-            from .wire.port import ZenohPort
+            from .zenoh_transport.transport import ZenohTransport
 
-            return ZenohPort(domain, router=router or None, notify=notify)
-    raise PortUnavailableError(f"no way into ROS is called {way!r}: {', '.join(WAYS)}")
+            return ZenohTransport(domain, router=router or None, notify=notify)
+    raise TransportUnavailableError(f"no way into ROS is called {way!r}: {', '.join(WAYS)}")
 
 
 _EXTRA = "install it with: pip install 'llfsm[ros]'"
@@ -54,11 +54,11 @@ _GET = {
 
 @contextmanager
 def explained() -> Iterator[None]:
-    """Raise :class:`.PortUnavailableError` where a library is missing, with how to get it."""
+    """Raise :class:`.TransportUnavailableError` where a library is missing, with how to get it."""
     try:
         yield
     except ModuleNotFoundError as error:
         how = _GET.get((error.name or "").partition(".")[0])
         if how is None:
             raise
-        raise PortUnavailableError(f"{error.name} is not installed; {how}") from error
+        raise TransportUnavailableError(f"{error.name} is not installed; {how}") from error

@@ -1,4 +1,4 @@
-"""A node's parameters on a port: the services of rcl_interfaces, and /parameter_events.
+"""A node's parameters on a transport: the services of rcl_interfaces, and /parameter_events.
 
 A question about several parameters of which one is unknown is answered with nothing, as rclcpp
 does.
@@ -14,9 +14,9 @@ from llfsm.whiteboard import Message
 
 from .backlog import Put, through
 from .parameters import Parameters, ParameterType, Value, type_of
-from .port import Node, Request
 from .qos import Qos
 from .stamps import from_ns
+from .transport import Node, Request
 from .types import RosService, TypeLibrary
 
 __all__ = ["PARAMETER_QOS", "ParameterServer"]

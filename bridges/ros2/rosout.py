@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 
-from .port import Node
 from .qos import Durability, Qos
 from .stamps import from_ns
+from .transport import Node
 from .types import TypeLibrary
 
 __all__ = ["Rosout"]

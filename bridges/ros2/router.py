@@ -6,7 +6,7 @@ import socket
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .errors import PortUnavailableError, RouterError
+from .errors import RouterError, TransportUnavailableError
 from .opening import explained
 
 if TYPE_CHECKING:
@@ -32,10 +32,10 @@ def open_router(listen: Sequence[str]) -> zenoh.Session:
     """Start a router in this process; it ends when the session is closed.
 
     Raise :class:`.RouterError` if it cannot listen on one of the endpoints, and
-    :class:`.PortUnavailableError` if Zenoh is not installed.
+    :class:`.TransportUnavailableError` if Zenoh is not installed.
     """
     with explained():
-        from .wire.session import open_with
+        from .zenoh_transport.session import open_with
     settings = {
         "mode": "router",
         "listen/endpoints": list(listen),
@@ -44,5 +44,5 @@ def open_router(listen: Sequence[str]) -> zenoh.Session:
     }
     try:
         return open_with(settings)
-    except PortUnavailableError as error:
+    except TransportUnavailableError as error:
         raise RouterError(f"no router on {', '.join(listen)}: {error}") from error

@@ -9,8 +9,8 @@ from contextlib import suppress
 from typing import Any, Protocol
 
 from .errors import AlreadyAnsweredError, CdrError
-from .port import MessageInfo, Request
 from .telling import Teller
+from .transport import MessageInfo, Request
 from .types import RosMessage, RosService
 
 __all__ = ["Counter", "WayBack"]

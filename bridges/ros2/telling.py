@@ -1,4 +1,4 @@
-"""Tells what happens to a port outside any call, and each fault once."""
+"""Tells what happens to a transport outside any call, and each fault once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from .errors import CdrError
 from .graph import Endpoint, qos_conflict, type_conflict
-from .port import Notice, NoticeKind
+from .transport import Notice, NoticeKind
 
 __all__ = ["Teller", "log_notice"]
 
@@ -25,9 +25,9 @@ def log_notice(notice: Notice) -> None:
 
 
 class Teller:
-    """Gives notices to the function that a port was opened with.
+    """Gives notices to the function that a transport was opened with.
 
-    That function cannot break a port: what it raises is logged.
+    That function cannot break a transport: what it raises is logged.
     """
 
     def __init__(self, notify: Callable[[Notice], None]) -> None:

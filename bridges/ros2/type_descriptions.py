@@ -8,7 +8,7 @@ from llfsm.whiteboard import Message
 
 from .backlog import Put, through
 from .errors import RosTypeError
-from .port import Node, Request
+from .transport import Node, Request
 from .types import TypeLibrary
 
 __all__ = ["TypeDescriptionServer"]

@@ -1,4 +1,4 @@
-"""The simulator as a ROS 2 node, on any port: turtlesim's whole graph."""
+"""The simulator as a ROS 2 node, on any transport: turtlesim's whole graph."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 
 from ..ros2.backlog import Backlog, through
 from ..ros2.parameter_server import PARAMETER_QOS, ParameterServer
-from ..ros2.port import Port, Request
 from ..ros2.qos import Qos, Reliability
 from ..ros2.rosout import Rosout
+from ..ros2.transport import Request, Transport
 from ..ros2.type_descriptions import TypeDescriptionServer
 from ..ros2.types import TypeLibrary
 from .ros_turtle import RosTurtle
@@ -20,7 +20,7 @@ __all__ = ["RosTurtlesim"]
 
 
 class RosTurtlesim:
-    """Be the node ``turtlesim`` on a port.
+    """Be the node ``turtlesim`` on a transport.
 
     What comes in waits in a backlog for the next step, as in turtlesim, which lets ROS have its say
     before each. So the simulator knows of one thread alone, and requests are answered from there.
@@ -30,10 +30,10 @@ class RosTurtlesim:
     log: called with each line of the log, which is published on /rosout, too.
     """
 
-    def __init__(self, port: Port, log: Log) -> None:
+    def __init__(self, transport: Transport, log: Log) -> None:
         self.backlog = Backlog()
         self._types = types = TypeLibrary()
-        self._node = node = port.node("turtlesim")
+        self._node = node = transport.node("turtlesim")
         self._rosout = Rosout(node, types)
         self._log = log
         self.simulator = simulator = Simulator(self._tell)

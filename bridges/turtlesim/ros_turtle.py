@@ -13,8 +13,8 @@ from llfsm.whiteboard.messages.turtlesim import Color, Pose
 from ..ros2.actions import ActionServer, ServerGoal
 from ..ros2.backlog import Put, through
 from ..ros2.goals import GoalStatus
-from ..ros2.port import Arrival, Node, Request
 from ..ros2.qos import Qos
+from ..ros2.transport import Arrival, Node, Request
 from ..ros2.types import TypeLibrary
 from .rotate import RotateGoal
 from .simulator import Simulator
@@ -91,7 +91,9 @@ class RosTurtle:
         self._put_on(lambda: None if self._gone else do())
 
     def _hear(self, arrival: Arrival[Twist]) -> None:
-        self._put(partial(self._obey, arrival.decode()))  # here, so that the port tells bad ones
+        self._put(
+            partial(self._obey, arrival.decode())
+        )  # here, so that the transport tells bad ones
 
     def _obey(self, twist: Twist) -> None:
         linear = twist.linear

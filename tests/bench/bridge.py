@@ -29,9 +29,9 @@ from table import HEAD, Row, Score
 
 from llfsm.bridges.ros2.router import open_router
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.wire.attachment import pack
-from llfsm.bridges.ros2.wire.session import open_session
-from llfsm.bridges.ros2.wire.tokens import data_key
+from llfsm.bridges.ros2.zenoh_transport.attachment import pack
+from llfsm.bridges.ros2.zenoh_transport.session import open_session
+from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.shared import remove_board
@@ -71,7 +71,7 @@ class Place(NamedTuple):
         """Start a bridge."""
         relays = [part for n in range(_TOPICS) for part in (direction, f"t{n}:{_TYPE}")]
         where = ["--router", self.router, "--board", self.board, "--domain", str(_DOMAIN)]
-        command = [sys.executable, "-m", "llfsm.cli", "bridge", "ros2", "--port", "zenoh"]
+        command = [sys.executable, "-m", "llfsm.cli", "bridge", "ros2", "--transport", "zenoh"]
         return subprocess.Popen(
             [*command, *relays, *where, "--quiet"], text=True, stderr=subprocess.PIPE
         )

@@ -34,7 +34,7 @@ def graph() -> tuple[str, ...]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    return ("--port", "zenoh", "--domain", str(next(_DOMAINS)), "--router", endpoint)
+    return ("--transport", "zenoh", "--domain", str(next(_DOMAINS)), "--router", endpoint)
 
 
 @pytest.fixture
@@ -141,7 +141,7 @@ def test_it_joins_a_graph_that_has_a_router_and_a_simulator(
 @pytest.mark.parametrize(
     ("options", "status", "said"),
     [
-        (["--domain", "3"], 2, "--port, --domain, --router and --no-simulator are for --ros"),
+        (["--domain", "3"], 2, "--transport, --domain, --router and --no-simulator are for --ros"),
         (["--no-simulator"], 2, "are for --ros"),
         (["--ros", "--no-simulator", "--picture", "x"], 2, "by a simulator, and there is none"),
         (["--ros", "--domain", "233"], 2, "233 is not in the range"),
@@ -191,7 +191,7 @@ def test_its_own_simulator_is_away_from_other_nodes(
     *router, simulator, bridge = started(graph, monkeypatch)
     assert router == ([] if sourced else [("router",)])
     for command in (simulator, bridge):
-        assert "--port auto --domain 99" in " ".join(command)
+        assert "--transport auto --domain 99" in " ".join(command)
 
 
 @pytest.mark.usefixtures("sourced")

@@ -31,11 +31,11 @@ from endpoint import free_endpoint
 from use import Use
 
 from llfsm.bridges.ros2.graph import Graph, Role
-from llfsm.bridges.ros2.port import Arrival
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.router import open_router
+from llfsm.bridges.ros2.transport import Arrival
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.wire.port import ZenohPort
+from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.shared import remove_board
@@ -120,7 +120,10 @@ def _in_turns(seconds: float, send: Callable[[int, Twist], object]) -> None:
 def publish(place: Place) -> None:
     """Be a node of ROS."""
     of = TypeLibrary().message(_TYPE)
-    with ZenohPort(_DOMAIN, router=[place.router]) as port, port.node("sender") as node:
+    with (
+        ZenohTransport(_DOMAIN, router=[place.router]) as transport,
+        transport.node("sender") as node,
+    ):
         publishers = [node.publisher(f"t{n}", of) for n in range(_TOPICS)]
         _in_turns(place.seconds, lambda topic, twist: publishers[topic].publish(twist))
 
@@ -147,7 +150,7 @@ def _bridge(place: Place, leg: Leg) -> Iterator[int]:
         config = Path(folder, "bridge.toml")
         config.write_text("\n".join(relays))
         where = ["--router", place.router, "--board", place.board, "--domain", str(_DOMAIN)]
-        command = [sys.executable, "-m", "llfsm.cli", "bridge", "ros2", "--port", "zenoh"]
+        command = [sys.executable, "-m", "llfsm.cli", "bridge", "ros2", "--transport", "zenoh"]
         with _process([*command, *where, "--config", str(config), "--quiet"]) as bridge:
             assert bridge.stderr is not None
             bridge.stderr.readline()
@@ -174,13 +177,13 @@ def run(leg: Leg, place: Place) -> tuple[str, list[str]]:
         bridge = stack.enter_context(_bridge(place, leg))
         command = [sys.executable, __file__, "--role", leg.sender, "--place", json.dumps(place)]
         sender = stack.enter_context(_process(command))
-        port = stack.enter_context(ZenohPort(_DOMAIN, router=[place.router]))
+        transport = stack.enter_context(ZenohTransport(_DOMAIN, router=[place.router]))
         if leg.direction == "to_ros":
             of = TypeLibrary().message(_TYPE)
-            node = stack.enter_context(port.node("witness"))
+            node = stack.enter_context(transport.node("witness"))
             for n, each in enumerate(series):
                 node.subscription(f"t{n}", of, each.arrived, Qos(depth=_KEPT))
-        if not port.wait_graph(_is_joined, _PATIENCE_S):
+        if not transport.wait_graph(_is_joined, _PATIENCE_S):
             return "", [f"not everybody met within {_PATIENCE_S:g} s"]
         assert sender.stdin is not None
         assert sender.stdout is not None

@@ -24,7 +24,7 @@ from contextlib import suppress
 from endpoint import free_endpoint
 from use import Use
 
-from llfsm.bridges.ros2.wire.port import ZenohPort
+from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.shared import remove_board
@@ -41,7 +41,7 @@ class Soak:
     """The processes, and what became of them."""
 
     def __init__(self, board: str, router: str) -> None:
-        ros = ["--port", "zenoh", "--domain", str(_DOMAIN), "--router", router]
+        ros = ["--transport", "zenoh", "--domain", str(_DOMAIN), "--router", router]
         on_board = ["--board", board]
         self._commands = {
             "router": ["router", "--listen", router],
@@ -127,7 +127,7 @@ def soak(seconds: float, faults_s: float, say: Callable[[str], None]) -> list[st
 
 def _end(running: Soak, router: str) -> list[str]:
     """End all but the router, look at the graph, and end that."""
-    with ZenohPort(_DOMAIN, router=[router], notify=lambda _: None) as witness:
+    with ZenohTransport(_DOMAIN, router=[router], notify=lambda _: None) as witness:
         last = running.processes.pop("router")
         wrong = running.end()
         running.processes = {"router": last}

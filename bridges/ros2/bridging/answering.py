@@ -11,7 +11,7 @@ from llfsm.whiteboard import Board, BoundSlot
 from llfsm.whiteboard.errors import MessageUnreadableError, WhiteboardError
 
 from ..errors import CdrError
-from ..port import Request
+from ..transport import Request
 from .faults import Faults
 from .follower import LOOK_S
 from .numbered import ServiceSlots

@@ -1,4 +1,4 @@
-"""A bridge that runs: the links of a plan between a board and a port."""
+"""A bridge that runs: the links of a plan between a board and a transport."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from llfsm.whiteboard import Board, WhiteboardError
 from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
 
-from ..errors import PortUnavailableError
+from ..errors import TransportUnavailableError
 from ..later import Later
-from ..port import Node, Notice, Port
 from ..qos import Durability
 from ..telling import log_notice
+from ..transport import Node, Notice, Transport
 from .answering import SlotAnswerer
 from .calling import SlotCaller
 from .echo import Echo
@@ -37,13 +37,16 @@ class _Worker(Protocol):
 
 
 class Bridge:
-    """Connects a board with a ROS graph until it is closed. The board and the port stay open."""
+    """Connects a board with a ROS graph until it is closed.
+
+    The board and the transport stay open.
+    """
 
     def __init__(
         self,
         plan: Plan,
         board: Board,
-        port: Port,
+        transport: Transport,
         notify: Callable[[Notice], None] = log_notice,
     ) -> None:
         """Begin. ``notify`` gets what goes wrong in a link, once for each kind.
@@ -59,7 +62,7 @@ class Bridge:
         self._to_ros: list[ToRos[Any]] = []
         self._nodes: list[Node] = []
         try:
-            self._connect(plan, port)
+            self._connect(plan, transport)
         except BaseException:
             self.close()
             raise
@@ -88,8 +91,8 @@ class Bridge:
             return False
         return any(map(_is_commanded, self._to_ros))
 
-    def _connect(self, plan: Plan, port: Port) -> None:
-        node = port.node(plan.node.node, plan.node.namespace)
+    def _connect(self, plan: Plan, transport: Transport) -> None:
+        node = transport.node(plan.node.node, plan.node.namespace)
         self._nodes.append(node)
         for relay in plan.relays:
             self._relay(node, relay)
@@ -98,7 +101,7 @@ class Bridge:
         for server in plan.servers:
             self._server(node, server)
         if plan.position:
-            self._position(port, plan.position)
+            self._position(transport, plan.position)
 
     def _link(self, slot: str, arrow: str, name: str, type_name: str) -> Link:
         link = Link(slot, arrow, name, type_name)
@@ -146,8 +149,8 @@ class Bridge:
         self._workers.append(answerer)
         node.server(plan.service, slots.of, answerer.asked)
 
-    def _position(self, port: Port, plan: PositionPlan) -> None:
-        node = port.node(NODE)
+    def _position(self, transport: Transport, plan: PositionPlan) -> None:
+        node = transport.node(NODE)
         self._nodes.append(node)
         in_ros = self._link(plan.pose.name, "->", f"/{SERVICE}", plan.of.name)
         in_slots = self._link(plan.pose.name, "->", ANSWER.name, plan.of.name)
@@ -157,7 +160,9 @@ class Bridge:
         self._workers.append(position)
         try:
             node.server(SERVICE, plan.of, position.asked)
-        except PortUnavailableError as error:  # rclpy, where nobody has built the type's package
+        except (
+            TransportUnavailableError
+        ) as error:  # rclpy, where nobody has built the type's package
             self._faults.say(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
 
 

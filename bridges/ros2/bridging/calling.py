@@ -9,7 +9,7 @@ from llfsm.whiteboard import Board, BoundSlot, Sample
 from llfsm.whiteboard.errors import WhiteboardError
 
 from ..errors import Ros2Error
-from ..port import Client
+from ..transport import Client
 from .faults import Faults
 from .follower import Follower
 from .numbered import ServiceSlots

@@ -10,7 +10,7 @@ from typing import Generic
 from llfsm.whiteboard import BoundSlot, Sample
 from llfsm.whiteboard.message import M
 
-from ..port import Arrival, Publisher
+from ..transport import Arrival, Publisher
 from ..types import RosMessage
 
 __all__ = ["Echo"]
@@ -22,9 +22,9 @@ _MOST = 1000
 class Echo(Generic[M]):
     """Remembers what one relay did on either side.
 
-    On the board a message is known by its number in the slot, in ROS by its publisher: an equal
-    message of somebody else is a new one. A port that does not tell publishers has the messages
-    themselves compared; each one that was published takes away one that arrives within a second.
+    On the board a message is identified by its count in the slot, in ROS by its publisher: an equal
+    message from another publisher is a new one. Where a transport does not report publishers, the
+    messages themselves are compared: each one published cancels one that arrives within a second.
     """
 
     def __init__(self, publisher: Publisher[M], of: RosMessage[M]) -> None:

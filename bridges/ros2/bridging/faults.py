@@ -8,15 +8,15 @@ from collections.abc import Callable
 from llfsm.whiteboard.errors import MessageTooLargeError, WhiteboardError
 
 from ..errors import Ros2Error
-from ..port import Notice, NoticeKind
 from ..telling import Teller
+from ..transport import Notice, NoticeKind
 from .tally import Link
 
 __all__ = ["Faults"]
 
 
 class Faults:
-    """Gives notices of links to the function that a port gives its own to."""
+    """Gives notices of links to the function that a transport gives its own to."""
 
     def __init__(self, notify: Callable[[Notice], None]) -> None:
         self._teller = Teller(notify)

@@ -18,7 +18,7 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
 )
 from llfsm.whiteboard.messages.turtlesim import Pose
 
-from ..port import Request
+from ..transport import Request
 from ..types import RosService
 from .calling import unanswered
 from .faults import Faults

@@ -10,9 +10,9 @@ from llfsm.whiteboard import BoundSlot, Sample
 from llfsm.whiteboard.errors import BoardClosedError
 from llfsm.whiteboard.message import M
 
-from ..errors import PortClosedError
+from ..errors import TransportClosedError
 from ..later import Later
-from ..port import Arrival, Publisher
+from ..transport import Arrival, Publisher
 from .echo import Echo
 from .faults import Faults
 from .follower import Follower
@@ -72,7 +72,7 @@ class ToRos(Generic[M]):
         self._link.count()
 
     def _failed(self, error: Exception) -> None:
-        if not isinstance(error, PortClosedError):
+        if not isinstance(error, TransportClosedError):
             self._faults.tell(self._link, error)
 
 

@@ -1,12 +1,12 @@
 """A ROS graph inside one process, for tests and simulation: no network, no ROS, the same rules.
 
-world     what ports share: who is there
+world     what transports share: who is there
 topics    publishers and subscriptions
 services  clients and servers
-port      all of it as a port
+transport      all of it as a transport
 """
 
-from .port import MemoryPort
+from .transport import MemoryTransport
 from .world import MemoryWorld
 
-__all__ = ["MemoryPort", "MemoryWorld"]
+__all__ = ["MemoryTransport", "MemoryWorld"]

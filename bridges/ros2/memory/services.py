@@ -13,8 +13,8 @@ from ..calling import Calls
 from ..graph import Endpoint
 from ..later import Later
 from ..lifetime import Closable
-from ..port import Client, MessageInfo, Request, Server
 from ..serving import Counter
+from ..transport import Client, MessageInfo, Request, Server
 from ..types import RosService
 from .inbox import Inbox
 from .world import Member, Site

@@ -11,8 +11,8 @@ from llfsm.whiteboard.message import M
 from ..arrival import ArrivedBytes
 from ..graph import Endpoint
 from ..lifetime import Closable
-from ..port import Arrival, MessageInfo, Publisher, Subscription
 from ..qos import Durability, History, Qos
+from ..transport import Arrival, MessageInfo, Publisher, Subscription
 from ..types import RosMessage
 from .inbox import Inbox
 from .world import Member, Site

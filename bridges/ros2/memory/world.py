@@ -1,4 +1,4 @@
-"""What ports in memory share: who is there."""
+"""What transports in memory share: who is there."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import NamedTuple, TypeVar
 
 from ..graph import Endpoint, Graph
 from ..later import Later
-from ..port import NoticeKind
 from ..telling import Teller
+from ..transport import NoticeKind
 
 __all__ = ["Member", "MemoryWorld", "Site"]
 
@@ -44,7 +44,7 @@ Mem = TypeVar("Mem", bound=Member)
 
 
 class MemoryWorld:
-    """The graphs of all domains. Ports that are opened with the same world meet in it.
+    """The graphs of all domains. Transports that are opened with the same world meet in it.
 
     It can be lost and come back, as a router does; meanwhile nothing is delivered.
     """
@@ -58,11 +58,11 @@ class MemoryWorld:
         self.up = True
 
     def lose(self) -> None:
-        """Be gone; every port tells it."""
+        """Be gone; every transport tells it."""
         self._turn(False, NoticeKind.DOWN, "the world is lost")
 
     def restore(self) -> None:
-        """Be there again; every port tells it."""
+        """Be there again; every transport tells it."""
         self._turn(True, NoticeKind.UP, "the world is back")
 
     def _turn(self, up: bool, kind: NoticeKind, text: str) -> None:
@@ -78,12 +78,12 @@ class MemoryWorld:
         return next(self._gids).to_bytes(16, "little")
 
     def open(self, teller: Teller) -> None:
-        """Tell this port from now on."""
+        """Tell this transport from now on."""
         with self.changed:
             self._tellers[teller] = None
 
     def shut(self, teller: Teller) -> None:
-        """Tell this port no more; who waits for the graph looks whether it is closed."""
+        """Tell this transport no more; who waits for the graph looks whether it is closed."""
         with self.changed:
             self._tellers.pop(teller, None)
             self.changed.notify_all()
@@ -132,7 +132,7 @@ class MemoryWorld:
 
 
 class Site(NamedTuple):
-    """Where the members of one port are."""
+    """Where the members of one transport are."""
 
     world: MemoryWorld
     domain: int

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import click
 
-from llfsm.bridges.ros2.opening import WAYS, open_port
-from llfsm.bridges.ros2.port import Notice, Port
+from llfsm.bridges.ros2.opening import WAYS, open_transport
 from llfsm.bridges.ros2.telling import log_notice
+from llfsm.bridges.ros2.transport import Notice, Transport
 
 from .options import board_option
 from .supervised import supervised_options
@@ -21,7 +21,7 @@ __all__ = ["Ways", "bridge_options", "open_way", "ros_options"]
 class Ways(NamedTuple):
     """Which ROS and which whiteboard to connect, and what to tell of it."""
 
-    port: str
+    transport: str
     domain: int | None
     router: tuple[str, ...]
     board: str
@@ -29,9 +29,9 @@ class Ways(NamedTuple):
     until_eof: bool
     quiet: bool
 
-    def open_port(self, notify: Callable[[Notice], None]) -> Port:
-        """Open the way into ROS; raise :class:`.PortError`."""
-        return open_way(self.port, self.domain, self.router, notify)
+    def open_transport(self, notify: Callable[[Notice], None]) -> Transport:
+        """Open the way into ROS; raise :class:`.TransportError`."""
+        return open_way(self.transport, self.domain, self.router, notify)
 
 
 def bridge_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -54,15 +54,15 @@ def bridge_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def open_way(
-    port: str,
+    transport: str,
     domain: int | None,
     router: tuple[str, ...],
     notify: Callable[[Notice], None] = log_notice,
-) -> Port:
-    """Open the way into ROS that the options name; raise :class:`.PortError`."""
-    if router and port == "rclpy":
-        raise click.UsageError("--router is for --port zenoh: rclpy has its own configuration")
-    return open_port(port, domain, router=router, notify=notify)
+) -> Transport:
+    """Open the way into ROS that the options name; raise :class:`.TransportError`."""
+    if router and transport == "rclpy":
+        raise click.UsageError("--router is for --transport zenoh: rclpy has its own configuration")
+    return open_transport(transport, domain, router=router, notify=notify)
 
 
 def ros_options(only: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -84,7 +84,7 @@ def ros_options(only: str = "") -> Callable[[Callable[..., Any]], Callable[..., 
                 help=f"{only}The ROS domain.  [default: $ROS_DOMAIN_ID, else 0]",
             ),
             click.option(
-                "--port",
+                "--transport",
                 type=click.Choice(WAYS),
                 default="auto",
                 show_default=True,

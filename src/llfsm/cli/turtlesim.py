@@ -14,7 +14,7 @@ import click
 from click.core import ParameterSource
 
 from llfsm.bridges.ros2.errors import Ros2Error
-from llfsm.bridges.ros2.port import Port
+from llfsm.bridges.ros2.transport import Transport
 from llfsm.bridges.turtlesim.errors import TurtlesimError
 from llfsm.bridges.turtlesim.field import draw
 from llfsm.bridges.turtlesim.node import TurtlesimNode
@@ -74,7 +74,7 @@ def turtlesim(
     turtles: list[_Spawn],
     picture: Path | None,
     ros: bool,
-    port: str,
+    transport: str,
     domain: int | None,
     router: tuple[str, ...],
     board: str,
@@ -90,7 +90,7 @@ def turtlesim(
     \b
     llfsm turtlesim --turtle bob,2,2,0
     llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 2}}'
-    llfsm turtlesim --ros --port zenoh
+    llfsm turtlesim --ros --transport zenoh
     """
     _check_options(context, "ros" if ros else "board")
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
@@ -106,7 +106,7 @@ def turtlesim(
         end_with_input()
     try:
         if ros:
-            with open_way(port, domain, router) as way:
+            with open_way(transport, domain, router) as way:
                 simulator = _run_on_ros(way, turtles, lambda: over)
         else:
             simulator = Simulator(log=_LOG)
@@ -128,7 +128,7 @@ def turtlesim(
 
 def _check_options(context: click.Context, world: str) -> None:
     """Refuse the options of the world that the turtles are not in."""
-    other = {"ros": ("board", "remove_board"), "board": ("port", "domain", "router")}[world]
+    other = {"ros": ("board", "remove_board"), "board": ("transport", "domain", "router")}[world]
     flags = {param.name: param.opts[-1] for param in context.command.params}
     for name in other:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
@@ -136,12 +136,14 @@ def _check_options(context: click.Context, world: str) -> None:
             raise click.UsageError(f"--ros {hint} {flags[name]}")
 
 
-def _run_on_ros(port: Port, turtles: list[_Spawn], is_over: Callable[[], bool]) -> Simulator:
+def _run_on_ros(
+    transport: Transport, turtles: list[_Spawn], is_over: Callable[[], bool]
+) -> Simulator:
     from llfsm.bridges.turtlesim.ros import RosTurtlesim
 
-    node = RosTurtlesim(port, log=_LOG)
+    node = RosTurtlesim(transport, log=_LOG)
     _spawn(turtles, node.spawn)
-    run(node.step, lambda: is_over() or port.closed)
+    run(node.step, lambda: is_over() or transport.closed)
     return node.simulator
 
 

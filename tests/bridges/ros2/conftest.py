@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from llfsm.bridges.ros2.graph import Endpoint, Graph
-from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
-from llfsm.bridges.ros2.port import Notice, Port
-from llfsm.bridges.ros2.rcl.topics import RclPublisher
+from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
+from llfsm.bridges.ros2.rclpy_transport.topics import RclPublisher
+from llfsm.bridges.ros2.transport import Notice, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 
 PATIENCE = 20.0  # seconds; never waited for in a test that passes
@@ -48,7 +48,7 @@ class Seen(list[Any]):
 
 
 class World:
-    """A place where ports of one kind meet, empty at the beginning of a test."""
+    """A place where transports of one kind meet, empty at the beginning of a test."""
 
     tells_failure = True
     """Whether a caller learns at once that its request has failed."""
@@ -59,21 +59,25 @@ class World:
     of_every_node: frozenset[str] | set[str] = frozenset()
     """Names of endpoints that every node has."""
 
-    def __init__(self, handles: ExitStack, opener: Callable[..., Port], domains: range) -> None:
+    def __init__(
+        self, handles: ExitStack, opener: Callable[..., Transport], domains: range
+    ) -> None:
         self._handles = handles
         self._opener = opener
         self._domains = domains
-        self._ports: list[Port] = []
+        self._transports: list[Transport] = []
 
-    def open(self, notify: Callable[[Notice], None] | None = None, *, elsewhere: int = 0) -> Port:
-        """Open one more port; ``elsewhere``: in another domain."""
+    def open(
+        self, notify: Callable[[Notice], None] | None = None, *, elsewhere: int = 0
+    ) -> Transport:
+        """Open one more transport; ``elsewhere``: in another domain."""
         domain = self._domains[elsewhere]
-        self._ports.append(self._opener(domain, notify=Seen() if notify is None else notify))
-        return self._handles.enter_context(self._ports[-1])
+        self._transports.append(self._opener(domain, notify=Seen() if notify is None else notify))
+        return self._handles.enter_context(self._transports[-1])
 
     def matched(self, name: str, subscriptions: int) -> bool:
         """Tell whether publishers have met so many subscriptions; in DDS the graph is earlier."""
-        nodes = [node for port in self._ports for node in port._owned]
+        nodes = [node for transport in self._transports for node in transport._owned]
         ends = [end for node in nodes for end in node._owned if isinstance(end, RclPublisher)]
         return all(
             end._publisher.get_subscription_count() >= subscriptions
@@ -96,12 +100,14 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
     with ExitStack() as handles:
         if request.param == "memory":
             shared = MemoryWorld()
-            yield World(handles, lambda domain, **kw: MemoryPort(shared, domain, **kw), domains)
+            yield World(
+                handles, lambda domain, **kw: MemoryTransport(shared, domain, **kw), domains
+            )
         elif request.param == "zenoh":
-            from llfsm.bridges.ros2.wire.port import ZenohPort
+            from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 
             router = [request.getfixturevalue("router")]
-            yield World(handles, lambda d, **kw: ZenohPort(d, router=router, **kw), domains)
+            yield World(handles, lambda d, **kw: ZenohTransport(d, router=router, **kw), domains)
         else:
             middleware = ""
             if request.param == "fake rclpy":
@@ -110,9 +116,9 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
                 pytest.skip("rclpy cannot be imported: no ROS 2 environment is sourced")
             else:
                 middleware = request.getfixturevalue("middleware")
-            from llfsm.bridges.ros2.rcl.port import RclpyPort
+            from llfsm.bridges.ros2.rclpy_transport.transport import RclpyTransport
 
-            rcl = World(handles, RclpyPort, domains)
+            rcl = World(handles, RclpyTransport, domains)
             rcl.tells_failure = False
             rcl.tells_depth = middleware != "rmw_fastrtps_cpp"
             rcl.counts = middleware != "rmw_cyclonedds_cpp"

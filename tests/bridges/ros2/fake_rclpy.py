@@ -1,4 +1,4 @@
-"""What of rclpy (Jazzy) the port uses, without ROS: as strict as the original about its use.
+"""What of rclpy (Jazzy) the transport uses, without ROS: as strict as the original about its use.
 
 Its messages are their bytes; the newest of them wait, as many as the depth says. A subscription is
 served by the one who spins its node's executor, a destroyed entity raises InvalidHandle, the

@@ -14,7 +14,7 @@ from llfsm.bridges.ros2.backlog import Backlog
 from llfsm.bridges.ros2.errors import AlreadyAnsweredError, CallFailedError
 from llfsm.bridges.ros2.goals import GoalStatus
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.qos import Durability, Qos
 from llfsm.bridges.ros2.stamps import from_ns, to_ns
 from llfsm.bridges.ros2.types import TypeLibrary
@@ -38,7 +38,7 @@ class Scene:
 
     def __init__(self):
         world = MemoryWorld()
-        self.ours, self.theirs = MemoryPort(world), MemoryPort(world)
+        self.ours, self.theirs = MemoryTransport(world), MemoryTransport(world)
         self.backlog, self.clock = Backlog(), ManualClock()
         self.begun = {}
         self.server = ActionServer(
@@ -232,7 +232,7 @@ def test_cancelling_by_id_says_why_not(scene):
     assert scene.cancel(2) == (terminated, set())
 
 
-@settings(max_examples=50, deadline=None)  # each opens two ports
+@settings(max_examples=50, deadline=None)  # each opens two transports
 @given(
     st.lists(st.sampled_from(["run", "ended", "stubborn"]), min_size=1, max_size=5),
     st.integers(0, 5),

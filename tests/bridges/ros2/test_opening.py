@@ -6,32 +6,36 @@ import sys
 
 import pytest
 
-from llfsm.bridges.ros2.errors import PortUnavailableError
-from llfsm.bridges.ros2.opening import explained, open_port
+from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.bridges.ros2.opening import explained, open_transport
 
 
 def test_auto_takes_rclpy_only_where_it_can_be_imported(monkeypatch, router):
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{router}"]')
     if importlib.util.find_spec("rclpy") is None:
-        with open_port(domain=7) as port:
-            assert (type(port).__name__, port.domain, port.up) == ("ZenohPort", 7, True)
+        with open_transport(domain=7) as transport:
+            assert (type(transport).__name__, transport.domain, transport.up) == (
+                "ZenohTransport",
+                7,
+                True,
+            )
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "rclpy")
     monkeypatch.setitem(sys.modules, "rclpy", None)  # found, and gone when it is imported
-    with pytest.raises(PortUnavailableError, match=r"source /opt/ros/jazzy/setup\.bash"):
-        open_port()
+    with pytest.raises(TransportUnavailableError, match=r"source /opt/ros/jazzy/setup\.bash"):
+        open_transport()
 
 
 def test_a_way_that_is_not_there_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "zenoh", None)
-    for module in [name for name in sys.modules if ".ros2.wire" in name]:
+    for module in [name for name in sys.modules if ".ros2.zenoh_transport" in name]:
         monkeypatch.delitem(sys.modules, module)
-    with pytest.raises(PortUnavailableError, match=r"pip install 'llfsm\[ros\]'"):
-        open_port("zenoh")
+    with pytest.raises(TransportUnavailableError, match=r"pip install 'llfsm\[ros\]'"):
+        open_transport("zenoh")
 
 
 def test_a_way_that_nobody_knows_is_refused():
-    with pytest.raises(PortUnavailableError, match=r"'dds'.*auto, rclpy, zenoh"):
-        open_port("dds")
+    with pytest.raises(TransportUnavailableError, match=r"'dds'.*auto, rclpy, zenoh"):
+        open_transport("dds")
 
 
 def test_what_is_missing_otherwise_is_not_hidden():

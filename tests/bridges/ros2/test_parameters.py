@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.parameter_server import ParameterServer
 from llfsm.bridges.ros2.parameters import Parameter, Parameters, ParameterType, type_of
 from llfsm.bridges.ros2.types import TypeLibrary
@@ -36,7 +36,7 @@ def parameters():
 def call(parameters):
     """Call a service of the parameters' server."""
     world = MemoryWorld()
-    with MemoryPort(world) as ours, MemoryPort(world) as theirs:
+    with MemoryTransport(world) as ours, MemoryTransport(world) as theirs:
         ParameterServer(ours.node("robot", "ns"), TYPES, parameters, lambda do: do())
         node = theirs.node("tool")
 

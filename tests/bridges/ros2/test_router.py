@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from llfsm.bridges.ros2.router import loopback
-from llfsm.bridges.ros2.wire.port import ZenohPort
+from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 
 ROUTER = [sys.executable, "-m", "llfsm.cli", "router"]
 
@@ -36,7 +36,7 @@ def test_it_says_where_it_listens_and_nodes_meet_there(start, free_port):
     _, line = start()
     assert line == f"router: listening on tcp/127.0.0.1:{free_port}\n"
     where = [f"tcp/127.0.0.1:{free_port}"]
-    with ZenohPort(7, router=where) as one, ZenohPort(7, router=where) as two:
+    with ZenohTransport(7, router=where) as one, ZenohTransport(7, router=where) as two:
         one.node("one")
         assert two.wait_graph(lambda graph: graph.nodes == ("/one",), 20)
 

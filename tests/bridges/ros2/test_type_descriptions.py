@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.type_descriptions import TypeDescriptionServer
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
@@ -16,7 +16,7 @@ SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 @pytest.fixture
 def ask(types):
     world = MemoryWorld()
-    with MemoryPort(world) as ours, MemoryPort(world) as theirs:
+    with MemoryTransport(world) as ours, MemoryTransport(world) as theirs:
         TypeDescriptionServer(ours.node("robot"), types, lambda do: do())
         of = types.service(SERVICE)
         client = theirs.node("tool").client("/robot/get_type_description", of)

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import settings
 
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
-from llfsm.bridges.ros2.port import Arrival, Client, Node, Notice, Port, Publisher
+from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.transport import Arrival, Client, Node, Notice, Publisher, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.turtlesim.ros import RosTurtlesim
 from llfsm.bridges.turtlesim.simulator import Simulator
@@ -50,19 +50,19 @@ def simulator(log: list[tuple[Level, str]]) -> Simulator:
 
 
 class Ros:
-    """Our node on a graph, and another that talks to it from a port of its own.
+    """Our node on a graph, and another that talks to it from a transport of its own.
 
     Time passes only by `step`. What waits here works off our backlog meanwhile.
     """
 
     def __init__(
-        self, ours: Port, theirs: Port, log: list[tuple[Level, str]], told: list[Notice]
+        self, ours: Transport, theirs: Transport, log: list[tuple[Level, str]], told: list[Notice]
     ) -> None:
         self.turtlesim = RosTurtlesim(ours, lambda level, text: log.append((level, text)))
         log.clear()
         self.told = told
         self.types = TypeLibrary()
-        self.port = theirs
+        self.transport = theirs
         self.node: Node = theirs.node("other")
         self._ours = ours
         self._clients: dict[str, Client[Any, Any]] = {}
@@ -87,8 +87,8 @@ class Ros:
             got.append(arrival.decode())
 
         subscription = self.node.subscription(topic, self.types.message(type_name), receive, qos)
-        for port in (self.port, self._ours):
-            assert port.wait_graph(
+        for transport in (self.transport, self._ours):
+            assert transport.wait_graph(
                 lambda graph: (
                     any(end.node == "/turtlesim" for end in graph.ends(topic, Role.PUBLISHER))
                     and any(end.node == "/other" for end in graph.ends(topic, Role.SUBSCRIPTION))
@@ -104,7 +104,7 @@ class Ros:
         client = self._clients.get(service)
         if client is None:
             client = self._clients[service] = self.node.client(service, of)
-        assert self.port.wait_graph(lambda _: client.ready, PATIENCE)
+        assert self.transport.wait_graph(lambda _: client.ready, PATIENCE)
         before = len(self.turtlesim.backlog)
         future = client.call(of.request.message(**fields), timeout=PATIENCE)
         self.arrives(before)
@@ -122,7 +122,7 @@ class Ros:
         if topic not in self._publishers:
             twist = self.types.message("geometry_msgs/msg/Twist")
             self._publishers[topic] = self.node.publisher(topic, twist)
-            assert self.port.wait_graph(
+            assert self.transport.wait_graph(
                 lambda graph: bool(graph.ends(topic, Role.SUBSCRIPTION)), PATIENCE
             )
         before = len(self.turtlesim.backlog)
@@ -144,17 +144,17 @@ def ros(request: pytest.FixtureRequest, log: list[tuple[Level, str]]) -> Iterato
     if getattr(request, "param", "memory") == "memory":
         world = MemoryWorld()
 
-        def open_port() -> Port:
-            return MemoryPort(world, notify=told.append)
+        def open_transport() -> Transport:
+            return MemoryTransport(world, notify=told.append)
     else:
-        from llfsm.bridges.ros2.wire.port import ZenohPort
+        from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 
         at = request.getfixturevalue("router")
 
-        def open_port() -> Port:
-            return ZenohPort(91, router=[at], notify=told.append)
+        def open_transport() -> Transport:
+            return ZenohTransport(91, router=[at], notify=told.append)
 
-    with open_port() as ours, open_port() as theirs:
+    with open_transport() as ours, open_transport() as theirs:
         yield Ros(ours, theirs, log, told)
 
 

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.wire.port import ZenohPort
+from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.cli.turtlesim import turtlesim
 from llfsm.whiteboard.shared import boards
 
@@ -32,7 +32,7 @@ def start(router: str) -> Iterator[Callable[..., subprocess.Popen[str]]]:
             process = processes.enter_context(
                 subprocess.Popen(
                     [sys.executable, "-m", "llfsm.cli", "turtlesim", "--ros", "--until-eof",
-                     "--port", "zenoh", "--domain", str(DOMAIN), "--router", router, *options],
+                     "--transport", "zenoh", "--domain", str(DOMAIN), "--router", router, *options],
                     stdin=subprocess.PIPE,
                     stderr=subprocess.PIPE,
                     text=True,
@@ -46,18 +46,20 @@ def start(router: str) -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
 
 @pytest.fixture
-def port(router: str) -> Iterator[ZenohPort]:
-    with ZenohPort(DOMAIN, router=[router], notify=lambda _: None) as port:
-        yield port
+def transport(router: str) -> Iterator[ZenohTransport]:
+    with ZenohTransport(DOMAIN, router=[router], notify=lambda _: None) as transport:
+        yield transport
 
 
-def has(port: ZenohPort, *topics: str) -> bool:
-    return port.wait_graph(lambda graph: all(graph.ends(t, Role.PUBLISHER) for t in topics), 20)
+def has(transport: ZenohTransport, *topics: str) -> bool:
+    return transport.wait_graph(
+        lambda graph: all(graph.ends(t, Role.PUBLISHER) for t in topics), 20
+    )
 
 
-def test_a_user_who_knows_nothing_of_us_is_served(start, port, router):
+def test_a_user_who_knows_nothing_of_us_is_served(start, transport, router):
     start()
-    assert has(port, "/turtle1/rotate_absolute/_action/status")
+    assert has(transport, "/turtle1/rotate_absolute/_action/status")
     peer = subprocess.run(
         [sys.executable, str(Path(__file__).with_name("ros_peer.py")),
          router.rpartition(":")[2], str(DOMAIN), str(HASHES)],
@@ -85,10 +87,12 @@ def test_a_user_who_knows_nothing_of_us_is_served(start, port, router):
 
 
 @pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "EOF"])
-def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(start, port, tmp_path, end):
+def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(
+    start, transport, tmp_path, end
+):
     picture = tmp_path / "field.svg"
     process = start("--turtle", "bob,2,3,0.5", "--picture", str(picture))
-    assert has(port, "/bob/pose", "/turtle1/pose")
+    assert has(transport, "/bob/pose", "/turtle1/pose")
     assert BOARD not in {board.name for board in boards()}
     if end == "EOF":
         process.stdin.close()
@@ -97,7 +101,7 @@ def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(start, port,
     errors = process.stderr.read()
     assert process.wait(20) == 0, errors
     assert "Traceback" not in errors
-    assert port.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+    assert transport.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
     assert "bob" in picture.read_text()
 
 
@@ -107,11 +111,19 @@ def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(start, port,
         (["--ros", "--board", "x"], 2, "--ros touches no whiteboard: leave out --board"),
         (["--ros", "--remove-board"], 2, "--ros touches no whiteboard: leave out --remove-board"),
         (["--domain", "3"], 2, "--ros is needed for --domain"),
-        (["--port", "zenoh"], 2, "--ros is needed for --port"),
+        (["--transport", "zenoh"], 2, "--ros is needed for --transport"),
         (["--router", "tcp/localhost:1"], 2, "--ros is needed for --router"),
-        (["--ros", "--port", "rclpy", "--router", "tcp/localhost:1"], 2, "for --port zenoh"),
-        (["--ros", "--port", "dds"], 2, "'dds' is not one of"),
-        (["--ros", "--port", "zenoh", "--domain", "233"], 2, "233 is not in the range 0<=x<=232"),
+        (
+            ["--ros", "--transport", "rclpy", "--router", "tcp/localhost:1"],
+            2,
+            "for --transport zenoh",
+        ),
+        (["--ros", "--transport", "dds"], 2, "'dds' is not one of"),
+        (
+            ["--ros", "--transport", "zenoh", "--domain", "233"],
+            2,
+            "233 is not in the range 0<=x<=232",
+        ),
         (["--ros", "--router", "nonsense"], 1, "nonsense"),
     ],
 )
@@ -121,7 +133,7 @@ def test_options_that_cannot_be_are_refused(options, code, message):
 
 
 def test_a_turtle_that_cannot_be_is_refused(router):
-    options = ["--ros", "--port", "zenoh", "--domain", str(DOMAIN), "--router", router]
+    options = ["--ros", "--transport", "zenoh", "--domain", str(DOMAIN), "--router", router]
     result = CliRunner().invoke(turtlesim, [*options, "--turtle", "turtle1,1,1,0"])
     assert result.exit_code == 2
     assert "--turtle turtle1: see the line above" in result.output

@@ -14,7 +14,7 @@ SECTIONS = {
 
 
 def ours(ros):
-    return [end for end in ros.port.graph().endpoints if end.node == "/turtlesim"]
+    return [end for end in ros.transport.graph().endpoints if end.node == "/turtlesim"]
 
 
 def test_every_endpoint_is_there_and_no_other(ros, recorded):

@@ -41,7 +41,7 @@ def pose_of(ros, turtle):
 def turtles(ros):
     return sorted(
         end.name.split("/")[1]
-        for end in ros.port.graph().endpoints
+        for end in ros.transport.graph().endpoints
         if end.role is Role.PUBLISHER and end.name.endswith("/pose")
     )
 

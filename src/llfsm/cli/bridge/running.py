@@ -44,15 +44,15 @@ def _run(configured: Configured, ways: Ways) -> None:
     told = threading.Event()
     with suppress(KeyboardInterrupt), stop_on_signals(lambda _: told.set()), ExitStack() as stack:
         plan = configured.plan(slots_on(ways.board))
-        port = stack.enter_context(ways.open_port(log_notice))
+        transport = stack.enter_context(ways.open_transport(log_notice))
         board = stack.enter_context(Whiteboard(ways.board))
         if ways.remove_board:
             stack.callback(board.remove)
-        bridge = Bridge(plan, board, port)
+        bridge = Bridge(plan, board, transport)
         stack.callback(bridge.close)
         if ways.until_eof:
             end_with_input()
-        where = f"ROS domain {port.domain}, whiteboard {board.name}"
+        where = f"ROS domain {transport.domain}, whiteboard {board.name}"
         click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)
         _stay(bridge, board, told, ways.quiet)
         bridge.linger()

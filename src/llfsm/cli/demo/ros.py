@@ -30,7 +30,7 @@ class RosGraph(NamedTuple):
     host. Without, it joins those who have one.
     """
 
-    port: str = "auto"
+    transport: str = "auto"
     domain: int | None = None
     router: str | None = None
     simulator: bool = True
@@ -68,9 +68,9 @@ class RosGraph(NamedTuple):
         processes.start("bridge", "bridge", "turtlesim", "--quiet", *self._way(), *on_board)
 
     def _meets_at_router(self) -> bool:
-        if self.port == "zenoh" or self.router is not None:
+        if self.transport == "zenoh" or self.router is not None:
             return True
-        if self.port == "auto" and importlib.util.find_spec("rclpy") is None:
+        if self.transport == "auto" and importlib.util.find_spec("rclpy") is None:
             return True
         return os.environ.get("RMW_IMPLEMENTATION") == "rmw_zenoh_cpp"
 
@@ -78,7 +78,7 @@ class RosGraph(NamedTuple):
         return _DOMAIN if self.domain is None and self.simulator else self.domain
 
     def _way(self) -> list[str]:
-        way = ["--port", self.port]
+        way = ["--transport", self.transport]
         domain = self._domain()
         if domain is not None:
             way += ["--domain", str(domain)]
@@ -105,7 +105,9 @@ def ros_options(command: Callable[..., Any]) -> Callable[..., Any]:
     def with_graph(ros: bool, **arguments: Any) -> Any:
         graph = RosGraph(**{name: arguments.pop(name) for name in RosGraph._fields})
         if graph != RosGraph() and not ros:
-            raise click.UsageError("--port, --domain, --router and --no-simulator are for --ros")
+            raise click.UsageError(
+                "--transport, --domain, --router and --no-simulator are for --ros"
+            )
         return command(**arguments, graph=graph if ros else None)
 
     optioned: Callable[..., Any] = with_graph
@@ -131,7 +133,7 @@ def ros_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--no-simulator $ROS_DOMAIN_ID, else 0]",
         ),
         click.option(
-            "--port",
+            "--transport",
             type=click.Choice(["auto", "rclpy", "zenoh"]),
             default="auto",
             help="With --ros: the way into ROS.  [default: auto, which is rclpy if it is there]",

@@ -12,7 +12,7 @@ import pytest
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.config import BridgeConfig
 from llfsm.bridges.ros2.bridging.planning import make_plan
-from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
+from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.whiteboard import Whiteboard
 
 PATIENCE = 20.0  # seconds; never waited for in a test that passes
@@ -31,10 +31,10 @@ def memory() -> MemoryWorld:
 
 
 @pytest.fixture
-def peer(memory: MemoryWorld) -> Iterator[MemoryPort]:
-    """Open a port of somebody else."""
-    with MemoryPort(memory, notify=lambda _: None) as port:
-        yield port
+def peer(memory: MemoryWorld) -> Iterator[MemoryTransport]:
+    """Open a transport of somebody else."""
+    with MemoryTransport(memory, notify=lambda _: None) as transport:
+        yield transport
 
 
 @pytest.fixture
@@ -51,8 +51,8 @@ def start(board: Whiteboard, memory: MemoryWorld, told: Any) -> Iterator[Callabl
         def starting(**config: Any) -> Bridge:
             plan, faults = make_plan(msgspec.convert(config, BridgeConfig), Path(), board.slots())
             assert not faults
-            port = open_ones.enter_context(MemoryPort(memory, notify=told))
-            bridge = Bridge(plan, board, port, told)
+            transport = open_ones.enter_context(MemoryTransport(memory, notify=told))
+            bridge = Bridge(plan, board, transport, told)
             open_ones.callback(bridge.close)
             return bridge
 

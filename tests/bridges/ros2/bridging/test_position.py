@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from llfsm.bridges.ros2.bridging import presets
-from llfsm.bridges.ros2.errors import CallFailedError, PortUnavailableError
-from llfsm.bridges.ros2.memory import port as memory_port
+from llfsm.bridges.ros2.errors import CallFailedError, TransportUnavailableError
+from llfsm.bridges.ros2.memory import transport as memory_transport
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.whiteboard import Slot
@@ -106,9 +106,9 @@ def test_without_its_type_in_ros_the_slots_are_answered_still(
     """As with rclpy, where nobody has built the package of the type."""
 
     def unavailable(*_):
-        raise PortUnavailableError("no turtle_sensor_poster")
+        raise TransportUnavailableError("no turtle_sensor_poster")
 
-    monkeypatch.setattr(memory_port._MemoryNode, "server", unavailable)
+    monkeypatch.setattr(memory_transport._MemoryNode, "server", unavailable)
     preset()
     assert ["no turtle_sensor_poster" in notice.text for notice in told] == [True]
     post_pose(HERE)

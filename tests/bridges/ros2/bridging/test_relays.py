@@ -15,8 +15,8 @@ from llfsm.bridges.ros2.bridging.faults import Faults
 from llfsm.bridges.ros2.bridging.relays import FromRos, ToRos
 from llfsm.bridges.ros2.bridging.tally import Link
 from llfsm.bridges.ros2.later import Later
-from llfsm.bridges.ros2.port import MessageInfo, NoticeKind
 from llfsm.bridges.ros2.qos import Durability, Qos
+from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
 

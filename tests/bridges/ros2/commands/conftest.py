@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.ros2.wire.port import ZenohPort
+from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.shared import remove_board
 
@@ -119,7 +119,16 @@ def bridge(
     """Start a bridge on the test's board, in its domain."""
 
     def start(*arguments: str, at: str = router) -> Running:
-        where = ("--board", board.name, "--domain", str(domain), "--router", at, "--port", "zenoh")
+        where = (
+            "--board",
+            board.name,
+            "--domain",
+            str(domain),
+            "--router",
+            at,
+            "--transport",
+            "zenoh",
+        )
         process = run("bridge", *arguments, *where)
         process.says("whiteboard")
         return process
@@ -128,14 +137,14 @@ def bridge(
 
 
 @pytest.fixture
-def peer(domain: int, router: str) -> Iterator[ZenohPort]:
-    """Open a port of somebody else in the bridge's domain."""
-    with ZenohPort(domain, router=[router], notify=lambda _: None) as port:
-        yield port
+def peer(domain: int, router: str) -> Iterator[ZenohTransport]:
+    """Open a transport of somebody else in the bridge's domain."""
+    with ZenohTransport(domain, router=[router], notify=lambda _: None) as transport:
+        yield transport
 
 
 @pytest.fixture
-def met(peer: ZenohPort) -> Callable[..., None]:
+def met(peer: ZenohTransport) -> Callable[..., None]:
     """Wait until the peer knows of so many nodes of the bridge."""
 
     def wait(*nodes: str) -> None:

@@ -50,7 +50,16 @@ def test_a_terminal_has_a_table_that_changes_and_notices_above_it(
 ):
     controller, terminal = pty.openpty()
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
-    where = ("--board", board.name, "--domain", str(domain), "--router", router, "--port", "zenoh")
+    where = (
+        "--board",
+        board.name,
+        "--domain",
+        str(domain),
+        "--router",
+        router,
+        "--transport",
+        "zenoh",
+    )
     command = ["bridge", "ros2", "--to-ros", "pinpong:std_msgs/msg/String", *where]
     screen = pyte.Screen(120, 24)
     stream = pyte.ByteStream(screen)

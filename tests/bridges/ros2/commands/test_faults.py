@@ -11,9 +11,9 @@ import pytest
 import zenoh
 
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.wire.attachment import pack
-from llfsm.bridges.ros2.wire.port import ZenohPort
-from llfsm.bridges.ros2.wire.tokens import data_key
+from llfsm.bridges.ros2.zenoh_transport.attachment import pack
+from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
+from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64, String
 from llfsm.whiteboard.messages.turtlesim import Pose
@@ -42,14 +42,14 @@ def test_a_router_that_is_killed_is_told_and_found_again(
     endpoint = f"tcp/127.0.0.1:{free_port}"
     first = own_router()
     process = bridge("ros2", "--both", f"n:{NUMBER}", at=endpoint)
-    with ZenohPort(domain, router=[endpoint], notify=lambda _: None) as peer:
+    with ZenohTransport(domain, router=[endpoint], notify=lambda _: None) as peer:
         publisher = peer.node("talker").publisher("n", number)
         publish_until_added(publisher, board[N], 1)
         first.end(signal.SIGKILL)
         process.says("no router")
         own_router()
         process.says("connected to a router")
-    with ZenohPort(domain, router=[endpoint], notify=lambda _: None) as newcomer:
+    with ZenohTransport(domain, router=[endpoint], notify=lambda _: None) as newcomer:
         assert newcomer.wait_graph(lambda graph: "/llfsm_bridge" in graph.nodes, 20)
         publish_until_added(newcomer.node("talker").publisher("n", number), board[N], 2)
     assert process.end() == 0
@@ -65,14 +65,14 @@ def test_a_bridge_may_be_there_before_the_router(
     if not any("no router" in line for line in process.said):
         process.says("no router")
     own_router()
-    with ZenohPort(domain, router=[endpoint], notify=lambda _: None) as peer:
+    with ZenohTransport(domain, router=[endpoint], notify=lambda _: None) as peer:
         publish_until_added(peer.node("talker").publisher("n", number), board[N], 1)
 
 
 def test_a_simulator_that_is_killed_and_comes_back_is_relayed_again(
     bridge, run, board, domain, router
 ):
-    where = ("--ros", "--port", "zenoh", "--domain", str(domain), "--router", router)
+    where = ("--ros", "--transport", "zenoh", "--domain", str(domain), "--router", router)
     process = bridge("turtlesim")
     pose = board[Slot("turtle1/pose", Pose)]
     simulator = run("turtlesim", *where)

@@ -42,7 +42,7 @@ def simulator(run, domain, router):
     """Start turtlesim as a node of ROS."""
 
     def start(at=router):
-        where = ("--ros", "--port", "zenoh", "--domain", str(domain), "--router", at)
+        where = ("--ros", "--transport", "zenoh", "--domain", str(domain), "--router", at)
         return run("turtlesim", *where)
 
     return start

@@ -108,7 +108,10 @@ def test_a_file_that_is_not_there(llfsm, tmp_path):
         (["ros2", "--to-ros", "a:std_msgs/msg/String", "--domain", "233"], "0<=x<=232"),
         (["turtlesim", "--turtle", "bad name"], "bad name"),
         (["turtlesim", "--turtle", "a", "--turtle", "a"], "twice"),
-        (["turtlesim", "--port", "rclpy", "--router", "tcp/x:1"], "--router is for --port zenoh"),
+        (
+            ["turtlesim", "--transport", "rclpy", "--router", "tcp/x:1"],
+            "--router is for --transport zenoh",
+        ),
     ],
 )
 def test_wrong_usage_is_told(llfsm, arguments, what):
@@ -128,7 +131,7 @@ def test_a_flag_beside_a_file_is_told_by_itself(llfsm, tmp_path):
 
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is not None, reason="rclpy is here")
 def test_rclpy_that_is_not_there_says_how_to_get_it(llfsm):
-    status, said = llfsm("turtlesim", "--port", "rclpy")
+    status, said = llfsm("turtlesim", "--transport", "rclpy")
     assert status == 1
     assert "source a ROS 2 environment" in said
     assert said.count("\n") == 1
@@ -142,6 +145,6 @@ def test_a_router_that_is_none_is_told(llfsm):
 
 def test_a_domain_of_the_environment_that_is_none_is_wrong_usage(llfsm, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    status, said = llfsm("turtlesim", "--port", "zenoh")
+    status, said = llfsm("turtlesim", "--transport", "zenoh")
     assert status == 2
     assert "ROS_DOMAIN_ID" in said

@@ -1,13 +1,13 @@
-"""What is particular to the port in memory."""
+"""What is particular to the transport in memory."""
 
 from __future__ import annotations
 
 import pytest
 
 from llfsm.bridges.ros2.errors import DomainIdError, NoServerError
-from llfsm.bridges.ros2.memory import MemoryPort, MemoryWorld
-from llfsm.bridges.ros2.port import NoticeKind
+from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.qos import Durability, History, Qos, Reliability
+from llfsm.bridges.ros2.transport import NoticeKind
 
 LOOSE = Qos(Reliability.BEST_EFFORT)
 KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
@@ -34,8 +34,8 @@ def test_a_subscription_gets_nothing_from_who_offers_less(
     world, types, seen, offered, asked, arrives
 ):
     number, got, witnessed = types.message("std_msgs/msg/Int64"), seen(), seen()
-    with MemoryPort(world, notify=seen()) as port:
-        node = port.node("me")
+    with MemoryTransport(world, notify=seen()) as transport:
+        node = transport.node("me")
         publisher = node.publisher("a", number, offered)
         node.subscription("a", number, lambda arrival: got(arrival.decode().data), asked)
         node.subscription("a", number, witnessed, LOOSE)
@@ -48,8 +48,8 @@ def test_a_subscription_gets_nothing_from_who_offers_less(
 
 def test_what_is_kept_is_not_for_who_does_not_ask_for_it(world, types, seen):
     number, got = types.message("std_msgs/msg/Int64"), seen()
-    with MemoryPort(world) as port:
-        node = port.node("me")
+    with MemoryTransport(world) as transport:
+        node = transport.node("me")
         publisher = node.publisher("a", number, KEPT)
         publisher.publish(number.message(data=1))
         node.subscription("a", number, lambda arrival: got(arrival.decode().data))
@@ -61,8 +61,8 @@ def test_what_is_kept_is_not_for_who_does_not_ask_for_it(world, types, seen):
 def test_keep_all_keeps_all(world, types, seen):
     number, got = types.message("std_msgs/msg/Int64"), seen()
     everything = Qos(history=History.KEEP_ALL, depth=1)
-    with MemoryPort(world) as port:
-        node = port.node("me")
+    with MemoryTransport(world) as transport:
+        node = transport.node("me")
         node.subscription("a", number, lambda arrival: got(arrival.decode().data), everything)
         publisher = node.publisher("a", number)
         for value in range(100):
@@ -73,21 +73,21 @@ def test_keep_all_keeps_all(world, types, seen):
 def test_a_world_that_is_lost_delivers_nothing_and_says_so(world, types, seen):
     number, spawn = types.message("std_msgs/msg/Int64"), types.service("turtlesim/srv/Spawn")
     told, got = seen(), seen()
-    with MemoryPort(world, notify=told) as port:
-        node = port.node("me")
+    with MemoryTransport(world, notify=told) as transport:
+        node = transport.node("me")
         node.subscription("a", number, lambda arrival: got(arrival.decode().data))
         publisher, client = node.publisher("a", number), node.client("spawn", spawn)
         node.server("spawn", spawn, lambda request: request.answer(spawn.response.message()))
         assert client.ready
         world.lose()
         world.lose()
-        assert not port.up
+        assert not transport.up
         assert not client.ready
         publisher.publish(number.message(data=1))
         with pytest.raises(NoServerError):
             client.call(spawn.request.message(), timeout=20).result(20)
         world.restore()
-        assert port.up
+        assert transport.up
         publisher.publish(number.message(data=2))
         got.wait(len)
         client.call(spawn.request.message(), timeout=20).result(20)
@@ -97,4 +97,4 @@ def test_a_world_that_is_lost_delivers_nothing_and_says_so(world, types, seen):
 
 def test_a_domain_that_is_none_is_refused(world):
     with pytest.raises(DomainIdError, match="233"):
-        MemoryPort(world, 233)
+        MemoryTransport(world, 233)

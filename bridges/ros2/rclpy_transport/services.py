@@ -1,0 +1,147 @@
+"""Clients and servers through rclpy.
+
+It takes and gives requests and responses as messages of its own classes; through their bytes they
+become ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from functools import partial
+from typing import Any, NamedTuple
+
+from ..calling import Calls
+from ..lifetime import Closable
+from ..qos import Qos
+from ..serving import Counter
+from ..transport import Client, MessageInfo, Request, Server
+from ..types import RosService
+from . import api
+from .world import RclWorld
+
+__all__ = ["RclClient", "RclServer"]
+
+# Requests that wait for a server, and responses for a client. DDS drops older ones beyond the
+# depth, which is 10 by default; who asked would wait in vain.
+_DEPTH = 1000
+
+
+class RclClient(Client[Any, Any]):
+    """Calls a service. Here rclpy has no time-out that does not block."""
+
+    def __init__(
+        self, owner: Closable, world: RclWorld, node: api.Node, name: str, of: RosService, qos: Qos
+    ) -> None:
+        found = api.find_class(of.name)  # first: what is not there has nothing to close
+        super().__init__(owner)
+        self.name = name
+        self._world = world
+        self._node = node
+        self._of = of
+        self._class = found
+        self._calls = Calls(name, of.response, world.teller)
+        self._client = node.create_client(self._class, name, qos_profile=_profile(world, qos))
+
+    @property
+    def ready(self) -> bool:
+        """Whether rclpy knows of a server."""
+        with suppress(self._world.rclpy.destroyed):  # it is being closed
+            return not self._closed and self._client.service_is_ready()
+        return False
+
+    def call(self, request: Any, *, timeout: float) -> Future[Any]:
+        """Send the request; a server that is not known now gets none."""
+        rclpy, later = self._world.rclpy, self._world.later
+        sent = rclpy.deserialize(self._of.request.encode(request), self._class.Request)
+        with self._lifetime:
+            self._check_open()
+            call = self._calls.begin()
+        if not self.ready:
+            later.soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
+            return call
+        try:
+            future = self._client.call_async(sent)
+        except rclpy.destroyed:  # it was closed meanwhile, which has ended the call
+            return call
+
+        def on_response(done: api.Future) -> None:
+            later.soon(partial(self._calls.answered, call, rclpy.serialize(done.result())))
+
+        def too_late() -> None:
+            self._client.remove_pending_request(future)
+            self._calls.timed_out(call)
+
+        future.add_done_callback(on_response)
+        later.after(timeout, too_late)
+        return call
+
+    def _close(self) -> None:
+        self._calls.close()
+        self._node.destroy_client(self._client)
+
+    def __str__(self) -> str:
+        return f"the client of {self.name}"
+
+
+class RclServer(Server):
+    """Serves a service. A request that fails is not answered: ROS has no message for that."""
+
+    def __init__(
+        self,
+        owner: Closable,
+        world: RclWorld,
+        node: api.Node,
+        name: str,
+        of: RosService,
+        handler: Callable[[Request[Any, Any]], None],
+        qos: Qos,
+    ) -> None:
+        found = api.find_class(of.name)
+        super().__init__(owner)
+        self.name = name
+        self._world = world
+        self._node = node
+        self._class = found
+        self._counter = Counter(name, of, handler, world.teller)
+        self._service = node.create_service(
+            self._class, name, lambda request, _: request, qos_profile=_profile(world, qos)
+        )
+        # An answer may come later, which rclpy's callbacks cannot give without keeping its
+        # executor busy. What its executor calls to send what the callback returned is the first
+        # to know the request's header; here it takes the request in instead.
+        self._send = self._service.send_response
+        self._service.send_response = self._take
+
+    def _take(self, request: Any, header: Any) -> None:
+        info = MessageInfo(header.source_timestamp, header.request_id.sequence_number, b"")
+        self._counter.take(self._world.rclpy.serialize(request), info, _Reply(self, header))
+
+    def send(self, data: bytes, header: Any) -> None:
+        """Send a response, on the executor's thread as rclpy itself does."""
+        response = self._world.rclpy.deserialize(data, self._class.Response)
+        self._world.run(self._send_now, response, header)
+
+    def _send_now(self, response: Any, header: Any) -> None:
+        if not self._closed:
+            self._send(response, header)
+
+    def _close(self) -> None:
+        self._counter.close()
+        self._node.destroy_service(self._service)
+
+
+def _profile(world: RclWorld, qos: Qos) -> object:
+    return world.qos(qos._replace(depth=max(qos.depth, _DEPTH)))
+
+
+class _Reply(NamedTuple):
+    server: RclServer
+    header: Any
+
+    def answer(self, data: bytes) -> None:
+        self.server.send(data, self.header)
+
+    def fail(self, reason: str) -> None:
+        """Do nothing: who asked waits until its own time-out."""

@@ -1,0 +1,101 @@
+"""Publishers and subscriptions through rclpy, as bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llfsm.whiteboard.message import M
+
+from ..arrival import ArrivedBytes
+from ..errors import TransportClosedError
+from ..graph import Endpoint
+from ..lifetime import Closable
+from ..qos import Qos
+from ..transport import Arrival, MessageInfo, Publisher, Subscription
+from ..types import RosMessage
+from . import api
+from .world import RclWorld
+
+__all__ = ["RclPublisher", "RclSubscription"]
+
+
+class RclPublisher(Publisher[M]):
+    """Gives rclpy what our codec wrote."""
+
+    gid = b""  # rclpy does not tell
+
+    def __init__(
+        self,
+        owner: Closable,
+        world: RclWorld,
+        node: api.Node,
+        end: Endpoint,
+        of: RosMessage[M],
+        qos: Qos,
+    ) -> None:
+        found = api.find_class(of.name)  # first: what is not there has nothing to close
+        super().__init__(owner)
+        self.name = end.name
+        self._world = world
+        self._node = node
+        self._end = end
+        self._encode = of.encode
+        self._publisher = node.create_publisher(
+            found, end.name, world.qos(qos), event_callbacks=world.rclpy.quiet[0]
+        )
+        world.ours[end] = None
+
+    def publish(self, message: M) -> None:
+        """Encode and publish a message."""
+        data = self._encode(message)
+        try:
+            self._publisher.publish(data)
+        except self._world.rclpy.destroyed as error:
+            raise TransportClosedError(f"the publisher of {self.name} is closed") from error
+
+    def _close(self) -> None:
+        self._world.ours.pop(self._end, None)
+        self._node.destroy_publisher(self._publisher)
+
+
+class RclSubscription(Subscription):
+    """Takes messages from rclpy as they came; the middleware keeps the newest."""
+
+    def __init__(
+        self,
+        owner: Closable,
+        world: RclWorld,
+        node: api.Node,
+        end: Endpoint,
+        of: RosMessage[M],
+        callback: Callable[[Arrival[M]], None],
+        qos: Qos,
+    ) -> None:
+        found = api.find_class(of.name)
+        super().__init__(owner)
+        self.name = end.name
+        self._world = world
+        self._node = node
+        self._end = end
+
+        def take(data: bytes, info: dict[str, Any]) -> None:
+            if not self._closed:
+                arrived = MessageInfo(
+                    info["source_timestamp"], info["publication_sequence_number"] or 0, b""
+                )
+                world.teller.deliver(self.name, callback, ArrivedBytes(data, arrived, of))
+
+        self._subscription = node.create_subscription(
+            found,
+            end.name,
+            take,
+            world.qos(qos),
+            event_callbacks=world.rclpy.quiet[1],
+            raw=True,
+        )
+        world.ours[end] = None
+
+    def _close(self) -> None:
+        self._world.ours.pop(self._end, None)
+        self._node.destroy_subscription(self._subscription)

@@ -1,0 +1,119 @@
+"""The transport on rclpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from llfsm.whiteboard.message import M
+
+from ..errors import TransportClosedError
+from ..graph import Endpoint, Graph, Role
+from ..names import NO_REMAPPING, Names, check_domain, domain_from_environment
+from ..qos import SERVICE, TOPIC, Qos
+from ..telling import Teller, log_notice
+from ..transport import Arrival, Node, Notice, Request, Transport
+from ..types import RosMessage, RosService
+from .services import RclClient, RclServer
+from .topics import RclPublisher, RclSubscription
+from .world import RclWorld
+
+__all__ = ["RclpyTransport"]
+
+
+class RclpyTransport(Transport):
+    """A way into ROS through the rclpy of the sourced environment.
+
+    All callbacks run on one thread, that of its executor.
+    """
+
+    def __init__(
+        self, domain: int | None = None, *, notify: Callable[[Notice], None] = log_notice
+    ) -> None:
+        """Open it; ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise :class:`.DomainIdError`."""
+        super().__init__()
+        self.domain = domain_from_environment() if domain is None else check_domain(domain)
+        self._world = RclWorld(self.domain, Teller(notify))
+
+    @property
+    def up(self) -> bool:
+        """Whether rclpy's context is not shut down."""
+        return self._world.context.ok()
+
+    def node(
+        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
+    ) -> Node:
+        """Put a node on the graph."""
+        with self._lifetime:
+            self._check_open()
+            return _RclNode(self, self._world, Names(name, namespace, remap))
+
+    def graph(self) -> Graph:
+        """Return what rclpy tells."""
+        self._check_open()
+        return self._world.graph()
+
+    def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
+        """Block until ``ready`` says yes to the graph, which is looked at 50 times a second."""
+        done = None if self._closed else self._world.wait(lambda: ready(self.graph()), timeout)
+        if done is None:
+            raise TransportClosedError(f"{self} is closed")
+        return done
+
+    def _close(self) -> None:
+        self._world.close()
+
+    def __str__(self) -> str:
+        return "the transport on rclpy"
+
+
+class _RclNode(Node):
+    def __init__(self, owner: RclpyTransport, world: RclWorld, names: Names) -> None:
+        super().__init__(owner)
+        self.name = names.full_node
+        self._world = world
+        self._names = names
+        self._node = world.new_node(names)
+
+    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> RclPublisher[M]:
+        with self._lifetime:
+            end = self._end(Role.PUBLISHER, topic, of, qos)
+            return RclPublisher(self, self._world, self._node, end, of, qos)
+
+    def subscription(
+        self,
+        topic: str,
+        of: RosMessage[M],
+        callback: Callable[[Arrival[M]], None],
+        qos: Qos = TOPIC,
+    ) -> RclSubscription:
+        with self._lifetime:
+            end = self._end(Role.SUBSCRIPTION, topic, of, qos)
+            return RclSubscription(self, self._world, self._node, end, of, callback, qos)
+
+    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> RclClient:
+        with self._lifetime:
+            self._check_open()
+            return RclClient(self, self._world, self._node, self._names.full(service), of, qos)
+
+    def server(
+        self,
+        service: str,
+        of: RosService,
+        handler: Callable[[Request[Any, Any]], None],
+        qos: Qos = SERVICE,
+    ) -> RclServer:
+        with self._lifetime:
+            self._check_open()
+            name = self._names.full(service)
+            return RclServer(self, self._world, self._node, name, of, handler, qos)
+
+    def _end(self, role: Role, topic: str, of: RosMessage[Any], qos: Qos) -> Endpoint:
+        self._check_open()
+        return Endpoint(role, self.name, self._names.full(topic), of.name, of.type_hash, qos)
+
+    def _close(self) -> None:
+        self._world.remove_node(self._node)
+
+    def __str__(self) -> str:
+        return f"the node {self.name}"

@@ -1,0 +1,54 @@
+"""What publishers, subscriptions, clients and servers over Zenoh have in common."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import xxhash
+import zenoh
+
+from ..graph import Endpoint
+from ..later import Later
+from ..telling import Teller
+from .attachment import GID_SIZE
+from .discovery import Discovery
+from .tokens import data_key, endpoint_token
+
+__all__ = ["Place", "Wire"]
+
+
+class Wire(NamedTuple):
+    """What every endpoint of a transport uses."""
+
+    session: zenoh.Session
+    discovery: Discovery
+    teller: Teller
+    domain: int
+    events: Later
+    """What changes around us."""
+    answers: Later
+    """Results of calls, on a thread of their own: what follows one may wait for the others."""
+
+
+class Place:
+    """An endpoint's place on the graph: its key, its token, its gid."""
+
+    def __init__(
+        self, wire: Wire, node_token: str, number: int, end: Endpoint, dds_type: str
+    ) -> None:
+        self.wire = wire
+        self.name = end.name
+        self.key = data_key(wire.domain, end.name, dds_type, end.type_hash or "")
+        self._token_key = endpoint_token(node_token, number, end, dds_type)
+        # Messages do not tell their endpoint's token, so rmw_zenoh_cpp makes the gid from it.
+        self.gid = xxhash.xxh3_128_intdigest(self._token_key.encode()).to_bytes(GID_SIZE, "little")
+        self._token: zenoh.LivelinessToken | None = None
+
+    def show(self) -> None:
+        """Put the endpoint on the graph; to be done last, when it already works."""
+        self._token = self.wire.session.liveliness().declare_token(self._token_key)
+
+    def hide(self) -> None:
+        """Take it off the graph; to be done first."""
+        if self._token is not None:
+            self._token.undeclare()

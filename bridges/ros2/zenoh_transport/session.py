@@ -1,0 +1,88 @@
+"""How a Zenoh session is set up to meet rmw_zenoh's.
+
+A peer that connects to a router and learns of other peers from it, without multicast. The
+environment says more, as for rmw_zenoh: ``ZENOH_SESSION_CONFIG_URI`` names a file to start from,
+``ZENOH_CONFIG_OVERRIDE`` is ``path=value;path=value``, values in JSON5.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import zenoh
+
+from llfsm.whiteboard.mirror.configuration import plain
+
+from ..errors import TransportUnavailableError
+
+__all__ = ["open_session", "open_with"]
+
+_OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
+_PEER: dict[str, Any] = {
+    "mode": "peer",
+    "connect/endpoints": ["tcp/localhost:7447"],
+    "connect/timeout_ms": -1,  # a router that is not there yet is no reason to give up
+    "connect/exit_on_failure": False,
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
+    "listen/endpoints": ["tcp/localhost:0"],
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": True,
+}
+_ALWAYS: dict[str, Any] = {
+    "scouting/delay": 1,  # ms that opening takes; others are not waited for
+    "timestamping/enabled": True,  # histories are ordered by it
+    "transport/shared_memory/enabled": False,  # not used, and its file outlives a killed process
+}
+
+
+def open_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list[str]]:
+    """Open a node's session; return it with the endpoints where it looks for a router.
+
+    ``router`` overrides the environment. Raise :class:`.TransportUnavailableError` if either
+    cannot be used.
+    """
+    path = os.environ.get("ZENOH_SESSION_CONFIG_URI")
+    if path:
+        try:
+            config = zenoh.Config.from_file(path)
+        except zenoh.ZError as error:
+            raise TransportUnavailableError(
+                f"ZENOH_SESSION_CONFIG_URI={path}: {plain(error)}"
+            ) from error
+    else:
+        config = _configured(_ALWAYS | _PEER)
+    for entry in filter(None, map(str.strip, os.environ.get(_OVERRIDE, "").split(";"))):
+        name, _, value = entry.partition("=")
+        _insert(config, name.strip(), value.strip(), f"{_OVERRIDE}: {entry}: ")
+    if router is not None:
+        _insert(config, "connect/endpoints", json.dumps(list(router)), "router: ")
+    return _open(config), json.loads(config.get_json("connect/endpoints"))
+
+
+def open_with(settings: dict[str, Any]) -> zenoh.Session:
+    """Open a session with settings alone; raise :class:`.TransportUnavailableError`."""
+    return _open(_configured(_ALWAYS | settings))
+
+
+def _configured(settings: Mapping[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    for name, value in settings.items():
+        _insert(config, name, json.dumps(value))
+    return config
+
+
+def _insert(config: zenoh.Config, name: str, value: str, source: str = "") -> None:
+    try:
+        config.insert_json5(name, value)
+    except zenoh.ZError as error:
+        raise TransportUnavailableError(f"{source}{plain(error)}") from error
+
+
+def _open(config: zenoh.Config) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise TransportUnavailableError(plain(error)) from error

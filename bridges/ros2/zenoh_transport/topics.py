@@ -1,0 +1,166 @@
+"""Publishers and subscriptions over Zenoh."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+import zenoh.ext
+import zenoh.handlers
+
+from llfsm.whiteboard.message import M
+
+from ..errors import TransportClosedError, TransportError
+from ..lifetime import Closable
+from ..qos import Durability, History, Qos, Reliability
+from ..transport import Arrival, MessageInfo, Publisher, Subscription
+from ..types import RosMessage
+from .attachment import pack, unpack
+from .endpoint import Place
+from .receiving import receive
+
+__all__ = ["ZenohPublisher", "ZenohSubscription"]
+
+_ALL = 1000  # what "keep all" keeps; more, and the sender is held up
+_HEARTBEAT = 0.5  # seconds, as rmw_zenoh's, between telling what a late subscription can ask for
+_UNKNOWN = MessageInfo(0, 0, b"")
+
+
+class ZenohPublisher(Publisher[M]):
+    """Puts messages under the topic's key."""
+
+    def __init__(self, owner: Closable, place: Place, of: RosMessage[M], qos: Qos) -> None:
+        super().__init__(owner)
+        self.name = place.name
+        self.gid = place.gid
+        self._place = place
+        self._encode = of.encode
+        self._sequence = 0
+        self._in_sequence = threading.Lock()
+        self._publisher = _declare_publisher(place, qos)
+        self._put = self._publisher.put
+        place.show()
+
+    def publish(self, message: M) -> None:
+        """Encode and put a message, with its number and the time."""
+        data = self._encode(message)
+        with self._in_sequence:
+            self._sequence += 1
+            attachment = pack(self._sequence, time.time_ns(), self.gid)
+            try:
+                self._put(data, attachment=attachment)
+            except zenoh.ZError as error:
+                if self.closed:
+                    raise TransportClosedError(f"the publisher of {self.name} is closed") from error
+                raise TransportError(f"{self.name}: {error}") from error
+
+    def _close(self) -> None:
+        self._place.hide()
+        self._publisher.undeclare()
+
+
+class ZenohSubscription(Subscription):
+    """Takes the newest messages from a ring that Zenoh fills, on a thread of its own.
+
+    What the ring drops never reaches Python.
+    """
+
+    def __init__(
+        self,
+        owner: Closable,
+        place: Place,
+        of: RosMessage[M],
+        callback: Callable[[Arrival[M]], None],
+        qos: Qos,
+    ) -> None:
+        super().__init__(owner)
+        self.name = place.name
+        self._place = place
+        self._subscriber = _declare_subscriber(place, qos)
+        deliver = place.wire.teller.deliver
+
+        def take(sample: zenoh.Sample) -> None:
+            if not self._closed:
+                deliver(self.name, callback, _Sample(sample, of, place))
+
+        receive(self._subscriber.handler.recv, take, place.name)
+        place.show()
+
+    def _close(self) -> None:
+        self._place.hide()
+        self._subscriber.undeclare()
+
+
+class _Sample(Arrival[M]):
+    """A Zenoh sample: nothing of it is copied before it is asked for."""
+
+    __slots__ = ("_of", "_place", "_sample")
+
+    def __init__(self, sample: zenoh.Sample, of: RosMessage[M], place: Place) -> None:
+        self._sample = sample
+        self._of = of
+        self._place = place
+
+    @property
+    def data(self) -> bytes:
+        return self._sample.payload.to_bytes()
+
+    @property
+    def info(self) -> MessageInfo:
+        attachment = self._sample.attachment
+        info = unpack(attachment.to_bytes()) if attachment is not None else None
+        if info is None:
+            self._place.wire.teller.bad_message(self._place.name, "no attachment of ROS 2")
+            return _UNKNOWN
+        return info
+
+    def decode(self) -> M:
+        return self._of.decode(self._sample.payload.to_bytes())
+
+
+def _declare_publisher(place: Place, qos: Qos) -> Any:
+    """Return a publisher, of one of Zenoh's two kinds."""
+    reliable = qos.reliability is Reliability.RELIABLE
+    congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
+    reliability = zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT
+    if qos.durability is Durability.VOLATILE:
+        return place.wire.session.declare_publisher(
+            place.key, congestion_control=congestion, reliability=reliability
+        )
+    detection = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT)
+    return zenoh.ext.declare_advanced_publisher(
+        place.wire.session,
+        place.key,
+        congestion_control=congestion,
+        reliability=reliability,
+        cache=zenoh.ext.CacheConfig(_kept(qos)),
+        sample_miss_detection=detection if reliable else None,
+        publisher_detection=True,
+    )
+
+
+def _declare_subscriber(place: Place, qos: Qos) -> Any:
+    """Return a subscriber, of one of Zenoh's two kinds, whose handler keeps what QoS says."""
+    channel: zenoh.handlers.FifoChannel[Any] | zenoh.handlers.RingChannel[Any]
+    if qos.history is History.KEEP_ALL:
+        channel = zenoh.handlers.FifoChannel(_ALL)
+    else:
+        channel = zenoh.handlers.RingChannel(qos.depth)
+    if qos.durability is Durability.VOLATILE:
+        return place.wire.session.declare_subscriber(place.key, channel)
+    reliable = qos.reliability is Reliability.RELIABLE
+    recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
+    return zenoh.ext.declare_advanced_subscriber(
+        place.wire.session,
+        place.key,
+        channel,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=_kept(qos)),
+        recovery=recovery if reliable else None,
+    )
+
+
+def _kept(qos: Qos) -> int:
+    return _ALL if qos.history is History.KEEP_ALL else qos.depth

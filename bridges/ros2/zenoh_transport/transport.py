@@ -1,0 +1,202 @@
+"""The transport on Zenoh."""
+
+from __future__ import annotations
+
+import atexit
+import itertools
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import zenoh
+
+from llfsm.whiteboard.message import M
+
+from ..errors import TransportClosedError
+from ..graph import Endpoint, Graph, Role
+from ..later import Later
+from ..names import NO_REMAPPING, Names, check_domain, domain_from_environment
+from ..qos import SERVICE, TOPIC, Qos
+from ..telling import Teller, log_notice
+from ..transport import Arrival, Node, Notice, NoticeKind, Request, Transport
+from ..types import RosMessage, RosService
+from .client import ZenohClient
+from .discovery import Discovery
+from .endpoint import Place, Wire
+from .receiving import hand_over
+from .server import ZenohServer
+from .session import open_session
+from .tokens import node_token
+from .topics import ZenohPublisher, ZenohSubscription
+
+__all__ = ["ZenohTransport"]
+
+_GRACE = 1.0  # seconds that opening waits for a router before its absence is news
+
+
+class ZenohTransport(Transport):
+    """A citizen of the graph of nodes that use rmw_zenoh_cpp.
+
+    A lost router is told, and found again without help: within a second of its return the nodes
+    are back on its graph. Without one, nodes that were met before still hear each other.
+    """
+
+    def __init__(
+        self,
+        domain: int | None = None,
+        *,
+        router: Sequence[str] | None = None,
+        notify: Callable[[Notice], None] = log_notice,
+    ) -> None:
+        """Open a session, whether the router is there or not; without, it takes a second.
+
+        ``domain`` defaults to ``ROS_DOMAIN_ID``, ``router`` (endpoints as ``tcp/localhost:7447``)
+        to what the environment says (see :mod:`.session`). Raise :class:`.DomainIdError` and
+        :class:`.TransportUnavailableError`.
+        """
+        super().__init__()
+        self.domain = domain_from_environment() if domain is None else check_domain(domain)
+        self._teller = Teller(notify)
+        self._session, self._router = open_session(router)
+        self._session_id = str(self._session.zid())
+        self._numbers = itertools.count()
+        events, answers = Later("ros2 events"), Later("ros2 answers")
+        self._discovery = Discovery(self._session, self.domain, self._teller, events)
+        self._wire = Wire(
+            self._session, self._discovery, self._teller, self.domain, events, answers
+        )
+        self._routers: set[str] = set()
+        self._told_up = True
+        self._met = threading.Condition()
+        self._listener = self._session.info.declare_transport_events_listener(
+            hand_over(self._on_transport, events), history=True
+        )
+        atexit.register(self.close)  # who forgets to close it leaves no ghost either
+        with self._met:
+            self._met.wait_for(lambda: self.up, _GRACE)
+        self._tell_router()
+
+    @property
+    def up(self) -> bool:
+        """Whether there is a connection to a router, if one was asked for."""
+        return not self._router or bool(self._routers)
+
+    def node(
+        self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
+    ) -> Node:
+        """Put a node on the graph."""
+        names = Names(name, namespace, remap)
+        with self._lifetime:
+            self._check_open()
+            token = node_token(
+                self.domain, self._session_id, next(self._numbers), names.namespace, name
+            )
+            return _ZenohNode(self, names, token, self._wire, self._numbers)
+
+    def graph(self) -> Graph:
+        """Return what the tokens tell."""
+        return self._discovery.graph()
+
+    def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
+        """Block until ``ready`` says yes to the graph."""
+        done = self._discovery.wait(ready, timeout)
+        if done is None:
+            raise TransportClosedError(f"{self} is closed")
+        return done
+
+    def __str__(self) -> str:
+        return "the transport on Zenoh"
+
+    def _close(self) -> None:
+        atexit.unregister(self.close)
+        self._listener.undeclare()
+        self._discovery.close()
+        self._session.close()
+        self._wire.events.close()
+        self._wire.answers.close()
+
+    def _on_transport(self, event: zenoh.TransportEvent) -> None:
+        if event.transport.whatami != zenoh.WhatAmI.ROUTER:
+            return
+        router = str(event.transport.zid)
+        with self._met:
+            if event.kind == zenoh.SampleKind.PUT:
+                self._routers.add(router)
+            else:
+                self._routers.discard(router)
+            self._met.notify_all()
+        self._tell_router()
+
+    def _tell_router(self) -> None:
+        """Tell whether there is a router, if that is news."""
+        with self._met:
+            up = self.up
+            if up is self._told_up or self._closed:
+                return
+            self._told_up = up
+        if up:
+            self._teller.tell(NoticeKind.UP, "connected to a router")
+        else:
+            where = " or ".join(self._router)
+            self._teller.tell(
+                NoticeKind.DOWN, f"no router at {where}, still trying; `llfsm router` starts one"
+            )
+
+
+class _ZenohNode(Node):
+    def __init__(
+        self,
+        owner: ZenohTransport,
+        names: Names,
+        token: str,
+        wire: Wire,
+        numbers: itertools.count[int],
+    ) -> None:
+        super().__init__(owner)
+        self.name = names.full_node
+        self._names = names
+        self._token_key = token
+        self._wire = wire
+        self._numbers = numbers
+        self._token = wire.session.liveliness().declare_token(token)
+
+    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> ZenohPublisher[M]:
+        with self._lifetime:
+            return ZenohPublisher(self, self._place(Role.PUBLISHER, topic, of, qos), of, qos)
+
+    def subscription(
+        self,
+        topic: str,
+        of: RosMessage[M],
+        callback: Callable[[Arrival[M]], None],
+        qos: Qos = TOPIC,
+    ) -> ZenohSubscription:
+        with self._lifetime:
+            place = self._place(Role.SUBSCRIPTION, topic, of, qos)
+            return ZenohSubscription(self, place, of, callback, qos)
+
+    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> ZenohClient:
+        with self._lifetime:
+            return ZenohClient(self, self._place(Role.CLIENT, service, of, qos), of)
+
+    def server(
+        self,
+        service: str,
+        of: RosService,
+        handler: Callable[[Request[Any, Any]], None],
+        qos: Qos = SERVICE,
+    ) -> ZenohServer:
+        with self._lifetime:
+            return ZenohServer(self, self._place(Role.SERVER, service, of, qos), of, handler)
+
+    def __str__(self) -> str:
+        return f"the node {self.name}"
+
+    def _place(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Place:
+        self._check_open()
+        full = self._names.full(name)
+        end = Endpoint(role, self.name, full, of.name, of.type_hash, qos)
+        return Place(self._wire, self._token_key, next(self._numbers), end, of.dds_name)
+
+    def _close(self) -> None:
+        self._token.undeclare()

@@ -1,0 +1,85 @@
+"""What a bridge does, whatever carries it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from llfsm.bridges.ros2.bridging import service_slots
+from llfsm.bridges.ros2.bridging.bridge import Bridge
+from llfsm.bridges.ros2.bridging.config import BridgeConfig
+from llfsm.bridges.ros2.bridging.planning import make_plan
+from llfsm.bridges.ros2.graph import Role
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Int64
+
+N = Slot("n", Int64)
+
+
+@pytest.fixture
+def bridge(world, board):
+    """Run a bridge on a transport of this kind; ends with the test."""
+    running = []
+
+    def start(**config):
+        plan, faults = make_plan(msgspec.convert(config, BridgeConfig), Path(), [])
+        assert not faults
+        running.append(Bridge(plan, board, world.open()))
+
+    yield start
+    for each in running:
+        each.close()
+
+
+def test_both_directions_without_an_echo(bridge, board, world, types, seen, eventually):
+    number, peer, heard = types.message("std_msgs/msg/Int64"), world.open(), seen()
+    bridge(relay=[{"slot": "n", "type": number.name, "direction": "both", "depth": 10}])
+    node = peer.node("peer")
+    node.subscription("n", number, lambda a: heard(a.decode().data))
+    talker = node.publisher("n", number)
+    assert peer.wait_graph(
+        lambda graph: all(
+            len(graph.ends("/n", role)) == 2 for role in (Role.PUBLISHER, Role.SUBSCRIPTION)
+        ),
+        20,
+    )
+    assert peer.wait_graph(lambda _: world.matched("/n", 2), 20)
+    slot = board[N]
+    slot.add(Int64(1))
+    heard.wait(lambda got: 1 in got)
+    talker.publish(Int64(2))
+    eventually(lambda: slot.get() == Int64(2))
+    slot.add(Int64(3))
+    heard.wait(lambda got: 3 in got)
+    talker.publish(Int64(4))
+    eventually(lambda: slot.get() == Int64(4))
+    assert heard[:3] == [1, 2, 3]
+    assert slot.count == 4
+
+
+def test_services_through_slots_on_both_ends(bridge, board, world, types):
+    """From a slot to ROS and back to a slot, by two bridges."""
+    name = "turtlesim/srv/Spawn"
+    of = types.service(name)
+    bridge(node="server", server=[{"service": "s", "type": name, "slots": "serving"}])
+    bridge(node="client", client=[{"service": "s", "type": name, "slots": "asking"}])
+    witness = world.open()
+    assert witness.wait_graph(lambda graph: bool(graph.ends("/s", Role.SERVER)), 20)
+    asking, serving = service_slots("asking", of), service_slots("serving", of)
+    answers, requests = board[asking.answer], board[serving.request]
+    number, request = 0, None
+    while request is None:  # until the client knows of the server
+        number += 1
+        seen = answers.count
+        board.add_message(asking.request, asking.request.type(number, name="bob"))
+        request = requests.wait(after=0, timeout=0.2)
+        if request is None:
+            assert answers.wait(after=seen, timeout=20) is not None
+    assert request.message.name == "bob"
+    seen = answers.count
+    board.add_message(serving.answer, serving.answer.type(request.message.number, "bob"))
+    answer = answers.wait(after=seen, timeout=20)
+    assert answer is not None
+    assert (answer.message.number, answer.message.name) == (number, "bob")

@@ -1,0 +1,202 @@
+"""What is particular to the transport on rclpy, with a stand-in for rclpy."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from llfsm.bridges.ros2.errors import (
+    CallTimeoutError,
+    TransportClosedError,
+    TransportUnavailableError,
+)
+from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.opening import open_transport
+from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.rclpy_transport.api import find_class, import_rclpy
+from llfsm.bridges.ros2.rclpy_transport.transport import RclpyTransport
+from llfsm.bridges.ros2.transport import NoticeKind
+
+
+@pytest.fixture
+def told(seen):
+    return seen()
+
+
+@pytest.fixture
+def transport(fake_rclpy, told):
+    with RclpyTransport(7, notify=told) as transport:
+        yield transport
+
+
+def test_it_is_opened_by_name(fake_rclpy, types):
+    with open_transport("rclpy", 7) as transport:
+        assert transport.up
+        assert transport.domain == 7
+    assert not transport.up
+
+
+def test_a_middleware_that_cannot_be_opened_is_said(fake_rclpy, monkeypatch):
+    rclpy, contexts = import_rclpy(), []
+
+    def fail(*_, context, **options):
+        contexts.append(context)
+        raise rclpy.failure("error creating node")
+
+    monkeypatch.setattr(rclpy.new_node, "__init__", fail)
+    with pytest.raises(TransportUnavailableError, match="error creating node"):
+        RclpyTransport(7)
+    assert not contexts[0].ok()
+
+
+@pytest.mark.parametrize("use", [import_rclpy, partial(find_class, "std_msgs/msg/String")])
+def test_what_rclpy_needs_of_the_system_is_told_from_rclpy_itself(use, monkeypatch):
+    def import_module(name):
+        raise ModuleNotFoundError(name="yaml")
+
+    monkeypatch.setattr("importlib.import_module", import_module)
+    with pytest.raises(TransportUnavailableError, match=r"needs yaml, .*--system-site-packages"):
+        use()
+
+
+def test_a_client_that_is_being_closed_has_no_server(transport, types):
+    spawn = types.service("turtlesim/srv/Spawn")
+    node = transport.node("me")
+    node.server("spawn", spawn, print)
+    client = node.client("spawn", spawn)
+    assert client.ready
+    client._node.destroy_client(client._client)
+    assert not client.ready
+    client._client.service_is_ready = lambda: True  # as it was a moment before
+    call = client.call(spawn.request.message(), timeout=20)
+    client.close()
+    with pytest.raises(TransportClosedError):
+        call.result(20)
+
+
+def test_a_shutdown_by_another_part_of_the_process_is_told(transport, told):
+    def notice_may_ask(notice):
+        told(notice)
+        assert not transport.up  # which takes the lock that rclpy holds meanwhile
+
+    transport._world.teller._notify = notice_may_ask
+    transport._world.context.try_shutdown()
+    told.wait(len)
+    assert [notice.kind for notice in told] == [NoticeKind.DOWN]
+    assert not transport.up
+
+
+def test_closing_it_is_no_news(transport, told):
+    transport.close()
+    assert not transport._world._thread.is_alive()
+    assert told == []
+
+
+def test_what_comes_when_its_executor_is_gone_is_not_done(transport, told):
+    transport.close()
+    transport._world.run(told, "late")
+    assert told == []
+
+
+def test_it_may_be_closed_in_a_callback(transport, types, seen):
+    number, done = types.message("std_msgs/msg/Int64"), seen()
+
+    def callback(arrival):
+        transport.close()
+        done(arrival)
+
+    node = transport.node("me")
+    node.subscription("a", number, callback)
+    node.publisher("a", number).publish(number.message())
+    done.wait(len)
+    transport._world._thread.join(20)
+    assert not transport._world._thread.is_alive()
+
+
+def test_its_own_node_is_hidden(transport):
+    assert transport.graph().nodes == ()
+
+
+def test_a_depth_that_the_middleware_does_not_tell_is_the_default(transport, types):
+    publisher = transport.node("me").publisher(
+        "a", types.message("std_msgs/msg/Int64"), Qos(depth=3)
+    )
+    publisher._publisher.qos.history, publisher._publisher.qos.depth = 3, 0  # unknown
+    (end,) = transport.graph().ends("/a", Role.PUBLISHER)
+    assert end.qos == Qos()
+
+
+def test_a_late_answer_to_a_call_that_timed_out_is_dropped(transport, types, seen):
+    spawn, kept = types.service("turtlesim/srv/Spawn"), seen()
+    node = transport.node("me")
+    node.server("spawn", spawn, kept)
+    client = node.client("spawn", spawn)
+    call = client.call(spawn.request.message(), timeout=0.05)
+    with pytest.raises(CallTimeoutError):
+        call.result(20)
+    assert client._client.pending == {}
+    kept[0].answer(spawn.response.message())
+    after = client.call(spawn.request.message(), timeout=20)
+    kept.wait(lambda kept: len(kept) == 2)
+    kept[1].answer(spawn.response.message(name="next"))
+    assert after.result(20).name == "next"
+
+
+@pytest.mark.parametrize("kind", ["subscription", "client", "server"])
+def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
+    transport, types, told, seen, kind
+):
+    spawn, number = types.service("turtlesim/srv/Spawn"), types.message("std_msgs/msg/Int64")
+    got = seen()
+    node = transport.node("me")
+    server = node.server("spawn", spawn, lambda request: request.answer(spawn.response.message()))
+    client = node.client("spawn", spawn)
+    subscription = node.subscription("a", number, got)
+    publisher = node.publisher("a", number)
+    cut_short = {
+        "subscription": subscription._subscription,
+        "client": client._client,
+        "server": server._service,
+    }[kind]
+    take, unread = cut_short.take, [1, 2]
+
+    def fail():
+        taken = take()
+        if unread:
+            unread.pop()
+            raise RuntimeError("failed to take")
+        return taken
+
+    cut_short.take = fail
+
+    def use():
+        publisher.publish(number.message())
+        return client.call(spawn.request.message(), timeout=20)
+
+    lost = [use(), use()]
+    assert use().result(20) == spawn.response.message()
+    got.wait(len)
+    assert not unread
+    told.wait(len)
+    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "")]
+    assert "failed to take" in told[0].text
+    assert sum(not call.done() for call in lost) == (0 if kind == "subscription" else 2)
+
+
+@pytest.mark.parametrize("name", ["no_such_package/msg/Thing", "std_msgs/msg/NoSuchThing"])
+def test_a_type_that_the_environment_does_not_have_is_said(fake_rclpy, name):
+    with pytest.raises(TransportUnavailableError, match=name):
+        find_class(name)
+
+
+def test_the_types_of_an_action_are_found_where_rosidl_puts_them(monkeypatch):
+    implementation = SimpleNamespace(SendGoalService=1, GetResultService=2, FeedbackMessage=3)
+    module = ModuleType("turtlesim.action")
+    module.RotateAbsolute = SimpleNamespace(Impl=implementation)
+    monkeypatch.setitem(sys.modules, "turtlesim.action", module)
+    name = "turtlesim/action/RotateAbsolute"
+    found = [find_class(name + end) for end in ("_SendGoal", "_GetResult", "_FeedbackMessage")]
+    assert found == [1, 2, 3]

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import pytest
+import xxhash
+from hypothesis import given
+from hypothesis import strategies as st
+
+from llfsm.bridges.ros2.graph import Endpoint, Role
+from llfsm.bridges.ros2.qos import Durability, History, Qos, Reliability
+from llfsm.bridges.ros2.zenoh_transport.session import open_session
+from llfsm.bridges.ros2.zenoh_transport.tokens import (
+    Token,
+    data_key,
+    domain_tokens,
+    endpoint_token,
+    node_token,
+    parse,
+)
+
+HASH = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"
+TWIST = "geometry_msgs::msg::dds_::Twist_"
+PARTS = st.from_regex(r"[a-z_][a-z0-9_]{0,5}", fullmatch=True)
+NAMES = st.lists(PARTS, min_size=1, max_size=3).map(lambda parts: "/" + "/".join(parts))
+QOSES = st.builds(
+    Qos,
+    st.sampled_from(Reliability),
+    st.sampled_from(Durability),
+    st.sampled_from(History),
+    st.integers(1, 10_000),
+)
+
+
+def cmd_vel(qos=Qos()):  # noqa: B008
+    return Endpoint(
+        Role.SUBSCRIPTION, "/turtlesim", "/turtle1/cmd_vel", "geometry_msgs/msg/Twist", HASH, qos
+    )
+
+
+def test_keys_are_as_rmw_zenoh_writes_them():
+    node = node_token(0, "a1b2", 3, "/", "turtlesim")
+    assert data_key(0, "/turtle1/cmd_vel", TWIST, HASH) == f"0/turtle1/cmd_vel/{TWIST}/{HASH}"
+    assert node == "@ros2_lv/0/a1b2/3/3/NN/%/%/turtlesim"
+    assert endpoint_token(node, 7, cmd_vel(), TWIST) == (
+        f"@ros2_lv/0/a1b2/3/7/MS/%/%/turtlesim/%turtle1%cmd_vel/{TWIST}/{HASH}/::,10:,:,:,,"
+    )
+    assert node_token(5, "a1b2", 0, "/a/b", "n") == "@ros2_lv/5/a1b2/0/0/NN/%/%a%b/n"
+    assert domain_tokens(5) == "@ros2_lv/5/**"
+
+
+@pytest.mark.parametrize(
+    ("text", "qos"),
+    [
+        ("::,10:,:,:,,", Qos()),
+        ("::,:,:,:,,", Qos(depth=42)),  # what rmw_zenoh leaves out
+        ("1:2:1,10:,:,:,,", Qos()),
+        ("0:0:0,10:,:,:,,", Qos()),  # system defaults
+        ("2::,5:,:,:,,", Qos(Reliability.BEST_EFFORT, depth=5)),
+        (":1:,1:,:,:,,", Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)),
+        ("::2,:,:,:,,", Qos(history=History.KEEP_ALL, depth=42)),
+        ("::,10:1,5:2,6:1,7,8", Qos()),  # deadline, lifespan, liveliness
+    ],
+)
+def test_a_qos_is_read_as_rmw_zenoh_means_it(text, qos):
+    node = node_token(0, "a", 0, "/", "turtlesim")
+    key = endpoint_token(node, 1, cmd_vel(), TWIST).rpartition("/")[0]
+    assert parse(f"{key}/{text}") == Token("a", "/turtlesim", cmd_vel(qos))
+
+
+@given(
+    role=st.sampled_from(Role), namespace=st.just("/") | NAMES, node=PARTS, name=NAMES, qos=QOSES
+)
+def test_a_token_says_what_it_was_made_of(role, namespace, node, name, qos):
+    full = f"{namespace.rstrip('/')}/{node}"
+    end = Endpoint(role, full, name, "geometry_msgs/msg/Twist", HASH, qos)
+    of_node = node_token(3, "abc", 1, namespace, node)
+    assert parse(of_node) == Token("abc", full, None)
+    assert parse(endpoint_token(of_node, 2, end, TWIST)) == Token("abc", full, end)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda parts: parts[:-1],
+        lambda parts: [*parts, "more"],
+        lambda parts: ["@other", *parts[1:]],
+        lambda parts: [*parts[:5], "XX", *parts[6:]],
+        lambda parts: [*parts[:-1], ""],
+        lambda parts: [*parts[:-1], "9:9:9,9:,:,:,,"],
+        lambda parts: [*parts[:-1], "::x,y:,:,:,,"],
+        lambda parts: parts[:3],
+    ],
+)
+def test_what_is_no_token_is_not_taken_for_one(change):
+    key = endpoint_token(node_token(0, "a", 0, "/", "n"), 1, cmd_vel(), TWIST)
+    assert parse("/".join(change(key.split("/")))) is None
+
+
+@given(st.text())
+def test_any_text_is_a_token_or_not(text):
+    parse(text)
+    parse(f"@ros2_lv/0/a/0/1/MP/{text}")
+
+
+def test_the_gid_of_a_message_is_made_of_its_endpoints_token(transport, domain, router, types):
+    node = transport.node("we")
+    publisher = node.publisher("chatter", types.message("std_msgs/msg/String"))
+    with open_session([router])[0] as stranger:
+        seen = stranger.liveliness().declare_subscriber(f"@ros2_lv/{domain}/**", history=True)
+        token = next(key for key in (str(it.key_expr) for it in seen) if "/MP/" in key)
+    assert publisher.gid == xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
