@@ -19,8 +19,8 @@ from llfsm.runtime.journal.entries import FIELDS, Entry
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, definition_slot
+from llfsm.whiteboard.poller import class_of
 
-from ..view.classes import class_of
 from .errors import RecordingFileError
 from .exact import Codec
 from .index import Index, Record

@@ -77,8 +77,8 @@ class JournalReceiver:
     def _with_taken(self) -> Recorder:
         return msgspec.structs.replace(self._me, taken=tuple(self._taken))
 
-    def look(self) -> None:
-        """Write what has come."""
+    def poll(self) -> None:
+        """Write what has arrived."""
         new = False
         for number, slot in enumerate(self._slots):
             if slot.count != self._taken[number]:

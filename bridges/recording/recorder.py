@@ -1,7 +1,7 @@
 """From a whiteboard into a file.
 
-The board is looked at a thousand times a second. Of a slot that changes more often only the newest
-message is recorded; its count tells how many were missed.
+The board is polled a thousand times a second. If a slot changes more often, only the newest message
+is recorded; the counts show how many were missed.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ import time
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from math import inf
-from typing import Any, Final
+from typing import Final
 
 from llfsm.runtime.engine.failure import logger
-from llfsm.whiteboard import BoardClosedError, BoundSlot, Slot, Whiteboard, WhiteboardError
-from llfsm.whiteboard.messages.llfsm import JOURNALS, RECORDER, VARIABLES, VIEWER, Viewer
+from llfsm.whiteboard import BoardClosedError, Whiteboard, WhiteboardError
+from llfsm.whiteboard.messages.llfsm import RECORDER, VARIABLES, VIEWER, Viewer
+from llfsm.whiteboard.poller import BoardPoller, is_data
 
-from ..view.classes import class_of
 from .receiver import JournalReceiver
 from .writer import RecordingWriter
 
 __all__ = ["BoardRecorder", "record"]
 
-_LOOK_S: Final = 0.001  # a slot keeps its latest message alone: who looks seldom misses some
+_POLL_S: Final = 0.001  # a slot holds its latest message only: slower polling misses more
 _PATIENCE_S: Final = 5.0  # for machines to end after their board was removed
-_LIST_NS: Final = 100_000_000  # between two looks for new slots
-_VIEW_NS: Final = 500_000_000  # between two signs that somebody wants the machines' variables
+_DISCOVERY_S: Final = 0.1  # between two searches for new slots
+_VIEW_NS: Final = 500_000_000  # between two messages that ask for the machines' variables
 
 
 class BoardRecorder:
@@ -36,79 +36,51 @@ class BoardRecorder:
         self._board = board
         self._writer = writer
         self._patterns = patterns
-        self._slots: dict[str, tuple[Slot[Any], BoundSlot[Any]]] = {}
-        self._counts: dict[str, int] = {}
-        self._new: set[str] = set()  # slots that were made since the recording began
-        self._unreadable: set[str] = set()
-        self._list_ns = self._view_ns = 0  # when that is due
-        self._find_slots()
-        self._new.clear()
+        self._view_ns = 0  # when that is due
+        self._warned: set[str] = set()
+        self._poller = BoardPoller(board, wants=self._is_recorded, discovery_s=_DISCOVERY_S)
+        self._poller.discover()
+        self._old = frozenset(self._poller.slots)  # made before the recording began
 
     @property
     def alive(self) -> bool:
-        """Whether anybody may still write to the board."""
+        """Whether any process may still write to the board."""
         return self._board.alive
 
-    def look(self, *, last: bool = False) -> None:
-        """Write each message that has come since the last look and is still there."""
+    def poll(self, *, last: bool = False) -> None:
+        """Write each message that is new since the last poll and was not replaced yet."""
         now_ns = time.monotonic_ns()
-        if last or now_ns >= self._list_ns:
-            self._find_slots()
-            self._list_ns = now_ns + _LIST_NS
+        if last:
+            self._poller.discover()
         if now_ns >= self._view_ns and self.wants(VARIABLES):
             self._view_ns = now_ns + _VIEW_NS
-            self._tell()
-        for name, (slot, bound) in self._slots.items():
-            if bound.count != self._counts[name]:
-                self._take(name, slot, bound)
+            self._ask_for_variables()
+        for polled in self._poller.poll():
+            if polled.slot is None or polled.sample is None:
+                self._warn(polled.name, polled.problem)
+            else:
+                new = polled.name not in self._old
+                self._writer.add(polled.slot, polled.sample, new=new)
 
-    def _take(self, name: str, slot: Slot[Any], bound: BoundSlot[Any]) -> None:
-        self._counts[name] = bound.count
-        try:
-            sample = bound.sample()
-        except BoardClosedError:
-            raise
-        except WhiteboardError as error:
-            self._warn(name, error)
-        else:
-            if sample is not None:
-                self._counts[name] = sample.count
-                self._writer.add(slot, sample, new=name in self._new)
+    def wants(self, name: str) -> bool:
+        """Return whether a name matches one of the patterns, or there are none."""
+        return not self._patterns or any(fnmatchcase(name, each) for each in self._patterns)
 
-    def _find_slots(self) -> None:
-        for info in self._board.slots():
-            if info.name in self._slots or info.name in self._unreadable:
-                continue
-            if info.name.startswith(JOURNALS) or info.name == RECORDER.name:
-                continue
-            if not self.wants(info.name):
-                continue
-            try:
-                slot = Slot(info.name, class_of(info), info.capacity)
-                self._slots[info.name] = slot, self._board[slot]
-                self._counts[info.name] = 0
-                self._new.add(info.name)
-            except BoardClosedError:
-                raise
-            except WhiteboardError as error:
-                self._warn(info.name, error)
+    def _is_recorded(self, name: str) -> bool:
+        return is_data(name) and name != RECORDER.name and self.wants(name)
 
-    def _tell(self) -> None:
+    def _ask_for_variables(self) -> None:
         try:
             self._board.add_message(VIEWER, Viewer(os.getpid()))
         except BoardClosedError:
             raise
         except WhiteboardError as error:  # a board that is full can be recorded all the same
-            self._warn(VARIABLES + "*", error)
+            self._warn(VARIABLES + "*", str(error))
 
-    def wants(self, name: str) -> bool:
-        """Tell whether a name matches one of the patterns, if there are any."""
-        return not self._patterns or any(fnmatchcase(name, each) for each in self._patterns)
-
-    def _warn(self, name: str, error: Exception) -> None:
-        if name not in self._unreadable:
-            self._unreadable.add(name)
-            logger().warning("slot %s is not recorded, or not all of it: %s", name, error)
+    def _warn(self, name: str, problem: str) -> None:
+        if name not in self._warned:
+            self._warned.add(name)
+            logger().warning("slot %s is not recorded, or not all of it: %s", name, problem)
 
 
 def record(
@@ -126,8 +98,8 @@ def record(
             until < inf and (journals is None or journals.idle or time.monotonic() > until)
         )
         if journals is not None:
-            journals.look()
-        board.look(last=last)  # once more at the end, for what came meanwhile
+            journals.poll()
+        board.poll(last=last)  # once more at the end, for what came meanwhile
         writer.flush_if_due()
         if not last:
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_S)

@@ -50,7 +50,7 @@ class Look(NamedTuple):
     slots: Mapping[str, SlotInfo]
     """By name, in the order in which they were made."""
     samples: Mapping[str, Sample[Message]]
-    """The latest of each slot that has one, of the class that `class_of` returns."""
+    """The latest of each slot that has one, of the class that `poller.class_of` returns."""
     problems: Mapping[str, str] = {}
     """By name of the slot: why its messages cannot be shown."""
     trouble: str = ""

@@ -1,22 +1,16 @@
-"""A board and its machines as tables on the terminal, all of it pulled from the whiteboard."""
+"""A board and its machines as tables on the terminal, polled from the whiteboard."""
 
 from __future__ import annotations
 
 import json
 import math
 import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from llfsm.runtime.presence.remote import SILENT_S, Directory, RemoteMachine
-from llfsm.whiteboard import (
-    BoardClosedError,
-    BoundSlot,
-    Message,
-    Sample,
-    Whiteboard,
-    WhiteboardError,
-)
+from llfsm.whiteboard import Message, Sample, Whiteboard
 from llfsm.whiteboard.messages.turtlesim import Pose
+from llfsm.whiteboard.poller import BoardPoller
 from llfsm.whiteboard.schema import to_plain
 
 if TYPE_CHECKING:
@@ -24,17 +18,17 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-__all__ = ["SeenSlot", "Watcher", "machine_table", "slot_table", "turtle_field"]
+__all__ = ["SlotRow", "Watcher", "machine_table", "slot_table", "turtle_field"]
 
 _FIELD = 11.09  # metres
 _COLUMNS, _ROWS = 44, 18
 _ARROWS = "→↗↑↖←↙↓↘"
 _RATE_S = 1.0  # over which changes are counted
-_OWN = "llfsm/"  # slots by which machines are told of: they have a table of their own
+_OWN = "llfsm/"  # slots of llfsm's own processes: machines have a table of their own
 
 
-class SeenSlot(NamedTuple):
-    """A slot as it was when somebody looked."""
+class SlotRow(NamedTuple):
+    """A slot as of the latest poll."""
 
     name: str
     sample: Sample[Message] | None
@@ -52,13 +46,11 @@ class SeenSlot(NamedTuple):
 
 
 class Watcher:
-    """Pull all there is on a board, as often as somebody looks."""
+    """Poll everything on a board that is shown."""
 
     def __init__(self, board: Whiteboard) -> None:
-        self._board = board
         self._directory = Directory(board)
-        self._slots: dict[str, BoundSlot[Any]] = {}
-        self._problems: dict[str, str] = {}  # of slots that cannot be read at all
+        self._poller = BoardPoller(board, wants=lambda name: not name.startswith(_OWN))
         self._counted: dict[str, tuple[float, int]] = {}
         self._rates: dict[str, float] = {}
         self.trail: dict[tuple[int, int], None] = {}
@@ -68,26 +60,22 @@ class Watcher:
         return self._directory.machines()
 
     def pose(self) -> Pose | None:
-        """Return where turtle1 is, and remember that it was there."""
-        self._find_slots()
-        slot = self._slots.get("turtle1/pose")
-        pose: Pose | None = None if slot is None else slot.get()
-        if pose is not None:
-            self.trail[_cell(pose)] = None
+        """Return the pose of turtle1, and add it to the trail."""
+        self._poller.poll()
+        slot = self._poller.slots.get("turtle1/pose")
+        if slot is None or slot.sample is None:
+            return None
+        pose = cast(Pose, slot.sample.message)
+        self.trail[_cell(pose)] = None
         return pose
 
-    def slots(self) -> list[SeenSlot]:
-        """Return all slots but those by which machines are told of."""
-        self._find_slots()
-        seen = [SeenSlot(name, None, 0.0, problem) for name, problem in self._problems.items()]
-        for name, slot in self._slots.items():
-            try:
-                seen.append(SeenSlot(name, slot.sample(), self._rate(name, slot.count)))
-            except BoardClosedError:
-                raise
-            except WhiteboardError as error:
-                seen.append(SeenSlot(name, None, self._rate(name, slot.count), str(error)))
-        return seen
+    def slots(self) -> list[SlotRow]:
+        """Return all slots but those of llfsm's own processes."""
+        self._poller.poll()
+        return [
+            SlotRow(slot.name, slot.sample, self._rate(slot.name, slot.count), slot.problem)
+            for slot in self._poller.slots.values()
+        ]
 
     def _rate(self, name: str, count: int) -> float:
         now = time.monotonic()
@@ -97,21 +85,9 @@ class Watcher:
             self._counted[name] = now, count
         return self._rates.get(name, 0.0)
 
-    def _find_slots(self) -> None:
-        for info in self._board.slots():
-            name = info.name
-            if name in self._slots or name in self._problems or name.startswith(_OWN):
-                continue
-            try:
-                self._slots[name] = self._board[info.slot()]
-            except BoardClosedError:
-                raise
-            except WhiteboardError as error:
-                self._problems[name] = str(error)
-
 
 def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> RenderableType:
-    """Return machines with their states; `wide` adds what `llfsm ps` tells."""
+    """Return machines with their states; `wide` adds the columns of `llfsm ps`."""
     from rich.table import Table
     from rich.text import Text
 
@@ -134,8 +110,8 @@ def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> R
     return table
 
 
-def slot_table(slots: Iterable[SeenSlot], *, wide: bool = False) -> RenderableType:
-    """Return slots with their values; `wide` adds how old they are and who wrote them."""
+def slot_table(slots: Iterable[SlotRow], *, wide: bool = False) -> RenderableType:
+    """Return slots with their values; `wide` adds their age and writer."""
     from rich.table import Table
     from rich.text import Text
 
@@ -155,7 +131,7 @@ def slot_table(slots: Iterable[SeenSlot], *, wide: bool = False) -> RenderableTy
 
 
 def turtle_field(watcher: Watcher, pose: Pose) -> str:
-    """Return the field of turtle1 as lines of text: where it is, heads and has been."""
+    """Return the field of turtle1 as lines of text: its pose and its trail."""
     rows = [[" "] * _COLUMNS for _ in range(_ROWS)]
     for column, row in watcher.trail:
         rows[row][column] = "·"

@@ -9,18 +9,8 @@ from typing import Any
 
 import click
 
-from llfsm.whiteboard import (
-    BoardClosedError,
-    BoardError,
-    BoundSlot,
-    Message,
-    MessageUnreadableError,
-    Sample,
-    Slot,
-    Whiteboard,
-    WhiteboardError,
-)
-from llfsm.whiteboard.messages.llfsm import JOURNALS
+from llfsm.whiteboard import BoardError, Message, Sample, Slot, Whiteboard
+from llfsm.whiteboard.poller import BoardPoller
 from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.shared import boards, remove_board
 from llfsm.whiteboard.text import message_class, parse_message
@@ -30,7 +20,7 @@ from .options import board_option
 
 __all__ = ["whiteboard"]
 
-_LOOK_S = 0.02  # how often `watch` looks, a frame of a screen
+_POLL_S = 0.02  # how often `watch` polls: a frame of a screen
 
 
 @click.group()
@@ -54,14 +44,11 @@ def list_(board: str | None) -> None:
     """List the whiteboards of this host, or the slots of one BOARD."""
     if board is not None:
         with Whiteboard(board, create=False) as wb:
-            for info in wb.slots():
-                try:
-                    how = _age(wb[info.slot()].sample())
-                except BoardClosedError:
-                    raise
-                except WhiteboardError as error:
-                    how = f"cannot be read: {error}"
-                click.echo(f"{info.name}  {info.type_name}  {how}")
+            poller = BoardPoller(wb, wants=lambda _: True)
+            poller.poll()
+            for slot in poller.slots.values():
+                status = f"cannot be read: {slot.problem}" if slot.problem else _age(slot.sample)
+                click.echo(f"{slot.name}  {slot.info.type_name}  {status}")
         return
     for found in boards():
         click.echo(f"{found.name}  {'in use' if found.used else 'not in use'}")
@@ -104,7 +91,7 @@ def add(slot: str, message: str, kind: str | None, board: str) -> None:
 def watch(slots: tuple[str, ...], changes: int | None, board: str) -> None:
     """Print the messages of SLOTS (default: all) as they change, until Ctrl-C.
 
-    Of a slot that changes more often than 50 times a second only the newest message is shown.
+    If a slot changes more often than 50 times a second, only its newest message is printed.
     """
     with Whiteboard(board, create=False) as wb:
         try:
@@ -118,46 +105,25 @@ def watch(slots: tuple[str, ...], changes: int | None, board: str) -> None:
 
 
 def _changes(wb: Whiteboard, names: tuple[str, ...]) -> Iterator[tuple[str, Sample[Message]]]:
-    bound: dict[str, BoundSlot[Message]] = {name: wb[wb.find(name)] for name in names}
-    seen: dict[str, int] = {}
+    for name in names:
+        wb.find(name)
+    poller = BoardPoller(wb, wants=frozenset(names).__contains__ if names else None)
     unreadable: set[str] = set()
-
-    def warn(name: str, error: WhiteboardError) -> None:
-        if name not in unreadable:
-            unreadable.add(name)
-            click.echo(f"{name} cannot be read: {error}", err=True)
-
-    def find_all() -> None:
-        for info in wb.slots():
-            if info.name in bound or info.name in unreadable or info.name.startswith(JOURNALS):
-                continue
-            try:
-                bound[info.name] = wb[info.slot()]
-            except BoardClosedError:
-                raise
-            except WhiteboardError as error:
-                warn(info.name, error)
-
     while wb.alive:
-        if not names:
-            find_all()
-        for name, slot in bound.items():
-            try:
-                sample = slot.sample()
-            except MessageUnreadableError as error:
-                warn(name, error)
-                continue
-            if sample is not None and seen.get(name) != sample.count:
-                seen[name] = sample.count
-                yield name, sample
-        time.sleep(_LOOK_S)
+        for slot in poller.poll():
+            if slot.sample is not None:
+                yield slot.name, slot.sample
+            elif slot.name not in unreadable:
+                unreadable.add(slot.name)
+                click.echo(f"{slot.name} cannot be read: {slot.problem}", err=True)
+        time.sleep(_POLL_S)
 
 
 @whiteboard.command()
 @click.argument("names", metavar="BOARD...", nargs=-1, required=True)
 @click.option("-f", "--force", is_flag=True, help="Also if some process has it open.")
 def rm(names: tuple[str, ...], force: bool) -> None:
-    """Remove whiteboards; processes that have one open are told to stop."""
+    """Remove whiteboards; processes that have one open stop."""
     used = {info.name for info in boards() if info.used}
     for name in names:
         if name in used and not force:

@@ -194,10 +194,10 @@ def test_what_was_lost_is_in_the_file_and_ends_the_comparison(
             clock.advance(ms=11)
             arrangement.round()
             if number < 20 or number > 40:
-                receiver.look()
+                receiver.poll()
             if number == 40:
                 handover._lose()
-        receiver.look()
+        receiver.poll()
         assert receiver.journals == 1
         assert writer.lost == 1
         receiver.close()
@@ -236,16 +236,16 @@ def test_what_is_no_journal_is_told_and_the_others_go_on(
         arrangement, _ = arrange(board, clock)
         bad = board[journal_slot(7)]
         pid = os.getpid()
-        receiver.look()
+        receiver.poll()
         while len(receiver._slots) < 8:
             receiver._listen()
         bad.add(JournalPart(pid, born(pid), 1, True, 0))
-        receiver.look()
+        receiver.poll()
         bad.add(JournalPart(pid, born(pid), 1, True, 1, data=data))
         for _ in range(10):
             clock.advance(ms=30)
             arrangement.round()
-            receiver.look()
+            receiver.poll()
         receiver.close()
     recording = Recording(file)
     good = next(j for j in recording.journals if j.about.get("machines") == "Blink")
@@ -260,7 +260,7 @@ def test_parts_for_somebody_before_are_taken_and_left_out(board: Whiteboard, fil
     with RecordingWriter(file, {}) as writer:
         receiver = JournalReceiver(board, writer)
         slot.add(JournalPart(pid, born(pid), 5, True, 1, data=b"????"))
-        receiver.look()
+        receiver.poll()
         recorder = find_recorder(board)
         assert recorder is not None
         assert recorder.taken[0] == 2
@@ -344,7 +344,7 @@ def test_a_board_without_room_for_more_is_told_once(
         for _ in range(5):
             clock.advance(ms=30)
             arrangement.round()
-            receiver.look()
+            receiver.poll()
         receiver.close()
     assert caplog.text.count("no more machines can be recorded: no room") == 1
     assert has_events(file, "Turn", 3)

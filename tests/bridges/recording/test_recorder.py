@@ -45,11 +45,11 @@ def test_each_look_takes_what_is_new(board: Whiteboard, file: Path) -> None:
     with RecordingWriter(file, {}) as writer:
         recorder = BoardRecorder(board, writer, ["robot/*"])
         for number in range(2, 6):
-            recorder.look()
-            recorder.look()
+            recorder.poll()
+            recorder.poll()
             board.add_message(READING, Reading(number))
         board.add_message(READING, Reading(6))  # in whose place nobody saw 5
-        recorder.look()
+        recorder.poll()
         assert writer.missed() == {READING.name: 1}
     assert numbers(file) == [1, 2, 3, 4, 6]
 
@@ -58,9 +58,9 @@ def test_it_says_that_somebody_looks_if_variables_are_wanted(
     board: Whiteboard, tmp_path: Path
 ) -> None:
     with RecordingWriter(tmp_path / "a.mcap", {}) as writer:
-        BoardRecorder(board, writer, ["robot/*"]).look()
+        BoardRecorder(board, writer, ["robot/*"]).poll()
         assert board[VIEWER].count == 0
-        BoardRecorder(board, writer).look()
+        BoardRecorder(board, writer).poll()
     assert board.get_message(VIEWER).pid == os.getpid()
 
 
@@ -74,10 +74,8 @@ def test_a_slot_that_cannot_be_read_is_told_of_once_and_left_out(
     monkeypatch.setattr(board, "slots", lambda: bad + infos[1:])
     with RecordingWriter(file, {}) as writer:
         recorder = BoardRecorder(board, writer, ["robot/*"])
-        recorder._list_ns = 0
-        recorder.look()
-        recorder._list_ns = 0
-        recorder.look()
+        recorder.poll(last=True)
+        recorder.poll(last=True)
     assert len(caplog.records) == 1
     assert READING.name in caplog.text
     assert numbers(file, OTHER.name) == [2]

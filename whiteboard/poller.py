@@ -1,0 +1,140 @@
+"""All slots of a board, polled together: for programs that show or record whatever is on it.
+
+They have no slot's own class. A slot that cannot be used or read is one slot with a problem; the
+others go on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import msgspec
+
+from .board import Board, BoundSlot, Sample, SlotInfo
+from .errors import BoardClosedError, MessageTypeError, WhiteboardError
+from .message import Message
+from .messages.llfsm import DEFINITIONS, JOURNALS, MACHINES, MachineDefinition, MachineStatus
+from .schema import describe, type_from_schema
+from .slots import Slot
+
+__all__ = ["BoardPoller", "PolledSlot", "class_of", "is_data"]
+
+_OURS: dict[str, type[Message]] = {MACHINES: MachineStatus, DEFINITIONS: MachineDefinition}
+_SCHEMAS = {prefix: describe(cls) for prefix, cls in _OURS.items()}
+
+
+class PolledSlot:
+    """A slot as of the latest poll."""
+
+    __slots__ = ("count", "info", "problem", "sample", "slot")
+
+    def __init__(self, info: SlotInfo) -> None:
+        self.info = info
+        self.slot: Slot[Any] | None = None
+        """The slot, of the class that :func:`class_of` returns; None if it cannot be used."""
+        self.count = 0
+        """Messages added to it."""
+        self.sample: Sample[Message] | None = None
+        """Its latest message; None before the first, and if it cannot be read."""
+        self.problem = ""
+        """Why the slot cannot be used, or its latest message cannot be read."""
+
+    @property
+    def name(self) -> str:
+        """The slot's name."""
+        return self.info.name
+
+
+class BoardPoller:
+    """Read every slot of a board whose name `wants` accepts, as often as :meth:`poll` is called.
+
+    New slots are looked for every `discovery_s` seconds, and at the first poll; by default at each.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        *,
+        wants: Callable[[str], bool] | None = None,
+        discovery_s: float = 0.0,
+    ) -> None:
+        self.slots: dict[str, PolledSlot] = {}
+        """The slots found so far, by name, in the order in which they were made."""
+        self._board = board
+        self._wants = is_data if wants is None else wants
+        self._discovery_s = discovery_s
+        self._due_s = 0.0  # when to discover next
+        self._bound: list[tuple[PolledSlot, BoundSlot[Any]]] = []
+        self._unusable: list[PolledSlot] = []  # found since the last poll
+
+    def poll(self) -> list[PolledSlot]:
+        """Return the slots with a new message or a new problem since the last poll.
+
+        Raise :class:`.BoardClosedError` if this process has closed the board.
+        """
+        now_s = time.monotonic()
+        if now_s >= self._due_s:
+            self._due_s = now_s + self._discovery_s
+            self.discover()
+        changed, self._unusable = self._unusable, []
+        for polled, bound in self._bound:
+            if bound.count != polled.count:
+                _read(polled, bound)
+                changed.append(polled)
+        return changed
+
+    def discover(self) -> None:
+        """Find the slots that are new, now. Raise as :meth:`poll` does."""
+        for info in self._board.slots():
+            if info.name in self.slots or not self._wants(info.name):
+                continue
+            polled = self.slots[info.name] = PolledSlot(info)
+            try:
+                slot: Slot[Any] = Slot(info.name, class_of(info), info.capacity)
+                self._bound.append((polled, self._board[slot]))
+                polled.slot = slot
+            except BoardClosedError:
+                raise
+            except WhiteboardError as error:
+                polled.problem = str(error)
+                self._unusable.append(polled)
+
+
+def _read(polled: PolledSlot, bound: BoundSlot[Any]) -> None:
+    polled.count = bound.count
+    try:
+        polled.sample = bound.sample()
+    except BoardClosedError:
+        raise
+    except WhiteboardError as error:
+        polled.sample, polled.problem = None, str(error)
+    else:
+        polled.problem = ""
+        if polled.sample is not None:  # it may be a later message than the one counted
+            polled.count = polled.sample.count
+
+
+def is_data(name: str) -> bool:
+    """Return whether a slot is more than a channel for journals on their way to a recorder."""
+    return not name.startswith(JOURNALS)
+
+
+def class_of(info: SlotInfo) -> type[Message]:
+    """Return the class of a slot's messages: llfsm's own for its machines, else one made for it.
+
+    Raise :class:`.MessageTypeError` if the slot's schema is invalid.
+    """
+    if info.problem:
+        raise MessageTypeError(info.problem)
+    for prefix, cls in _OURS.items():
+        if info.name.startswith(prefix) and info.schema == _SCHEMAS[prefix]:
+            return cls
+    return _made(msgspec.json.encode(info.schema))
+
+
+@lru_cache(maxsize=1024)  # slots of the same type share a class: making one is slow
+def _made(schema: bytes) -> type[Message]:
+    return type_from_schema(msgspec.json.decode(schema))
