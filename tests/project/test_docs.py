@@ -29,6 +29,8 @@ COMPILERS = {
     "c": [*shlex.split(os.environ.get("CC", "cc")), "-std=c11"],
     "cpp": [*shlex.split(os.environ.get("CXX", "c++")), "-std=c++17"],
 }
+LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
+HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
 FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -133,6 +135,24 @@ def run(command: list[str], folder: Path, environment: dict[str, str], status: i
         said = output.read()
     assert done.returncode == status, f"{command}\n{said}"
     return said
+
+
+def anchors(document: Path) -> set[str]:
+    """Return the anchors of a document's headings, as GitHub forms them."""
+    headings = HEADING.findall(FENCE.sub("", document.read_text()))
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(document: Path) -> None:
+    broken = []
+    for target, anchor in LINK.findall(FENCE.sub("", document.read_text())):
+        if target.startswith(("http:", "https:")):
+            continue
+        path = document.parent / target if target else document
+        if not path.exists() or (anchor and anchor not in anchors(path)):
+            broken.append(f"{target}#{anchor}")
+    assert not broken
 
 
 def test_readme_names_the_two_commands() -> None:
