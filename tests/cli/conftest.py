@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
@@ -15,8 +14,7 @@ import pytest
 
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.shared import boards, remove_board
-
-PATIENCE_S = 30  # how long a condition may take on a busy machine before it counts as failed
+from waiting import PATIENCE_S, wait_for
 
 
 class Llfsm:
@@ -75,13 +73,6 @@ def board() -> Iterator[str]:
 
 def exists(board: str) -> bool:
     return board in {info.name for info in boards()}
-
-
-def wait_for(condition: Callable[[], object], what: str) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until, f"never: {what}"
-        os.sched_yield()
 
 
 def wait_for_line(process: subprocess.Popen[str], text: str) -> str:

@@ -22,8 +22,9 @@ from llfsm.runtime.presence.remote import SILENT_S, Directory
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import request_slot, status_slot
 from llfsm.whiteboard.shared import BoardInfo
+from waiting import wait_for
 
-from .conftest import Llfsm, wait_for, wait_for_line
+from .conftest import Llfsm, wait_for_line
 
 MODULE = """
 from llfsm.runtime import Machine, State

@@ -11,7 +11,9 @@ from urllib.request import urlopen
 
 import pytest
 
-from .conftest import Llfsm, alive, children, exists, wait_for, wait_for_line
+from waiting import wait_for
+
+from .conftest import Llfsm, alive, children, exists, wait_for_line
 
 
 def start(llfsm: Llfsm, board: str, name: str = "wall") -> subprocess.Popen[str]:

@@ -18,8 +18,9 @@ from llfsm.cli.demo.ros import RosGraph
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtlesim import Pose
+from waiting import PATIENCE_S, wait_for
 
-from .conftest import PATIENCE_S, Llfsm, Whiteboard, alive, children, exists, wait_for
+from .conftest import Llfsm, Whiteboard, alive, children, exists
 from .conftest import wait_for_line as line_with
 
 CMD_VEL = Slot("turtle1/cmd_vel", Twist)

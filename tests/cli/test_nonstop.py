@@ -11,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import PATIENCE_S, Llfsm, alive, children, exists, wait_for, wait_for_line
+from waiting import PATIENCE_S, wait_for
+
+from .conftest import Llfsm, alive, children, exists, wait_for_line
 
 MODULE = """
 import os

@@ -11,8 +11,9 @@ import pytest
 from llfsm.cli.demo import processes as module
 from llfsm.cli.demo.processes import Processes
 from llfsm.runtime.engine.errors import ProcessDiedError
+from waiting import wait_for
 
-from .conftest import alive, wait_for
+from .conftest import alive
 
 
 @pytest.fixture

@@ -17,8 +17,9 @@ from llfsm.runtime.plans.plan import Plan
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.liveness import born
 from llfsm.whiteboard.messages.llfsm import RECORDER, Recorder
+from waiting import wait_for
 
-from .conftest import Llfsm, alive, children, exists, wait_for, wait_for_line
+from .conftest import Llfsm, alive, children, exists, wait_for_line
 
 FILE = "run.mcap"
 

@@ -9,8 +9,9 @@ import pytest
 
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32, String
+from waiting import wait_for
 
-from .conftest import Llfsm, wait_for
+from .conftest import Llfsm
 
 NUMBER = Slot("robot/number", Int32)
 TEXT = Slot("robot/text", String)

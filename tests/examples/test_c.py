@@ -19,6 +19,7 @@ from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.shared import remove_board
+from waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -33,7 +34,6 @@ STRICT = [
 ]
 CMD_VEL = Slot("turtle1/cmd_vel", Twist)
 POSE = Slot("turtle1/pose", Pose)
-PATIENCE_S = 30
 
 
 @pytest.fixture(scope="session")

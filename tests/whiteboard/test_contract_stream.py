@@ -11,8 +11,7 @@ from collections.abc import Iterator
 import pytest
 
 from llfsm.whiteboard import Board, BoardClosedError, Message, Slot
-
-PATIENCE_S = 30
+from waiting import PATIENCE_S, wait_for
 
 
 class Number(Message):
@@ -27,10 +26,7 @@ def no_thread_is_left() -> Iterator[None]:
     before = set(threading.enumerate())
     yield
     gc.collect()
-    until = time.monotonic() + PATIENCE_S
-    while not set(threading.enumerate()) <= before:
-        assert time.monotonic() < until
-        time.sleep(0.001)
+    wait_for(lambda: set(threading.enumerate()) <= before, "all threads have ended")
 
 
 def test_each_message_is_given_once(board: Board) -> None:
@@ -228,10 +224,7 @@ def test_a_stream_that_outlives_its_loop_ends_its_thread(board: Board) -> None:
 
     stream = asyncio.run(main())
     number.add(Number())
-    until = time.monotonic() + PATIENCE_S
-    while stream._backlog._thread.is_alive():  # type: ignore[attr-defined]
-        assert time.monotonic() < until
-        time.sleep(0.001)
+    wait_for(lambda: not stream._backlog._thread.is_alive())  # type: ignore[attr-defined]
 
 
 def test_two_tasks_share_what_a_stream_gives(board: Board) -> None:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
 
 from llfsm.whiteboard import Board, BoardClosedError, Message, Sample, Slot
+from waiting import PATIENCE_S, wait_for
 
 OpenBoard = Callable[[], Board]
-PATIENCE_S = 30
 
 
 class Number(Message):
@@ -30,13 +29,6 @@ def no_thread_is_left() -> Iterator[None]:
     before = set(threading.enumerate())
     yield
     wait_for(lambda: set(threading.enumerate()) <= before)
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(0.001)
 
 
 def counts(samples: Samples, number: int) -> list[int]:

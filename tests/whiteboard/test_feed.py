@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from llfsm.whiteboard import Message, MessageUnreadableError, Sample, Slot, Whiteboard, _shm
-
-PATIENCE_S = 30
+from waiting import PATIENCE_S
 
 
 class Number(Message):

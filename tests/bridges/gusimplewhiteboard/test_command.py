@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -18,9 +17,9 @@ from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.shared import remove_board
+from waiting import PATIENCE_S, wait_for
 
 Native = Callable[..., str]
-PATIENCE_S = 30
 CMD_VEL = Slot("turtle1/cmd_vel", Twist)
 POSE = Slot("turtle1/pose", Pose)
 
@@ -77,13 +76,6 @@ def refusal(folder: Path, *arguments: object) -> tuple[int, str]:
     )
     assert "Traceback" not in done.stderr
     return done.returncode, done.stderr
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(0.002)
 
 
 def test_it_relays_both_ways_until_it_is_told_to_end(

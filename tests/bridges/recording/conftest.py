@@ -18,8 +18,7 @@ from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot, Whiteboard
 from llfsm.whiteboard.local import LocalBoard
-
-PATIENCE_S = 30
+from waiting import PATIENCE_S
 
 
 class Reading(Message):
@@ -79,13 +78,6 @@ def llfsm(tmp_path: Path) -> Iterator[Start]:
 def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
     said, _ = process.communicate(timeout=PATIENCE_S)
     return process.returncode, said
-
-
-def wait_for(condition: Callable[[], object], what: str) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until, f"never: {what}"
-        time.sleep(0.005)
 
 
 def write(file: Path, samples: list[tuple[Slot[Any], Sample[Any]]]) -> None:

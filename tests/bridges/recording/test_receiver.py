@@ -26,8 +26,9 @@ from llfsm.whiteboard import BoardFullError, Whiteboard
 from llfsm.whiteboard.liveness import born
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
 from llfsm.whiteboard.shared import remove_board
+from waiting import wait_for
 
-from .conftest import end_of, entries_in, wait_for
+from .conftest import end_of, entries_in
 
 MS = 1_000_000
 

@@ -16,8 +16,9 @@ from llfsm.bridges.recording.recorder import BoardRecorder, record
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import VIEWER
+from waiting import wait_for
 
-from .conftest import OTHER, READING, Reading, end_of, wait_for
+from .conftest import OTHER, READING, Reading, end_of
 
 OWN = VIEWER.name
 

@@ -43,9 +43,10 @@ from llfsm.runtime.journal.journalled import JournalledArrangement
 from llfsm.whiteboard import Board, Message, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
+from waiting import wait_for
 
 from . import machines
-from .conftest import end_of, entries_in, keep_journal, wait_for, write
+from .conftest import end_of, entries_in, keep_journal, write
 from .machines import COMMAND, SEEN, Failing, Follower, Keeper, Number
 
 OURS = (str(Path(journal.__file__).parent), str(Path(machines.__file__)))

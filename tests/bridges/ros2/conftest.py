@@ -17,8 +17,7 @@ from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.rclpy_transport.topics import RclPublisher
 from llfsm.bridges.ros2.transport import Notice, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
-
-PATIENCE = 20.0  # seconds; never waited for in a test that passes
+from waiting import PATIENCE_S
 
 
 class Seen(list[Any]):
@@ -35,14 +34,14 @@ class Seen(list[Any]):
 
     def wait(self, ready: Callable[[Seen], object]) -> None:
         with self._changed:
-            assert self._changed.wait_for(lambda: ready(self), PATIENCE), list(self)
+            assert self._changed.wait_for(lambda: ready(self), PATIENCE_S), list(self)
 
     def repeat(self, do: Callable[[], object]) -> None:
         """Do something until it is seen: what is published may be too early for a subscription."""
         for _ in range(100):
             do()
             with self._changed:
-                if self._changed.wait_for(lambda: len(self), PATIENCE / 100):
+                if self._changed.wait_for(lambda: len(self), PATIENCE_S / 100):
                     return
         raise AssertionError("nothing was seen")
 

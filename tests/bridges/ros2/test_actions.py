@@ -19,6 +19,7 @@ from llfsm.bridges.ros2.qos import Durability, Qos
 from llfsm.bridges.ros2.stamps import from_ns, to_ns
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime import ManualClock
+from waiting import wait_for
 
 TYPE = "turtlesim/action/RotateAbsolute"
 TYPES = TypeLibrary()
@@ -73,11 +74,7 @@ class Scene:
         self.theirs.close()
 
     def wait(self, ready):
-        end = time.monotonic() + 20
-        while not ready():
-            assert time.monotonic() < end
-            self.backlog.work_off()
-            time.sleep(0.0002)
+        wait_for(ready, between=self.backlog.work_off)
 
     def ask(self, name, **fields):
         client, of = self.services[name]

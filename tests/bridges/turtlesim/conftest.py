@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import socket
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -20,13 +19,13 @@ from llfsm.bridges.turtlesim.ros import RosTurtlesim
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import Level
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from waiting import PATIENCE_S, wait_for
 
 # How long an example takes says how busy the machine is, and nothing of the code.
 settings.register_profile("turtlesim", deadline=None)
 settings.load_profile("turtlesim")
 
 DATA = Path(__file__).parents[2] / "data" / "turtlesim"
-PATIENCE = 20.0  # seconds; never waited for in a test that passes
 _ALL = Qos(depth=10_000)
 
 
@@ -73,11 +72,7 @@ class Ros:
             self.turtlesim.step()
 
     def until(self, ready: Callable[[], object]) -> None:
-        end = time.monotonic() + PATIENCE
-        while not ready():
-            assert time.monotonic() < end
-            self.turtlesim.backlog.work_off()
-            time.sleep(0.0005)
+        wait_for(ready, between=self.turtlesim.backlog.work_off)
 
     def hear(self, topic: str, type_name: str, qos: Qos = _ALL) -> list[Any]:
         """Return a list of the messages of a topic from now on; it grows as they come."""
@@ -93,7 +88,7 @@ class Ros:
                     any(end.node == "/turtlesim" for end in graph.ends(topic, Role.PUBLISHER))
                     and any(end.node == "/other" for end in graph.ends(topic, Role.SUBSCRIPTION))
                 ),
-                PATIENCE,
+                PATIENCE_S,
             )
         assert subscription.name == topic
         return got
@@ -104,9 +99,9 @@ class Ros:
         client = self._clients.get(service)
         if client is None:
             client = self._clients[service] = self.node.client(service, of)
-        assert self.transport.wait_graph(lambda _: client.ready, PATIENCE)
+        assert self.transport.wait_graph(lambda _: client.ready, PATIENCE_S)
         before = len(self.turtlesim.backlog)
-        future = client.call(of.request.message(**fields), timeout=PATIENCE)
+        future = client.call(of.request.message(**fields), timeout=PATIENCE_S)
         self.arrives(before)
         return future
 
@@ -123,7 +118,7 @@ class Ros:
             twist = self.types.message("geometry_msgs/msg/Twist")
             self._publishers[topic] = self.node.publisher(topic, twist)
             assert self.transport.wait_graph(
-                lambda graph: bool(graph.ends(topic, Role.SUBSCRIPTION)), PATIENCE
+                lambda graph: bool(graph.ends(topic, Role.SUBSCRIPTION)), PATIENCE_S
             )
         before = len(self.turtlesim.backlog)
         self._publishers[topic].publish(Twist(Vector3(x=x, y=y), Vector3(z=z)))
@@ -131,10 +126,7 @@ class Ros:
 
     def arrives(self, before: int) -> None:
         """Wait until our backlog has one thing more than before."""
-        end = time.monotonic() + PATIENCE
-        while len(self.turtlesim.backlog) == before:
-            assert time.monotonic() < end
-            time.sleep(0.0005)
+        wait_for(lambda: len(self.turtlesim.backlog) > before)
 
 
 @pytest.fixture

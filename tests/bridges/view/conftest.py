@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -22,15 +21,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.shared import remove_board
-
-PATIENCE_S = 30  # how long a condition may take on a busy machine before it counts as failed
-
-
-def wait_for(condition: Callable[[], object], what: str) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until, f"never: {what}"
-        time.sleep(0.01)
+from waiting import PATIENCE_S
 
 
 class Process:

@@ -11,7 +11,9 @@ from typing import Any
 
 import pytest
 
-from .conftest import Process, Server, wait_for
+from waiting import wait_for
+
+from .conftest import Process, Server
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])

@@ -15,8 +15,9 @@ from websockets.exceptions import InvalidStatus
 from llfsm.bridges.view.guard import is_loopback
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Bool
+from waiting import wait_for
 
-from .conftest import Server, wait_for
+from .conftest import Server
 
 LAMP = Slot("lamp", Bool)
 

@@ -22,8 +22,9 @@ from llfsm.whiteboard.messages.llfsm import (
     status_slot,
 )
 from llfsm.whiteboard.messages.std_msgs import Bool
+from waiting import wait_for
 
-from .conftest import Server, wait_for
+from .conftest import Server
 
 LAMP = Slot("lamp", Bool)
 SLOTS = 448  # in the file, by llfsm_whiteboard.h

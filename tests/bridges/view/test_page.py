@@ -15,8 +15,9 @@ from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.llfsm import status_slot
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.messages.turtlesim import Pose
+from waiting import wait_for
 
-from .conftest import Server, wait_for
+from .conftest import Server
 
 MACHINE = "[data-machine=RosPingPong]"
 

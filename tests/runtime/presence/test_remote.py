@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -31,8 +31,7 @@ from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 from llfsm.whiteboard.shared import remove_board
-
-PATIENCE_S = 30  # how long a condition may take on a busy machine before it counts as failed
+from waiting import PATIENCE_S, wait_for
 
 WORKER = """
 from llfsm.runtime import *
@@ -83,13 +82,6 @@ class Processes:
             process.wait()
             assert process.stdout is not None
             process.stdout.close()
-
-
-def wait_for(condition: Callable[[], object], otherwise: str) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until, otherwise
-        time.sleep(0.001)
 
 
 @pytest.fixture

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -17,8 +16,7 @@ from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import BELL, Bell
 from llfsm.whiteboard.mirror.daemon import daemon
 from llfsm.whiteboard.mirror.settings import Settings
-
-PATIENCE_S = 30
+from waiting import wait_for
 
 
 class Worker(Machine):
@@ -26,13 +24,6 @@ class Worker(Machine):
     NEVER = State()
     ASLEEP = State(suspend=True)
     WORK.to(NEVER, when=lambda m: False)
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(0.005)
 
 
 @pytest.fixture

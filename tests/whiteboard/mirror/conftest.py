@@ -5,7 +5,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -34,15 +33,6 @@ NUMBER = number_slot()
 def free_endpoint(address: str = "127.0.0.1", protocol: str = "tcp") -> str:
     with socket.create_server(("127.0.0.1", 0)) as free:
         return f"{protocol}/{address}:{free.getsockname()[1]}"
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 30) -> float:
-    """Wait until something holds; return how long that took."""
-    start = time.monotonic()
-    while not condition():
-        assert time.monotonic() - start < seconds, "it does not come to pass"
-        time.sleep(0.002)
-    return time.monotonic() - start
 
 
 class Host:

@@ -14,8 +14,9 @@ from llfsm.whiteboard import Message, Slot, Whiteboard
 from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.wire import VERSION, Batch, Declaration, Value
 from llfsm.whiteboard.shared import journal_path, remove_board
+from waiting import wait_for
 
-from .conftest import LLFSM, NAME, NUMBER, Host, MakeHost, Number, eventually, number_slot
+from .conftest import LLFSM, NAME, NUMBER, Host, MakeHost, Number, number_slot
 
 
 @pytest.fixture
@@ -34,8 +35,8 @@ def test_what_is_added_on_one_host_is_on_all(make_host: MakeHost) -> None:
     hosts[2].start(connect=hosts[:1])
     for value, host in enumerate((*hosts, *hosts), 1):
         host.add(value)
-        eventually(lambda value=value: [h.get() for h in hosts] == [value] * 3)
-    eventually(lambda: [len(host.status()["peers"]) for host in hosts] == [2, 2, 2])
+        wait_for(lambda value=value: [h.get() for h in hosts] == [value] * 3)
+    wait_for(lambda: [len(host.status()["peers"]) for host in hosts] == [2, 2, 2])
     told = hosts[2].status()
     assert told["left"] == 2
     assert told["entered"] == 4
@@ -45,29 +46,29 @@ def test_what_is_added_on_one_host_is_on_all(make_host: MakeHost) -> None:
 def test_a_late_host_gets_what_is_there(pair: tuple[Host, Host]) -> None:
     """Also the slot itself, with its type."""
     _, other = pair
-    eventually(lambda: other.board.slots()[1:] != [] and other.get() == 1)
+    wait_for(lambda: other.board.slots()[1:] != [] and other.get() == 1)
     assert other.board.find("number").schema == NUMBER.schema
 
 
 def test_nothing_is_echoed(pair: tuple[Host, Host]) -> None:
     one, other = pair
-    eventually(lambda: other.get() == 1)
+    wait_for(lambda: other.get() == 1)
     for value in range(2, 30):
         (one, other)[value % 2].add(value)
-        eventually(lambda value=value: one.get() == other.get() == value)
+        wait_for(lambda value=value: one.get() == other.get() == value)
     assert one.board[NUMBER].count == other.board[NUMBER].count == 29
 
 
 def test_the_newest_wins_after_a_daemon_was_stopped(pair: tuple[Host, Host]) -> None:
     one, other = pair
-    eventually(lambda: other.get() == 1)
+    wait_for(lambda: other.get() == 1)
     other.send(signal.SIGSTOP)
     one.add(10)
     other.add(20)  # later
     one.add(30, number_slot("more"))
     other.send(signal.SIGCONT)
-    eventually(lambda: one.get() == other.get() == 20)
-    eventually(lambda: other.get(number_slot("more")) == 30)
+    wait_for(lambda: one.get() == other.get() == 20)
+    wait_for(lambda: other.get(number_slot("more")) == 30)
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
@@ -75,13 +76,13 @@ def test_a_daemon_that_is_started_again_loses_nothing(
     pair: tuple[Host, Host], how: signal.Signals
 ) -> None:
     one, other = pair
-    eventually(lambda: other.get() == 1)
+    wait_for(lambda: other.get() == 1)
     status = other.end(how)
     assert status == (0 if how is signal.SIGTERM else -signal.SIGKILL), other.log
     one.add(2)
     other.add(3, number_slot("there"))
     other.start(connect=[one])
-    took = eventually(lambda: other.get() == 2 and one.get(number_slot("there")) == 3)
+    took = wait_for(lambda: other.get() == 2 and one.get(number_slot("there")) == 3)
     assert took < 20
     assert one.board[NUMBER].count == 2  # its own message did not come back to it
 
@@ -93,7 +94,7 @@ def test_a_second_daemon_for_a_board_is_refused(pair: tuple[Host, Host]) -> None
     assert done.returncode == 1
     assert "another daemon mirrors this whiteboard" in done.stderr
     one.add(5)
-    eventually(lambda: other.get() == 5)
+    wait_for(lambda: other.get() == 5)
 
 
 def test_an_endpoint_that_is_taken_is_an_error(pair: tuple[Host, Host], tmp_path: Path) -> None:
@@ -123,16 +124,16 @@ def test_a_slot_of_another_type_is_refused_with_both_and_others_go_on(
         text: str = ""
 
     one, other = pair
-    eventually(lambda: other.get() == 1)
+    wait_for(lambda: other.get() == 1)
     other.board.add_message(Slot("word", Text), Text("mine"))
     one.add(7, number_slot("word"))
     one.add(8)
-    eventually(lambda: "holds test/Text here, test/Number at the sender" in other.log)
+    wait_for(lambda: "holds test/Text here, test/Number at the sender" in other.log)
     assert "value (type:integer)" in other.log
-    eventually(lambda: other.get() == 8)
+    wait_for(lambda: other.get() == 8)
     assert other.board.get_message(Slot("word", Text)) == Text("mine")
     one.add(9, number_slot("word"))
-    eventually(lambda: other.status()["refused"] != [])
+    wait_for(lambda: other.status()["refused"] != [])
     assert other.log.count("refused: slot 'word'") == 1
     assert one.get(number_slot("word")) == 9
 
@@ -142,7 +143,7 @@ def test_a_large_message_travels(pair: tuple[Host, Host]) -> None:
     one, other = pair
     data = os.urandom(8 << 20)
     one.board.add_message(image, Number(1, data))
-    eventually(lambda: other.get(image) == 1)
+    wait_for(lambda: other.get(image) == 1)
     assert other.board.get_message(image) == Number(1, data)
 
 
@@ -151,7 +152,7 @@ def test_machines_are_seen_and_controlled_from_another_host(pair: tuple[Host, Ho
     from llfsm.whiteboard.messages.llfsm import BELL, MachineRequest, request_slot
 
     one, other = pair
-    eventually(lambda: other.get() == 1)
+    wait_for(lambda: other.get() == 1)
     bell = other.board[BELL]
     before = bell.count
     one.board.add_message(request_slot("Patrol"), MachineRequest("suspend"))
@@ -167,13 +168,13 @@ def test_a_process_dies_at_its_adds_and_the_daemons_live(pair: tuple[Host, Host]
         "slot = board.find('number'); bound = board[slot]\n"
         "while True: bound.add(slot.type(99, b''))"
     )
-    eventually(lambda: other.get() == 1)
+    wait_for(lambda: other.get() == 1)
     process = subprocess.Popen([LLFSM[0], "-c", code, NAME, str(one.directory)])
-    eventually(lambda: other.get() == 99 and one.board[NUMBER].count > 1000)
+    wait_for(lambda: other.get() == 99 and one.board[NUMBER].count > 1000)
     process.kill()
     process.wait()
     one.add(100)
-    eventually(lambda: other.get() == 100)
+    wait_for(lambda: other.get() == 100)
     assert other.board[NUMBER].count < one.board[NUMBER].count
 
 
@@ -185,17 +186,17 @@ def test_a_connected_process_is_like_one_beside_the_daemon(pair: tuple[Host, Hos
     ):
         assert near.get_message(NUMBER) == Number(1)
         near.add_message(NUMBER, Number(2))
-        eventually(lambda: far.get_message(NUMBER) == Number(2) and other.get() == 2)
+        wait_for(lambda: far.get_message(NUMBER) == Number(2) and other.get() == 2)
         far.add_message(NUMBER, Number(3))
-        eventually(lambda: near.get_message(NUMBER) == Number(3) and one.get() == 3)
+        wait_for(lambda: near.get_message(NUMBER) == Number(3) and one.get() == 3)
         far.add_message(NUMBER, Number(4))
-    eventually(lambda: one.get() == 4)
+    wait_for(lambda: one.get() == 4)
 
 
 def test_a_connected_process_may_end_without_closing(pair: tuple[Host, Host]) -> None:
     """Also while messages arrive; what it added last is not lost."""
     one, other = pair
-    eventually(lambda: other.get() == 1)
+    wait_for(lambda: other.get() == 1)
     code = (
         "import sys; from llfsm.whiteboard import *\n"
         "board = Whiteboard.connect(*sys.argv[1:])\n"
@@ -208,9 +209,9 @@ def test_a_connected_process_may_end_without_closing(pair: tuple[Host, Host]) ->
     while process.poll() is None:
         value += 1
         other.add(value)
-        eventually(lambda value=value: one.get() == value)
+        wait_for(lambda value=value: one.get() == value)
     assert process.returncode == 0
-    eventually(lambda: one.get(number_slot("last")) == 7)
+    wait_for(lambda: one.get(number_slot("last")) == 7)
 
 
 def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
@@ -219,7 +220,7 @@ def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     import zenoh
 
     one, other = pair
-    eventually(lambda: other.get() == 1)
+    wait_for(lambda: other.get() == 1)
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", f'["{other.endpoint}"]')
@@ -246,9 +247,9 @@ def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
             sender.put(msgspec.msgpack.encode(batch))
             if number % 100 == 0:
                 one.add(number, number_slot("calm"))
-                eventually(lambda number=number: other.get(number_slot("calm")) == number)
-        eventually(lambda: other.get(flooded) == 1999)
-    eventually(lambda: other.status()["held_back"] > 0)
+                wait_for(lambda number=number: other.get(number_slot("calm")) == number)
+        wait_for(lambda: other.get(flooded) == 1999)
+    wait_for(lambda: other.status()["held_back"] > 0)
     told = other.status()
     assert other.board[flooded].count < 2000
     assert {refusal["what"] for refusal in told["refused"]} == {

@@ -14,7 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import Host, MakeHost, eventually
+from waiting import wait_for
+
+from .conftest import Host, MakeHost
 
 HOSTS = 3
 
@@ -123,7 +125,7 @@ class Watch:
 
 def test_boards_agree_soon_after_all_that_happens(switch: Switch, hosts: list[Host]) -> None:
     def agree(value: int) -> float:
-        return eventually(lambda: [host.get() for host in hosts] == [value] * HOSTS)
+        return wait_for(lambda: [host.get() for host in hosts] == [value] * HOSTS)
 
     first, *others = hosts
     first.add(1)
@@ -190,13 +192,13 @@ def test_hosts_that_are_lost_at_once_silence_no_other(switch: Switch, hosts: lis
             assert lost.stdout is not None
             assert lost.stdout.readline() == "ready\n"
             first.add(0)
-            eventually(lambda: second.get() == 0)
+            wait_for(lambda: second.get() == 0)
             switch.cut(2)
             cut, value = time.monotonic(), 0
             while time.monotonic() - cut < 3:  # they are given up after 1.5 s
                 value += 1
                 first.add(value)
-                assert eventually(lambda value=value: second.get() == value) < 1
+                assert wait_for(lambda value=value: second.get() == value) < 1
         finally:
             lost.kill()
 
@@ -215,13 +217,13 @@ def test_a_star(switch: Switch, hosts: list[Host], tmp_path: Path, mode: str) ->
         end.start("--zenoh", str(other_mode), connect=[centre])
     for value, host in enumerate((*hosts, *hosts), 1):
         host.add(value)
-        eventually(lambda value=value: [host.get() for host in hosts] == [value] * HOSTS)
-    eventually(lambda: [len(host.status()["peers"]) for host in hosts] == [2, 2, 2])
+        wait_for(lambda value=value: [host.get() for host in hosts] == [value] * HOSTS)
+    wait_for(lambda: [len(host.status()["peers"]) for host in hosts] == [2, 2, 2])
 
     centre.end(signal.SIGKILL)
     ends[0].add(7)
     ends[1].add(8)
     centre.start("--zenoh", str(router))
-    eventually(lambda: [host.get() for host in hosts] == [8] * HOSTS)
+    wait_for(lambda: [host.get() for host in hosts] == [8] * HOSTS)
     ends[0].add(9)
-    eventually(lambda: [host.get() for host in hosts] == [9] * HOSTS)
+    wait_for(lambda: [host.get() for host in hosts] == [9] * HOSTS)

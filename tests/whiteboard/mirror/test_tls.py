@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from llfsm.whiteboard import NetworkError, Whiteboard
+from waiting import wait_for
 
-from .conftest import NAME, NUMBER, Host, MakeHost, Number, eventually, free_endpoint
+from .conftest import NAME, NUMBER, Host, MakeHost, Number, free_endpoint
 
 Certify = Callable[..., Path]
 
@@ -67,13 +68,13 @@ def test_hosts_of_one_authority_share_and_others_do_not(
     stranger.add(666)
     laptop.start("--zenoh", str(certify("laptop", "ours")), connect=[robot])
     robot.add(1)
-    eventually(lambda: laptop.get() == 1)
+    wait_for(lambda: laptop.get() == 1)
     laptop.add(2)
-    eventually(lambda: robot.get() == 2)
+    wait_for(lambda: robot.get() == 2)
     assert stranger.get() == 666
     for host, why in ((stranger, "invalid peer certificate"), (thief, "received fatal alert")):
         assert host.status()["peers"] == []
-        eventually(lambda host=host: host.status()["refused"] != [])
+        wait_for(lambda host=host: host.status()["refused"] != [])
         (refused,) = host.status()["refused"]
         assert refused["what"].startswith(f"by {robot.endpoint}: {why}")
         assert refused["count"] > 1
@@ -84,7 +85,7 @@ def test_hosts_of_one_authority_share_and_others_do_not(
     assert refused["a connection: invalid peer certificate: UnknownIssuer"] > 1
     assert robot.log.count("refused: a connection") == 2
     assert laptop.status()["refused"] == []
-    eventually(lambda: len(robot.status()["peers"]) == 1)
+    wait_for(lambda: len(robot.status()["peers"]) == 1)
 
     config = str(certify("tablet", "ours"))
     with Whiteboard.connect(robot.endpoint, NAME, zenoh=config) as board:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,8 +13,6 @@ from llfsm.bridges.ros2.bridging.config import BridgeConfig
 from llfsm.bridges.ros2.bridging.planning import make_plan
 from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.whiteboard import Whiteboard
-
-PATIENCE = 20.0  # seconds; never waited for in a test that passes
 
 
 @pytest.fixture
@@ -57,16 +54,3 @@ def start(board: Whiteboard, memory: MemoryWorld, told: Any) -> Iterator[Callabl
             return bridge
 
         yield starting
-
-
-def eventually(ready: Callable[[], object]) -> None:
-    """Wait until something is true that nobody tells."""
-    until = time.monotonic() + PATIENCE
-    while not ready():
-        assert time.monotonic() < until
-        time.sleep(0.005)
-
-
-@pytest.fixture(name="eventually")
-def _eventually() -> Callable[[Callable[[], object]], None]:
-    return eventually

@@ -14,6 +14,7 @@ from llfsm.bridges.ros2.bridging.planning import make_plan
 from llfsm.bridges.ros2.graph import Role
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
+from waiting import wait_for
 
 N = Slot("n", Int64)
 
@@ -33,7 +34,7 @@ def bridge(world, board):
         each.close()
 
 
-def test_both_directions_without_an_echo(bridge, board, world, types, seen, eventually):
+def test_both_directions_without_an_echo(bridge, board, world, types, seen):
     number, peer, heard = types.message("std_msgs/msg/Int64"), world.open(), seen()
     bridge(relay=[{"slot": "n", "type": number.name, "direction": "both", "depth": 10}])
     node = peer.node("peer")
@@ -50,11 +51,11 @@ def test_both_directions_without_an_echo(bridge, board, world, types, seen, even
     slot.add(Int64(1))
     heard.wait(lambda got: 1 in got)
     talker.publish(Int64(2))
-    eventually(lambda: slot.get() == Int64(2))
+    wait_for(lambda: slot.get() == Int64(2))
     slot.add(Int64(3))
     heard.wait(lambda got: 3 in got)
     talker.publish(Int64(4))
-    eventually(lambda: slot.get() == Int64(4))
+    wait_for(lambda: slot.get() == Int64(4))
     assert heard[:3] == [1, 2, 3]
     assert slot.count == 4
 

@@ -17,6 +17,7 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
     TurtlePositionRequest,
 )
 from llfsm.whiteboard.messages.turtlesim import Pose
+from waiting import wait_for
 
 POSE = Slot("turtle1/pose", Pose)
 HERE = Pose(5.5, 6.5, 1.0)
@@ -30,7 +31,7 @@ def ask(peer, types):
 
 
 @pytest.fixture
-def post_pose(peer, types, board, eventually):
+def post_pose(peer, types, board):
     """Publish a pose in ROS and see it on the board."""
     publisher = peer.node("turtlesim").publisher(
         "turtle1/pose", types.message("turtlesim/msg/Pose")
@@ -38,7 +39,7 @@ def post_pose(peer, types, board, eventually):
 
     def post(pose):
         publisher.publish(pose)
-        eventually(lambda: board.get_message(POSE) == pose)
+        wait_for(lambda: board.get_message(POSE) == pose)
 
     return post
 
@@ -116,7 +117,7 @@ def test_without_its_type_in_ros_the_slots_are_answered_still(
     assert not answer(board, 1).failure
 
 
-def test_the_first_turtle_is_the_one_that_is_told_of(board, preset, ask, eventually):
+def test_the_first_turtle_is_the_one_that_is_told_of(board, preset, ask):
     preset("bob", "turtle1")
     board.add_message(Slot("bob/pose", Pose), HERE)
     assert ask().x == HERE.x

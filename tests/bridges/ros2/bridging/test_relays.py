@@ -19,6 +19,7 @@ from llfsm.bridges.ros2.qos import Durability, Qos
 from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
+from waiting import wait_for
 
 N = Slot("n", Int64)
 TYPE = "std_msgs/msg/Int64"
@@ -97,15 +98,13 @@ def test_an_old_command_is_not_sent(board, start, heard):
     assert heard == [2]
 
 
-def test_what_a_latched_slot_has_is_sent_to_who_comes_later(
-    board, start, peer, number, seen, eventually
-):
+def test_what_a_latched_slot_has_is_sent_to_who_comes_later(board, start, peer, number, seen):
     board.add_message(N, Int64(1))
     bridge = start(
         relay=[{"slot": "n", "type": TYPE, "direction": "to_ros", "durability": "transient_local"}]
     )
     got = seen()
-    eventually(lambda: bridge.links[0].passed)
+    wait_for(lambda: bridge.links[0].passed)
     peer.node("late").subscription("n", number, lambda a: got(a.decode().data), LATCHED)
     got.wait(len)
     assert got == [1]
@@ -115,13 +114,13 @@ BOTH_LATCHED = {"slot": "n", "type": TYPE, "direction": "both", "durability": "t
 
 
 def test_in_both_directions_ros_says_what_is_true_at_the_beginning(
-    board, start, peer, number, eventually, monkeypatch
+    board, start, peer, number, monkeypatch
 ):
     monkeypatch.setattr(relays, "_HISTORY_S", 1000.0)
     board.add_message(N, Int64(1))
     bridge = start(relay=[BOTH_LATCHED])
     peer.node("talker").publisher("n", number, LATCHED).publish(Int64(2))  # late, but in time
-    eventually(lambda: board.get_message(N) == Int64(2))
+    wait_for(lambda: board.get_message(N) == Int64(2))
     bridge.close()
     assert [(link.arrow, link.passed) for link in bridge.links] == [("<-", 1), ("->", 0)]
 
@@ -173,19 +172,19 @@ def test_what_was_added_last_is_published_before_the_end(board, start, heard):
     assert heard == [1, 2]
 
 
-def test_each_message_of_a_topic_is_added(board, start, talker, eventually):
+def test_each_message_of_a_topic_is_added(board, start, talker):
     start(relay=[{"slot": "n", "type": TYPE, "direction": "from_ros"}])
     for value in range(1, 5):
         talker.publish(Int64(value))
-        eventually(lambda value=value: board[N].count == value)
+        wait_for(lambda value=value: board[N].count == value)
         assert board.get_message(N) == Int64(value)
 
 
-def test_a_topic_may_have_another_name_than_its_slot(board, start, talker, eventually):
+def test_a_topic_may_have_another_name_than_its_slot(board, start, talker):
     start(relay=[{"slot": "robot/n", "topic": "/n", "type": TYPE, "direction": "from_ros"}])
     talker.publish(Int64(7))
     slot = board[Slot("robot/n", Int64)]
-    eventually(slot.get)
+    wait_for(slot.get)
     assert slot.get() == Int64(7)
 
 
@@ -199,7 +198,7 @@ class Counted(ArrivedBytes):
         return super().decode()
 
 
-def test_at_a_rate_only_what_is_added_is_decoded(board, number, eventually):
+def test_at_a_rate_only_what_is_added_is_decoded(board, number):
     later = Later("test")
     relay = FromRos(board[N], link(), Faults(print), later, period=0.05)
     Counted.decoded = 0
@@ -209,35 +208,35 @@ def test_at_a_rate_only_what_is_added_is_decoded(board, number, eventually):
         sample = board[N].sample()
         if not stamps or sample.stamp_ns != stamps[-1]:
             stamps.append(sample.stamp_ns)
-    eventually(lambda: board.get_message(N) == Int64(999))  # the newest one is not forgotten
+    wait_for(lambda: board.get_message(N) == Int64(999))  # the newest one is not forgotten
     later.close()
     assert Counted.decoded == board[N].count
     assert all(b - a >= 0.05e9 for a, b in pairwise(stamps))
     assert board[N].count < 1000
 
 
-def test_both_directions_without_an_echo(board, start, talker, heard, eventually):
+def test_both_directions_without_an_echo(board, start, talker, heard):
     start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
     slot = board[N]
     slot.add(Int64(1))
     heard.wait(len)
     talker.publish(Int64(2))
-    eventually(lambda: slot.get() == Int64(2))
+    wait_for(lambda: slot.get() == Int64(2))
     slot.add(Int64(3))
     heard.wait(lambda got: len(got) == 3)
     assert heard == [1, 2, 3]  # the second by the talker alone
     assert slot.count == 3  # two that were added here, one from ROS
 
 
-def test_an_equal_message_of_somebody_else_is_a_new_one(board, start, talker, heard, eventually):
+def test_an_equal_message_of_somebody_else_is_a_new_one(board, start, talker, heard):
     start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
     slot = board[N]
     talker.publish(Int64(1))
-    eventually(lambda: slot.count == 1)
+    wait_for(lambda: slot.count == 1)
     slot.add(Int64(1))  # as if another process did
     heard.wait(lambda got: len(got) == 2)
     talker.publish(Int64(1))
-    eventually(lambda: slot.count == 3)
+    wait_for(lambda: slot.count == 3)
 
 
 class Nameless:
@@ -288,7 +287,7 @@ def test_what_another_relay_added_to_the_slot_is_published(board, start, peer, n
 
 
 def test_a_message_that_is_too_large_is_told_once_and_the_next_is_added(
-    board, start, peer, types, told, eventually
+    board, start, peer, types, told
 ):
     text = types.message("std_msgs/msg/String")
     slot = board[Slot("s", text.message, 32)]
@@ -296,9 +295,9 @@ def test_a_message_that_is_too_large_is_told_once_and_the_next_is_added(
     publisher = peer.node("talker").publisher("s", text, Qos(depth=100))
     for failed in (1, 2):
         publisher.publish(text.message("x" * 100))
-        eventually(lambda failed=failed: bridge.links[0].failed == failed)
+        wait_for(lambda failed=failed: bridge.links[0].failed == failed)
     publisher.publish(text.message("fits"))
-    eventually(slot.get)
+    wait_for(slot.get)
     assert slot.get().data == "fits"
     assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "/s")]
     assert "capacity" in told[0].text
@@ -330,17 +329,15 @@ def test_a_message_that_ros_cannot_have_is_told_once_and_the_next_is_published(
     assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "/f")]
 
 
-def test_a_lost_way_into_ros_posts_nothing_and_is_made_up_for(
-    board, start, memory, talker, told, eventually
-):
+def test_a_lost_way_into_ros_posts_nothing_and_is_made_up_for(board, start, memory, talker, told):
     start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
     talker.publish(Int64(1))
-    eventually(lambda: board[N].count == 1)
+    wait_for(lambda: board[N].count == 1)
     memory.lose()
     talker.publish(Int64(2))
     memory.restore()
     talker.publish(Int64(3))
-    eventually(lambda: board[N].count == 2)
+    wait_for(lambda: board[N].count == 2)
     assert board.get_message(N) == Int64(3)
     assert [notice.kind for notice in told] == [NoticeKind.DOWN, NoticeKind.UP]
 

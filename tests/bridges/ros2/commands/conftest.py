@@ -16,8 +16,8 @@ import pytest
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.shared import remove_board
+from waiting import PATIENCE_S
 
-PATIENCE = 20.0  # seconds; never waited for in a test that passes
 _NUMBERS = itertools.count(151)
 
 
@@ -47,7 +47,7 @@ class Running:
     def says(self, text: str) -> str:
         """Wait for a line with a text."""
         while True:
-            line = self._lines.get(timeout=PATIENCE)
+            line = self._lines.get(timeout=PATIENCE_S)
             assert line is not None, f"ended without {text!r}: {''.join(self.said)}"
             self.said.append(line)
             if text in line:
@@ -56,9 +56,9 @@ class Running:
     def end(self, number: signal.Signals = signal.SIGTERM) -> int:
         """Send a signal; return the exit status."""
         self.process.send_signal(number)
-        status = self.process.wait(PATIENCE)
-        self._reader.join(PATIENCE)
-        while (line := self._lines.get(timeout=PATIENCE)) is not None:
+        status = self.process.wait(PATIENCE_S)
+        self._reader.join(PATIENCE_S)
+        while (line := self._lines.get(timeout=PATIENCE_S)) is not None:
             self.said.append(line)
         return status
 
@@ -151,6 +151,6 @@ def met(peer: ZenohTransport) -> Callable[..., None]:
         def ready(graph: Any) -> bool:
             return set(nodes) <= set(graph.nodes)
 
-        assert peer.wait_graph(ready, PATIENCE), peer.graph()
+        assert peer.wait_graph(ready, PATIENCE_S), peer.graph()
 
     return wait
