@@ -6,14 +6,13 @@ articles): parts of letters, digits and underscores, joined by ``/``; none begin
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from .errors import DomainIdError, RosNameError
+from .errors import RosNameError
 
-__all__ = ["NO_REMAPPING", "Names", "check_domain", "domain_from_environment"]
+__all__ = ["NO_REMAPPING", "Names"]
 
 NO_REMAPPING: Mapping[str, str] = MappingProxyType({})
 
@@ -74,19 +73,3 @@ def _check_full(full: str, given: str, what: str) -> None:
         )
     if len(full) > _LONGEST_NAME:
         raise RosNameError(f"{given!r} is too long: {len(full)} of {_LONGEST_NAME} characters")
-
-
-def check_domain(domain: int) -> int:
-    """Return a ROS domain id; raise :class:`.DomainIdError` if it is outside 0 to 232."""
-    if not 0 <= domain <= 232:  # above, DDS has no transports left
-        raise DomainIdError(f"the ROS domain id {domain} is not in 0 to 232")
-    return domain
-
-
-def domain_from_environment() -> int:
-    """Return ``ROS_DOMAIN_ID``, 0 if it is not set; raise :class:`.DomainIdError`."""
-    text = os.environ.get("ROS_DOMAIN_ID", "")
-    try:
-        return check_domain(int(text or "0"))
-    except ValueError as error:
-        raise DomainIdError(f"ROS_DOMAIN_ID={text!r} is not a number from 0 to 232") from error

@@ -1,47 +1,43 @@
-"""Ways into ROS by name; what one needs is imported when it is opened."""
+"""Opens a transport by its name; what it needs is imported when it is opened."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+from .defaults import TRANSPORTS, choose_transport
 from .errors import TransportUnavailableError
 from .telling import log_notice
 from .transport import Notice, Transport
 
-__all__ = ["WAYS", "explained", "open_transport"]
-
-WAYS = ("auto", "rclpy", "zenoh")
+__all__ = ["explaining_missing", "open_transport"]
 
 
 def open_transport(
-    way: str = "auto",
+    name: str = "auto",
     domain: int | None = None,
     *,
     router: Sequence[str] = (),
     notify: Callable[[Notice], None] = log_notice,
 ) -> Transport:
-    """Open a way into ROS: ``rclpy``, ``zenoh``, or ``auto``.
+    """Open a transport: ``rclpy``, ``zenoh``, or ``auto`` (see :func:`.choose_transport`).
 
-    ``auto`` is rclpy where a ROS environment is sourced (rclpy can be imported), as its nodes may
-    use any middleware; else Zenoh, as with a ``router`` (endpoints as ``tcp/localhost:7447``),
-    which says nothing to rclpy. ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise
-    :class:`.TransportUnavailableError` and :class:`.DomainIdError`.
+    ``domain`` defaults to ``ROS_DOMAIN_ID``. ``router`` names Zenoh endpoints, as
+    ``tcp/localhost:7447``. Raise :class:`.TransportUnavailableError` and :class:`.DomainIdError`.
     """
-    if way == "auto":
-        way = "rclpy" if importlib.util.find_spec("rclpy") and not router else "zenoh"
-    if way == "rclpy":
-        with explained():
+    chosen = choose_transport(name, router=bool(router))
+    if chosen == "rclpy":
+        with explaining_missing():
             from .rclpy_transport.transport import RclpyTransport
 
             return RclpyTransport(domain, notify=notify)
-    if way == "zenoh":
-        with explained():
+    if chosen == "zenoh":
+        with explaining_missing():
             from .zenoh_transport.transport import ZenohTransport
 
             return ZenohTransport(domain, router=router or None, notify=notify)
-    raise TransportUnavailableError(f"no way into ROS is called {way!r}: {', '.join(WAYS)}")
+    known = ", ".join(TRANSPORTS)
+    raise TransportUnavailableError(f"unknown transport {name!r}: not one of {known}")
 
 
 _EXTRA = "install it with: pip install 'llfsm[ros]'"
@@ -53,8 +49,8 @@ _GET = {
 
 
 @contextmanager
-def explained() -> Iterator[None]:
-    """Raise :class:`.TransportUnavailableError` where a library is missing, with how to get it."""
+def explaining_missing() -> Iterator[None]:
+    """Raise :class:`.TransportUnavailableError` for a missing library, with how to get it."""
     try:
         yield
     except ModuleNotFoundError as error:

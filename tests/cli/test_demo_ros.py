@@ -160,13 +160,12 @@ def test_what_cannot_be_is_refused(
     assert not exists(board)
 
 
-def started(graph: RosGraph, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+def started(graph: RosGraph) -> list[tuple[str, ...]]:
     """Return the commands of all that would be started where nobody listens so far."""
     commands: list[tuple[str, ...]] = []
     served = iter([False])
-    monkeypatch.setattr("llfsm.cli.demo.ros._is_served", lambda _: next(served, True))
     processes = SimpleNamespace(start=lambda _, *words: commands.append(words))
-    graph.start_router(processes)  # type: ignore[arg-type]
+    graph.start_router(processes, lambda _: next(served, True))  # type: ignore[arg-type]
     graph.start_simulator(processes, Path("path"))  # type: ignore[arg-type]
     graph.start_bridge(processes, "b")  # type: ignore[arg-type]
     return commands
@@ -189,7 +188,7 @@ def test_its_own_simulator_is_away_from_other_nodes(
     graph = RosGraph()
     assert str(graph) == "ROS domain 99"
     assert graph.environment() == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    *router, simulator, bridge = started(graph, monkeypatch)
+    *router, simulator, bridge = started(graph)
     assert router == ([] if sourced else [("router",)])
     for command in (simulator, bridge):
         assert "--transport auto --domain 99" in " ".join(command)
@@ -201,7 +200,7 @@ def test_with_the_simulator_of_others_it_is_where_they_are(monkeypatch: pytest.M
     graph = RosGraph(simulator=False)
     assert str(graph) == "ROS domain 7"
     assert graph.environment() == {}
-    (bridge,) = started(graph, monkeypatch)[-1:]
+    (bridge,) = started(graph)[-1:]
     assert "--domain" not in bridge
     assert str(graph._replace(domain=5)) == "ROS domain 5"
 
@@ -221,5 +220,5 @@ def test_a_router_is_started_if_the_nodes_need_one_on_this_host(
     monkeypatch: pytest.MonkeyPatch, graph: RosGraph, rmw: str, router: tuple[str, ...] | None
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
-    commands = started(graph, monkeypatch)
+    commands = started(graph)
     assert [command for command in commands if command[0] == "router"] == [router][: bool(router)]

@@ -15,7 +15,7 @@ from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER
 
 __all__ = ["DEFAULT_ENDPOINT", "Settings", "matcher"]
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # Zenoh's port, which a router of ROS uses, too
 
 _Rate = Annotated[float, Meta(gt=0, le=10_000)]
 

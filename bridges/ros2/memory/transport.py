@@ -7,10 +7,11 @@ from typing import Any
 
 from llfsm.whiteboard.message import M
 
+from ..defaults import check_domain
 from ..errors import TransportClosedError
 from ..graph import Endpoint, Graph, Role
 from ..later import Later
-from ..names import NO_REMAPPING, Names, check_domain
+from ..names import NO_REMAPPING, Names
 from ..qos import SERVICE, TOPIC, Qos
 from ..telling import Teller, log_notice
 from ..transport import Arrival, Node, Notice, Request, Transport

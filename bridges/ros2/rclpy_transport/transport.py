@@ -7,9 +7,10 @@ from typing import Any
 
 from llfsm.whiteboard.message import M
 
+from ..defaults import check_domain, default_domain
 from ..errors import TransportClosedError
 from ..graph import Endpoint, Graph, Role
-from ..names import NO_REMAPPING, Names, check_domain, domain_from_environment
+from ..names import NO_REMAPPING, Names
 from ..qos import SERVICE, TOPIC, Qos
 from ..telling import Teller, log_notice
 from ..transport import Arrival, Node, Notice, Request, Transport
@@ -32,7 +33,7 @@ class RclpyTransport(Transport):
     ) -> None:
         """Open it; ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise :class:`.DomainIdError`."""
         super().__init__()
-        self.domain = domain_from_environment() if domain is None else check_domain(domain)
+        self.domain = default_domain() if domain is None else check_domain(domain)
         self._world = RclWorld(self.domain, Teller(notify))
 
     @property

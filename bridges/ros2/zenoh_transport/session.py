@@ -16,6 +16,7 @@ import zenoh
 
 from llfsm.whiteboard.mirror.configuration import plain
 
+from ..defaults import ROUTER
 from ..errors import TransportUnavailableError
 
 __all__ = ["open_session", "open_with"]
@@ -23,7 +24,7 @@ __all__ = ["open_session", "open_with"]
 _OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
 _PEER: dict[str, Any] = {
     "mode": "peer",
-    "connect/endpoints": ["tcp/localhost:7447"],
+    "connect/endpoints": [ROUTER],
     "connect/timeout_ms": -1,  # a router that is not there yet is no reason to give up
     "connect/exit_on_failure": False,
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},

@@ -12,10 +12,11 @@ import zenoh
 
 from llfsm.whiteboard.message import M
 
+from ..defaults import check_domain, default_domain
 from ..errors import TransportClosedError
 from ..graph import Endpoint, Graph, Role
 from ..later import Later
-from ..names import NO_REMAPPING, Names, check_domain, domain_from_environment
+from ..names import NO_REMAPPING, Names
 from ..qos import SERVICE, TOPIC, Qos
 from ..telling import Teller, log_notice
 from ..transport import Arrival, Node, Notice, NoticeKind, Request, Transport
@@ -55,7 +56,7 @@ class ZenohTransport(Transport):
         :class:`.TransportUnavailableError`.
         """
         super().__init__()
-        self.domain = domain_from_environment() if domain is None else check_domain(domain)
+        self.domain = default_domain() if domain is None else check_domain(domain)
         self._teller = Teller(notify)
         self._session, self._router = open_session(router)
         self._session_id = str(self._session.zid())

@@ -1,4 +1,4 @@
-"""The options of commands that run a bridge, and what they say."""
+"""The options that choose a ROS graph, and those of commands that run a bridge."""
 
 from __future__ import annotations
 
@@ -8,18 +8,28 @@ from typing import Any, NamedTuple
 
 import click
 
-from llfsm.bridges.ros2.opening import WAYS, open_transport
-from llfsm.bridges.ros2.telling import log_notice
-from llfsm.bridges.ros2.transport import Notice, Transport
+from llfsm.bridges.ros2.defaults import DOMAINS, TRANSPORTS
+from llfsm.bridges.ros2.opening import open_transport
+from llfsm.bridges.ros2.transport import Transport
 
 from .options import board_option
 from .supervised import supervised_options
 
-__all__ = ["Ways", "bridge_options", "open_way", "ros_options"]
+__all__ = [
+    "BridgeOptions",
+    "Command",
+    "bridge_options",
+    "domain_option",
+    "open_chosen",
+    "ros_options",
+    "transport_option",
+]
+
+Command = Callable[..., Any]
 
 
-class Ways(NamedTuple):
-    """Which ROS and which whiteboard to connect, and what to tell of it."""
+class BridgeOptions(NamedTuple):
+    """Which ROS graph and which whiteboard to connect, and how to run."""
 
     transport: str
     domain: int | None
@@ -29,22 +39,18 @@ class Ways(NamedTuple):
     until_eof: bool
     quiet: bool
 
-    def open_transport(self, notify: Callable[[Notice], None]) -> Transport:
-        """Open the way into ROS; raise :class:`.TransportError`."""
-        return open_way(self.transport, self.domain, self.router, notify)
 
-
-def bridge_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options, which reach the command as one argument, ``ways``."""
+def bridge_options(command: Command) -> Command:
+    """Add the options, which reach the command as one argument, ``options``."""
 
     @functools.wraps(command)
-    def with_ways(**arguments: Any) -> Any:
-        ways = Ways(**{name: arguments.pop(name) for name in Ways._fields})
-        return command(**arguments, ways=ways)
+    def with_options(**arguments: Any) -> Any:
+        options = BridgeOptions(**{name: arguments.pop(name) for name in BridgeOptions._fields})
+        return command(**arguments, options=options)
 
-    optioned: Callable[..., Any] = with_ways
+    optioned: Command = with_options
     for option in (
-        click.option("--quiet", "-q", is_flag=True, help="Tell no counts, only what goes wrong."),
+        click.option("--quiet", "-q", is_flag=True, help="Print problems only, no counts."),
         supervised_options,
         board_option,
         ros_options(),
@@ -53,45 +59,48 @@ def bridge_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return optioned
 
 
-def open_way(
-    transport: str,
-    domain: int | None,
-    router: tuple[str, ...],
-    notify: Callable[[Notice], None] = log_notice,
-) -> Transport:
-    """Open the way into ROS that the options name; raise :class:`.TransportError`."""
+def open_chosen(transport: str, domain: int | None, router: tuple[str, ...]) -> Transport:
+    """Open the transport that the options name; raise :class:`.TransportError`."""
     if router and transport == "rclpy":
         raise click.UsageError("--router is for --transport zenoh: rclpy has its own configuration")
-    return open_transport(transport, domain, router=router, notify=notify)
+    return open_transport(transport, domain, router=router)
 
 
-def ros_options(only: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return what adds the options that say which ROS; `only` begins their help texts."""
+def ros_options(only: str = "") -> Callable[[Command], Command]:
+    """Return a decorator that adds the options of :func:`open_chosen`.
 
-    def add(command: Callable[..., Any]) -> Callable[..., Any]:
-        for option in (
-            click.option(
-                "--router",
-                metavar="ENDPOINT",
-                multiple=True,
-                help=f"{only}Where a Zenoh router is, as tcp/192.168.1.5:7447.  "
-                "[default: this host]",
-            ),
-            click.option(
-                "--domain",
-                metavar="ID",
-                type=click.IntRange(0, 232),
-                help=f"{only}The ROS domain.  [default: $ROS_DOMAIN_ID, else 0]",
-            ),
-            click.option(
-                "--transport",
-                type=click.Choice(WAYS),
-                default="auto",
-                show_default=True,
-                help=f"{only}The way into ROS; auto is rclpy where it is installed.",
-            ),
-        ):
-            command = option(command)
-        return command
+    ``only`` begins their help texts, as "With --ros: ".
+    """
+
+    def add(command: Command) -> Command:
+        router = click.option(
+            "--router",
+            metavar="ENDPOINT",
+            multiple=True,
+            help=f"{only}Where a Zenoh router is, as tcp/192.168.1.5:7447.  [default: this host]",
+        )
+        return transport_option(only)(domain_option(only)(router(command)))
 
     return add
+
+
+def domain_option(
+    only: str, default: str = "$ROS_DOMAIN_ID, else 0"
+) -> Callable[[Command], Command]:
+    """Return a decorator that adds ``--domain``."""
+    return click.option(
+        "--domain",
+        metavar="ID",
+        type=click.IntRange(DOMAINS[0], DOMAINS[-1]),
+        help=f"{only}The ROS domain.  [default: {default}]",
+    )
+
+
+def transport_option(only: str) -> Callable[[Command], Command]:
+    """Return a decorator that adds ``--transport``."""
+    return click.option(
+        "--transport",
+        type=click.Choice(TRANSPORTS),
+        default=TRANSPORTS[0],
+        help=f"{only}How to reach ROS.  [default: auto, which is rclpy where it is installed]",
+    )

@@ -23,7 +23,7 @@ from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.whiteboard import Whiteboard
 
 from .options import board_option
-from .ros_options import open_way, ros_options
+from .ros_options import open_chosen, ros_options
 from .supervised import end_with_input, supervised_options
 
 __all__ = ["turtlesim"]
@@ -106,8 +106,8 @@ def turtlesim(
         end_with_input()
     try:
         if ros:
-            with open_way(transport, domain, router) as way:
-                simulator = _run_on_ros(way, turtles, lambda: over)
+            with open_chosen(transport, domain, router) as opened:
+                simulator = _run_on_ros(opened, turtles, lambda: over)
         else:
             simulator = Simulator(log=_LOG)
             _spawn(turtles, simulator.spawn)

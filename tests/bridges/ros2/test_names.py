@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.ros2.errors import DomainIdError, RosNameError
-from llfsm.bridges.ros2.names import Names, check_domain, domain_from_environment
+from llfsm.bridges.ros2.errors import RosNameError
+from llfsm.bridges.ros2.names import Names
 
 BAD = [
     "",
@@ -82,25 +82,3 @@ def test_any_text_is_refused_or_becomes_a_full_name(text):
         return
     assert full.startswith("/")
     assert names.full(full) == full
-
-
-def test_the_domain_is_what_the_environment_says(monkeypatch):
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    assert domain_from_environment() == 0
-    monkeypatch.setenv("ROS_DOMAIN_ID", "")
-    assert domain_from_environment() == 0
-    monkeypatch.setenv("ROS_DOMAIN_ID", "42")
-    assert domain_from_environment() == 42
-
-
-@pytest.mark.parametrize("text", ["x", "-1", "233", "1.5"])
-def test_a_domain_of_the_environment_that_is_none_is_refused(monkeypatch, text):
-    monkeypatch.setenv("ROS_DOMAIN_ID", text)
-    with pytest.raises(DomainIdError, match="ROS_DOMAIN_ID='" + text):
-        domain_from_environment()
-
-
-@pytest.mark.parametrize("domain", [-1, 233])
-def test_a_domain_that_is_none_is_refused(domain):
-    with pytest.raises(DomainIdError, match=str(domain)):
-        check_domain(domain)

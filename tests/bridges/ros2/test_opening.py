@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from llfsm.bridges.ros2.errors import TransportUnavailableError
-from llfsm.bridges.ros2.opening import explained, open_transport
+from llfsm.bridges.ros2.opening import explaining_missing, open_transport
 
 
 def test_auto_takes_rclpy_only_where_it_can_be_imported(monkeypatch, router):
@@ -25,7 +25,7 @@ def test_auto_takes_rclpy_only_where_it_can_be_imported(monkeypatch, router):
         open_transport()
 
 
-def test_a_way_that_is_not_there_says_how_to_get_it(monkeypatch):
+def test_a_missing_library_is_explained(monkeypatch):
     monkeypatch.setitem(sys.modules, "zenoh", None)
     for module in [name for name in sys.modules if ".ros2.zenoh_transport" in name]:
         monkeypatch.delitem(sys.modules, module)
@@ -33,13 +33,13 @@ def test_a_way_that_is_not_there_says_how_to_get_it(monkeypatch):
         open_transport("zenoh")
 
 
-def test_a_way_that_nobody_knows_is_refused():
+def test_an_unknown_transport_is_refused():
     with pytest.raises(TransportUnavailableError, match=r"'dds'.*auto, rclpy, zenoh"):
         open_transport("dds")
 
 
 def test_what_is_missing_otherwise_is_not_hidden():
-    with pytest.raises(ModuleNotFoundError, match="no_such"), explained():
+    with pytest.raises(ModuleNotFoundError, match="no_such"), explaining_missing():
         import no_such  # noqa: F401
 
 

@@ -70,6 +70,7 @@ def test_a_port_that_is_in_use_is_said(free_port):
     assert done.stdout == ""
     assert f"Error: no router on tcp/127.0.0.1:{free_port}" in done.stderr
     assert "in use" in done.stderr
+    assert "`llfsm whiteboard daemon`" in done.stderr
     assert ".rs" not in done.stderr
     assert "Traceback" not in done.stderr
 

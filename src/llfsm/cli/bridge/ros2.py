@@ -8,7 +8,7 @@ import click
 
 from llfsm.bridges.ros2.bridging.config import Direction, RelayConfig
 
-from ..ros_options import Ways, bridge_options
+from ..ros_options import BridgeOptions, bridge_options
 from .configured import Configured
 from .running import run_bridge
 
@@ -45,7 +45,7 @@ def ros2(
     to_ros: tuple[str, ...],
     from_ros: tuple[str, ...],
     both: tuple[str, ...],
-    ways: Ways,
+    options: BridgeOptions,
 ) -> None:
     """Relay messages between slots and topics, and services through slots, until Ctrl-C.
 
@@ -60,7 +60,7 @@ def ros2(
     ]
     if file is None and not flags:
         raise click.UsageError("say what to connect: --config, --to-ros, --from-ros or --both")
-    run_bridge(Configured.read(file, flags), ways)
+    run_bridge(Configured.read(file, flags), options)
 
 
 def _relays(

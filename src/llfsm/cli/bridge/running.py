@@ -12,11 +12,10 @@ import click
 
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.errors import DomainIdError, Ros2Error
-from llfsm.bridges.ros2.telling import log_notice
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.whiteboard import SlotTypeError, Whiteboard
 
-from ..ros_options import Ways
+from ..ros_options import BridgeOptions, open_chosen
 from ..supervised import end_with_input
 from .configured import BadConfigurationError, Configured, slots_on
 from .counts import show_until
@@ -26,35 +25,37 @@ __all__ = ["run_bridge"]
 _LOOK_S = 0.25  # how often to look whether the whiteboard is still there
 
 
-def run_bridge(configured: Configured, ways: Ways) -> None:
+def run_bridge(configured: Configured, options: BridgeOptions) -> None:
     """Run a bridge until Ctrl-C, SIGTERM, or the end of its whiteboard.
 
     After the first signal it stays for those who still command a stop; a second one ends that.
     """
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     try:
-        _run(configured, ways)
+        _run(configured, options)
     except (DomainIdError, SlotTypeError) as error:
         raise BadConfigurationError(str(error)) from error
     except Ros2Error as error:
         raise click.ClickException(str(error)) from error
 
 
-def _run(configured: Configured, ways: Ways) -> None:
+def _run(configured: Configured, options: BridgeOptions) -> None:
     told = threading.Event()
     with suppress(KeyboardInterrupt), stop_on_signals(lambda _: told.set()), ExitStack() as stack:
-        plan = configured.plan(slots_on(ways.board))
-        transport = stack.enter_context(ways.open_transport(log_notice))
-        board = stack.enter_context(Whiteboard(ways.board))
-        if ways.remove_board:
+        plan = configured.plan(slots_on(options.board))
+        transport = stack.enter_context(
+            open_chosen(options.transport, options.domain, options.router)
+        )
+        board = stack.enter_context(Whiteboard(options.board))
+        if options.remove_board:
             stack.callback(board.remove)
         bridge = Bridge(plan, board, transport)
         stack.callback(bridge.close)
-        if ways.until_eof:
+        if options.until_eof:
             end_with_input()
         where = f"ROS domain {transport.domain}, whiteboard {board.name}"
         click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)
-        _stay(bridge, board, told, ways.quiet)
+        _stay(bridge, board, told, options.quiet)
         bridge.linger()
 
 

@@ -6,7 +6,7 @@ import click
 
 from llfsm.bridges.ros2.bridging import presets
 
-from ..ros_options import Ways, bridge_options
+from ..ros_options import BridgeOptions, bridge_options
 from .configured import Configured
 from .running import run_bridge
 
@@ -24,7 +24,7 @@ __all__ = ["turtlesim"]
     help="A turtle to connect; may be repeated. `turtle_position` tells of the first.",
 )
 @bridge_options
-def turtlesim(turtles: tuple[str, ...], ways: Ways) -> None:
+def turtlesim(turtles: tuple[str, ...], options: BridgeOptions) -> None:
     """Connect machines with the turtles of turtlesim_node, until Ctrl-C.
 
     For each turtle <turtle>/cmd_vel goes to ROS, <turtle>/pose and <turtle>/color_sensor come from
@@ -36,4 +36,4 @@ def turtlesim(turtles: tuple[str, ...], ways: Ways) -> None:
     llfsm bridge turtlesim
     llfsm run RosWallTurttleBot -v
     """
-    run_bridge(Configured(presets.turtlesim(turtles)), ways)
+    run_bridge(Configured(presets.turtlesim(turtles)), options)
