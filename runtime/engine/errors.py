@@ -13,8 +13,6 @@ FsmError
 │   └── GuardResultError     a guard returned something else than True or False
 ├── ObserverError            an observer raised
 ├── DrawingError             a picture of a machine cannot be drawn as asked
-├── PackageError             a ROS 2 package cannot be written as asked
-├── ProcessDiedError         a process that a command watches ended by itself
 ├── OptionError              an argument of an arrangement is impossible
 ├── ArrangementEndedError    a round was asked of an arrangement that has ended
 └── ClockError               a clock was told to go back (also a ValueError)
@@ -46,8 +44,6 @@ __all__ = [
     "NotLoadedError",
     "ObserverError",
     "OptionError",
-    "PackageError",
-    "ProcessDiedError",
     "ScheduleError",
     "UnknownMachineError",
     "UnreachableStateWarning",
@@ -167,14 +163,6 @@ class DrawingError(FsmError):
 
 class OptionError(FsmError, ValueError):
     """Say which option of an arrangement has an impossible value, and what is possible."""
-
-
-class PackageError(FsmError):
-    """Say why a package cannot be written."""
-
-
-class ProcessDiedError(FsmError):
-    """Tell which process ended although nobody asked it to, and what it said last."""
 
 
 class ArrangementEndedError(FsmError):

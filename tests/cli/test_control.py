@@ -13,14 +13,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner
 
-from llfsm.cli import control
+from llfsm.cli import ps as ps_module
+from llfsm.cli.control import control
 from llfsm.cli.root import main
 from llfsm.runtime.presence.remote import SILENT_S, Directory
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.messages.llfsm import request_slot, status_slot
+from llfsm.whiteboard.messages.llfsm import Action, request_slot, status_slot
 from llfsm.whiteboard.shared import BoardInfo
 from waiting import wait_for
 
@@ -138,7 +140,7 @@ def test_ps_of_every_board_although_one_goes_meanwhile(
     board: str, running: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     listed = [BoardInfo(f"{board}-not", True), BoardInfo(board, True)]
-    monkeypatch.setattr(control, "boards", lambda: listed)
+    monkeypatch.setattr(ps_module, "boards", lambda: listed)
     done = CliRunner().invoke(main, ["ps", "-a", "--json"])
     assert done.exit_code == 0, done.output
     told = [json.loads(line) for line in done.output.splitlines()]
@@ -155,7 +157,7 @@ def test_ps_of_every_board_although_one_cannot_be_read(
     broken.write_bytes(b"no whiteboard")
     try:
         listed = [BoardInfo(f"{board}-broken", True), BoardInfo(board, True)]
-        monkeypatch.setattr(control, "boards", lambda: listed)
+        monkeypatch.setattr(ps_module, "boards", lambda: listed)
         done = CliRunner().invoke(main, ["ps", "-a"])
     finally:
         broken.unlink()
@@ -330,7 +332,7 @@ def test_a_machine_may_die_meanwhile(
         wait_for(lambda: all(slot.count for slot in asked.values()), "both are asked for")
     running.kill()
     running.wait()
-    assert suspending.stdout.read() == "Error: Stays has ended meanwhile\n"
+    assert suspending.stdout.read() == "Error: Stays has ended in the meantime\n"
     assert suspending.wait() == 1
     assert stopping.stdout.read() == "Stubborn has ended\n"  # as it was to
     assert stopping.wait() == 0
@@ -353,26 +355,22 @@ def test_no_resume_while_a_restart_is_pending(
 
 
 @pytest.mark.parametrize("action", ["suspend", "resume", "restart", "stop"])
-def test_patience_has_an_end(
-    board: str, running: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch, action: str
-) -> None:
-    """Also if the machine is as it was asked to be: nobody knows that it will be so."""
-    monkeypatch.setattr(control, "_PATIENCE_S", 0.1)
+def test_patience_has_an_end(board: str, running: subprocess.Popen[str], action: Action) -> None:
+    """Also if the machine is in the requested state already: that may still change."""
     running.send_signal(signal.SIGSTOP)
-    done = CliRunner().invoke(main, [action, "Stays", "-b", board])
-    assert done.exit_code == 1
-    assert "Stays was asked for it, but has not done it for 0.1 s; it is in A" in done.output
+    error = "Stays did not carry out the request within 0.1 s; it is in A"
+    with (
+        Whiteboard(board, create=False) as wb,
+        pytest.raises(click.ClickException, match=error),
+    ):
+        control(wb, "Stays", action, patience_s=0.1)
 
 
-def test_a_request_that_waits_for_the_next_turn_is_not_done_yet(
-    llfsm: Llfsm, board: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_request_that_waits_for_the_next_turn_is_not_done_yet(llfsm: Llfsm, board: str) -> None:
     process = llfsm.start("run", "mine:Stays", "--period", "900000000", "-q", "-b", board)
     wait_for_line(process, "Stays entered A")
-    monkeypatch.setattr(control, "_PATIENCE_S", 0.5)
-    done = CliRunner().invoke(main, ["restart", "Stays", "-b", board])
-    assert done.exit_code == 1
-    assert "has not done it" in done.output
     with Whiteboard(board, create=False) as wb:
+        with pytest.raises(click.ClickException, match="did not carry out the request"):
+            control(wb, "Stays", "restart", patience_s=0.5)
         told = wb[status_slot("Stays")]
         wait_for(lambda: told.get().pending == "restart", "the request is told of")

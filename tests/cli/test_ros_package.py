@@ -18,8 +18,7 @@ from catkin_pkg.package import parse_package
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.cli.ros_package import package_name, write_package
-from llfsm.runtime.engine.errors import PackageError
+from llfsm.cli.package import PackageError, package_name, write_package
 
 ORIGIN = "llfsm.machines:RosPingPong"
 

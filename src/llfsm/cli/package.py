@@ -1,16 +1,122 @@
-"""``llfsm package``: the ROS 2 package that starts a machine."""
+"""``llfsm package``: the ROS 2 package that starts a machine.
+
+machine_catkin_setup.sh did this for ROS 1. A bundle is copied into the package; a class is imported
+from where it is installed.
+"""
 
 from __future__ import annotations
 
+import keyword
+import re
+import shutil
+import sys
+import tempfile
+import unicodedata
 from pathlib import Path
+from string import Template
+from xml.sax.saxutils import escape
 
 import click
 
+from llfsm.errors import LlfsmError
+
 from .machine_names import find_bundle, find_machine
 from .options import output_option
-from .ros_package import write_package
 
-__all__ = ["package"]
+__all__ = ["PackageError", "package", "package_name", "write_package"]
+
+
+class PackageError(LlfsmError):
+    """A package has no legal name, exists already or cannot be written."""
+
+
+_WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[^A-Za-z0-9]+")
+_TAKEN = {"launch", "launch_ros", "llfsm", "setup", *keyword.kwlist, *sys.stdlib_module_names}
+
+_FILES = {
+    "package.xml": """\
+<?xml version="1.0"?>
+<?xml-model href="http://download.ros.org/schema/package_format3.xsd"
+  schematypens="http://www.w3.org/2001/XMLSchema"?>
+<package format="3">
+  <name>$name</name>
+  <version>0.1.0</version>
+  <description>$description</description>
+  <maintainer email="user@todo.todo">TODO: maintainer</maintainer>
+  <license>TODO: License declaration</license>
+
+  <exec_depend>launch</exec_depend>
+  <exec_depend>launch_ros</exec_depend>
+
+  <export>
+    <build_type>ament_python</build_type>
+  </export>
+</package>
+""",
+    "setup.py": """\
+from setuptools import setup
+
+setup(
+    name="$name",
+    version="0.1.0",
+    packages=["$name"],
+    package_data={"$name": ["*.machine/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/$name"]),
+        ("share/$name", ["package.xml"]),
+        ("share/$name/launch", ["launch/$name.launch.py"]),
+    ],
+    install_requires=["setuptools", "llfsm"],
+    zip_safe=False,
+    entry_points={"console_scripts": ["$name = $name.run:main"]},
+)
+""",
+    "setup.cfg": """\
+[develop]
+script_dir=$$base/lib/$name
+[install]
+install_scripts=$$base/lib/$name
+""",
+    "resource/$name": "",
+    "$name/__init__.py": "",
+    "$name/run.py": '''\
+"""Run the machine, with the arguments of ``llfsm run``."""
+
+import sys
+$imports
+from llfsm.cli.root import main as llfsm
+
+MACHINE = $machine
+
+
+def main() -> None:
+    """Run it without the arguments for ROS, which go from --ros-args to -- or the end."""
+    arguments, for_ros = [], False
+    for argument in sys.argv[1:]:
+        if argument == "--ros-args":
+            for_ros = True
+        elif for_ros:
+            for_ros = argument != "--"
+        else:
+            arguments.append(argument)
+    llfsm.main(["run", MACHINE, *arguments], prog_name="$name")
+
+
+if __name__ == "__main__":
+    main()
+''',
+    "launch/$name.launch.py": '''\
+"""Start the machine: ``ros2 launch $name $name.launch.py``."""
+
+from launch import LaunchDescription
+from launch_ros.actions import Node
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return what to start."""
+    return LaunchDescription([Node(package="$name", executable="$name", output="screen")])
+''',
+}
 
 
 @click.command()
@@ -30,3 +136,65 @@ def package(machine: str, output: Path) -> None:
     origin = find_bundle(machine) or (machine if ":" in machine else cls.table.path)
     target = write_package(cls.__name__, origin, output)
     click.echo(f"wrote {target}: ros2 run {target.name} {target.name}")
+
+
+def package_name(machine: str) -> str:
+    """Return the name of a machine's package: lower case, digits, single underscores (REP 144).
+
+    ``_machine`` is appended to a name of one letter and to one that Python or ROS uses. Raise
+    `PackageError` if the name has no letter from a to z.
+    """
+    plain = unicodedata.normalize("NFKD", machine).encode("ascii", "ignore").decode()
+    name = "_".join(word for word in _WORDS.split(plain) if word).lower()
+    if not re.search("[a-z]", name):
+        raise PackageError(f"{machine!r} has no letter from a to z for the name of a package")
+    if name[0].isdigit():
+        name = f"machine_{name}"
+    return f"{name}_machine" if len(name) < 2 or name in _TAKEN else name
+
+
+def write_package(machine: str, origin: Path | str, folder: Path) -> Path:
+    """Write the package of `machine` into `folder`, all of it or nothing; return its folder.
+
+    `origin` is the folder of the machine's bundle, or ``package.module:Class``. Raise
+    `PackageError` if the package exists already or cannot be written.
+    """
+    name = package_name(machine)
+    target = folder / name
+    if target.exists() or target.is_symlink():
+        raise PackageError(f"{target} is there already: remove it, or write to another folder")
+    if isinstance(origin, Path):
+        imports, code = (
+            "from pathlib import Path\n",
+            f"str(Path(__file__).with_name({origin.name!r}))",
+        )
+    else:
+        imports, code = "", repr(origin)
+    values = {
+        "name": name,
+        "imports": imports,
+        "machine": code,
+        "description": escape(f"The machine {machine}, run by llfsm"),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=f".{name}-") as made:
+            draft = Path(made) / name
+            for path, text in _FILES.items():
+                file = draft / Template(path).substitute(values)
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(Template(text).substitute(values), encoding="utf-8")
+            if isinstance(origin, Path):
+                _copy_bundle(origin, draft / name / origin.name)
+            draft.rename(target)
+    except OSError as error:
+        raise PackageError(f"{target} cannot be written: {error}") from error
+    return target
+
+
+def _copy_bundle(source: Path, target: Path) -> None:
+    """Copy the files of a bundle, which has no folders; leave out an editor's hidden files."""
+    target.mkdir()
+    for file in source.iterdir():
+        if file.is_file() and not file.name.startswith("."):
+            shutil.copyfile(file, target / file.name)

@@ -12,8 +12,7 @@ from llfsm.bridges.ros2.defaults import DOMAINS, TRANSPORTS
 from llfsm.bridges.ros2.opening import open_transport
 from llfsm.bridges.ros2.transport import Transport
 
-from .options import board_option
-from .supervised import supervised_options
+from .options import board_option, supervised_options
 
 __all__ = [
     "BridgeOptions",

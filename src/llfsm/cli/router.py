@@ -11,7 +11,7 @@ import click
 from llfsm.bridges.ros2.errors import Ros2Error
 from llfsm.bridges.ros2.router import loopback, open_router
 
-from .supervised import end_with_input, until_eof_option
+from .options import end_with_input, until_eof_option
 
 __all__ = ["router"]
 

@@ -22,9 +22,8 @@ from llfsm.bridges.turtlesim.pace import run
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.whiteboard import Whiteboard
 
-from .options import board_option
+from .options import board_option, end_with_input, supervised_options
 from .ros_options import open_chosen, ros_options
-from .supervised import end_with_input, supervised_options
 
 __all__ = ["turtlesim"]
 

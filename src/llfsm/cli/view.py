@@ -17,8 +17,7 @@ import click
 
 from llfsm.bridges.view.source import Source
 
-from .options import board_option
-from .supervised import end_with_input, until_eof_option
+from .options import board_option, end_with_input, until_eof_option
 
 __all__ = ["serve", "view"]
 

@@ -98,7 +98,7 @@ def test_machines_that_start_later_run_again(llfsm: Any, board: Whiteboard, file
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
     status, said = end_of(llfsm("rerun", file, "RosPingPong"))
     assert status == 2
-    assert "of these machines: RosPingPong, TurtleSuspendResume, a, RosPingPong" in said
+    assert "has these machines: RosPingPong, TurtleSuspendResume, a, RosPingPong" in said
     others = ["RosPingPong", "TurtleSuspendResume", "RosWallTurttleBot", "RosPingPong"]
     status, said = end_of(llfsm("rerun", file, *others))
     assert (status, said.count(" differs, after ")) == (1, 1)

@@ -483,7 +483,7 @@ def board_type(_: Whiteboard) -> Any:
     ("make", "arguments", "why"),
     [
         (lambda file: write(file, []), [], "holds no events of machines"),
-        (lambda file: keep(patrol(), file), [], "does not say how its machines were made"),
+        (lambda file: keep(patrol(), file), [], "has no plan of its machines"),
         (lambda file: file.write_text("?"), [], "is no recording of llfsm"),
     ],
 )

@@ -15,8 +15,8 @@ from llfsm.bridges.ros2.errors import DomainIdError, Ros2Error
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.whiteboard import SlotTypeError, Whiteboard
 
+from ..options import end_with_input
 from ..ros_options import BridgeOptions, open_chosen
-from ..supervised import end_with_input
 from .configured import BadConfigurationError, Configured, slots_on
 from .counts import show_until
 

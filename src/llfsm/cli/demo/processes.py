@@ -12,13 +12,17 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
 
-from llfsm.runtime.engine.errors import ProcessDiedError
+from llfsm.errors import LlfsmError
 
-__all__ = ["Processes", "Standing"]
+__all__ = ["ProcessDiedError", "Processes", "Standing"]
 
 _PATIENCE_S = 5.0  # from SIGTERM to SIGKILL
 _PAUSE_S = 1.0  # from an end to the next start
 _EARLY_S = 5.0  # what fails so soon would fail again
+
+
+class ProcessDiedError(LlfsmError):
+    """A process has ended that should not have; the text ends with its last lines."""
 
 
 class Standing(NamedTuple):

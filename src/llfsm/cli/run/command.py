@@ -14,13 +14,11 @@ from msgspec.structs import replace
 from llfsm.runtime.plans.plan import Plan, assemble
 from llfsm.whiteboard import Whiteboard
 
-from ..options import board_option
-from ..supervised import end_with_input, supervised_options
+from ..options import board_option, end_with_input, supervised_options
 from .arguments import plan_of
 from .nonstop import run_nonstop
-from .recorder import recorded
-from .report import StateReport, SuspensionReport
-from .timing import timing_table
+from .recorder_process import recorded
+from .report import StateReport, SuspensionReport, timing_table
 
 __all__ = ["run"]
 

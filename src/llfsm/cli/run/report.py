@@ -1,17 +1,22 @@
-"""What ``llfsm run -v`` and ``-s`` tell, in clfsm's format, on standard error."""
+"""What ``llfsm run`` prints with ``-v`` and ``-s``, in clfsm's format, and with ``-t``."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import click
 
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.events import Event, Request, Turn
+from llfsm.runtime.engine.statistics import MachineStatistics, Spread
 
-__all__ = ["StateReport", "SuspensionReport"]
+__all__ = ["StateReport", "SuspensionReport", "timing_table"]
+
+_HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "overruns", "worst us")
 
 
 class StateReport:
-    """Tell of each machine that begins a turn in another state: ``m  0 s  1 - Machine - STATE``."""
+    """Print each change of state: ``m  0 s  1 - Machine - STATE``."""
 
     def __init__(self, arrangement: Arrangement, *, with_path: bool) -> None:
         self._arrangement = arrangement
@@ -32,14 +37,14 @@ class StateReport:
 
 
 class SuspensionReport:
-    """Tell of each suspend, resume and restart as it takes effect."""
+    """Print each suspend, resume and restart when it takes effect."""
 
     def __init__(self, arrangement: Arrangement) -> None:
         self._arrangement = arrangement
         self._due: Turn | None = None
 
     def __call__(self, event: Event) -> None:
-        """Take an event: what follows a turn with a request shows what came of it."""
+        """Take an event: the one after a turn with a request shows the effect of the request."""
         due, self._due = self._due, None
         if due is not None:  # the request has been applied, and no transition has fired since
             state = self._arrangement.state_name_of(due.machine)
@@ -48,3 +53,41 @@ class SuspensionReport:
                 click.echo(f"{request} {due.index}: {due.state} -> {state}", err=True)
         if isinstance(event, Turn) and event.request is not None:
             self._due = event
+
+
+def timing_table(machines: Iterable[MachineStatistics]) -> str:
+    """Return a table of the machines' statistics: spreads as p50 / p99 / max, states below."""
+    rows = [_HEADS]
+    notes: list[list[str]] = [[]]
+    for machine in machines:
+        planned = machine.jitter_us is not None
+        rows.append(
+            (
+                machine.machine,
+                str(machine.ringlets),
+                str(machine.fired),
+                _spread(machine.cost_us),
+                _spread(machine.jitter_us),
+                str(machine.overruns) if planned else "-",
+                f"{machine.worst_overrun_us:.0f}" if planned else "-",
+            )
+        )
+        total = sum(machine.state_s.values()) or 1.0
+        width = max((len(state) for state in machine.state_s), default=0)
+        notes.append(
+            [
+                f"    {state.ljust(width)} {seconds:10.3f} s {seconds / total:6.1%}"
+                for state, seconds in machine.state_s.items()
+            ]
+        )
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row, states in zip(rows, notes, strict=True):
+        cells = [row[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+        lines += ["  ".join(cells), *states]
+    return "\n".join(lines)
+
+
+def _spread(spread: Spread | None) -> str:
+    return "-" if spread is None else f"{spread.p50:.1f} / {spread.p99:.1f} / {spread.max:.1f}"

@@ -1,4 +1,4 @@
-"""``llfsm whiteboard``: list, read and write whiteboards from a terminal."""
+"""``llfsm whiteboard list``, ``get``, ``add``, ``watch`` and ``rm``."""
 
 from __future__ import annotations
 
@@ -15,30 +15,14 @@ from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.shared import boards, remove_board
 from llfsm.whiteboard.text import message_class, parse_message
 
-from .daemon import daemon, status
-from .options import board_option
+from ..options import board_option
 
-__all__ = ["whiteboard"]
+__all__ = ["add", "get", "list_", "rm", "watch"]
 
 _POLL_S = 0.02  # how often `watch` polls: a frame of a screen
 
 
-@click.group()
-def whiteboard() -> None:
-    """List, read and write whiteboards.
-
-    \b
-    llfsm whiteboard list
-    llfsm whiteboard get turtle1/pose -b demo
-    llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 1}}' -b demo
-    """
-
-
-whiteboard.add_command(daemon)
-whiteboard.add_command(status)
-
-
-@whiteboard.command("list")
+@click.command("list")
 @click.argument("board", required=False)
 def list_(board: str | None) -> None:
     """List the whiteboards of this host, or the slots of one BOARD."""
@@ -54,7 +38,7 @@ def list_(board: str | None) -> None:
         click.echo(f"{found.name}  {'in use' if found.used else 'not in use'}")
 
 
-@whiteboard.command()
+@click.command()
 @click.argument("slot")
 @board_option
 def get(slot: str, board: str) -> None:
@@ -66,7 +50,7 @@ def get(slot: str, board: str) -> None:
         click.echo(_json(message))
 
 
-@whiteboard.command()
+@click.command()
 @click.argument("slot")
 @click.argument("message")
 @click.option(
@@ -77,19 +61,19 @@ def get(slot: str, board: str) -> None:
 )
 @board_option
 def add(slot: str, message: str, kind: str | None, board: str) -> None:
-    """Add MESSAGE, a JSON object, to SLOT; fields left out are zero. A new slot needs --type."""
+    """Add MESSAGE, a JSON object, to SLOT; omitted fields are zero. A new slot needs --type."""
     with Whiteboard(board, create=kind is not None) as wb:
         target = wb.find(slot) if kind is None else Slot(slot, message_class(kind))
         count = wb.add_message(target, parse_message(target, message))
         click.echo(f"message {count} of {slot}")
 
 
-@whiteboard.command()
+@click.command()
 @click.argument("slots", nargs=-1)
-@click.option("-n", "--changes", type=click.IntRange(1), help="Stop after so many changes.")
+@click.option("-n", "--changes", type=click.IntRange(1), help="Stop after this many messages.")
 @board_option
 def watch(slots: tuple[str, ...], changes: int | None, board: str) -> None:
-    """Print the messages of SLOTS (default: all) as they change, until Ctrl-C.
+    """Print the messages of SLOTS (default: all) as they are added, until Ctrl-C.
 
     If a slot changes more often than 50 times a second, only its newest message is printed.
     """
@@ -119,9 +103,9 @@ def _changes(wb: Whiteboard, names: tuple[str, ...]) -> Iterator[tuple[str, Samp
         time.sleep(_POLL_S)
 
 
-@whiteboard.command()
+@click.command()
 @click.argument("names", metavar="BOARD...", nargs=-1, required=True)
-@click.option("-f", "--force", is_flag=True, help="Also if some process has it open.")
+@click.option("-f", "--force", is_flag=True, help="Remove them even if a process has them open.")
 def rm(names: tuple[str, ...], force: bool) -> None:
     """Remove whiteboards; processes that have one open stop."""
     used = {info.name for info in boards() if info.used}

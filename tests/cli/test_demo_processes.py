@@ -9,8 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from llfsm.cli.demo import processes as module
-from llfsm.cli.demo.processes import Processes
-from llfsm.runtime.engine.errors import ProcessDiedError
+from llfsm.cli.demo.processes import ProcessDiedError, Processes
 from waiting import wait_for
 
 from .conftest import alive

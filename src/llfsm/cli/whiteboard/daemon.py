@@ -1,4 +1,4 @@
-"""``llfsm whiteboard daemon`` and ``status``: a whiteboard on several hosts."""
+"""``llfsm whiteboard daemon`` and ``status``: one whiteboard on several hosts."""
 
 from __future__ import annotations
 
@@ -18,11 +18,9 @@ from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
 from llfsm.whiteboard.mirror.settings import DEFAULT_ENDPOINT, Settings
 from llfsm.whiteboard.schema import to_plain
 
-from .options import board_option, directory_option
+from ..options import board_option, directory_option
 
-__all__ = ["daemon", "status"]
-
-_STALE_S = 3.0
+__all__ = ["daemon", "read_status", "status"]
 
 
 @click.command()
@@ -35,19 +33,19 @@ _STALE_S = 3.0
     "--listen",
     metavar="ENDPOINT",
     multiple=True,
-    help=f"Where others reach this host; by default {DEFAULT_ENDPOINT}.",
+    help=f"Where to listen for other hosts; by default {DEFAULT_ENDPOINT}.",
 )
 @click.option("--connect", metavar="ENDPOINT", multiple=True, help="Where another host listens.")
 @click.option("--multicast", is_flag=True, help="Look for other hosts by multicast.")
-@click.option("--leave", metavar="GLOB", multiple=True, help="Only such slots leave.")
-@click.option("--enter", metavar="GLOB", multiple=True, help="Only such slots enter.")
-@click.option("--read-only", is_flag=True, help="Nothing enters: others may only read this board.")
-@click.option("--rate", type=float, help="How often a slot leaves, a second; 100.")
+@click.option("--leave", metavar="GLOB", multiple=True, help="Publish only matching slots.")
+@click.option("--enter", metavar="GLOB", multiple=True, help="Accept only matching slots.")
+@click.option("--read-only", is_flag=True, help="Accept nothing from other hosts.")
+@click.option("--rate", type=float, help="Publish a slot at most this often a second; 100.")
 @click.option("--zenoh", metavar="FILE", help="Zenoh's own configuration: TLS, access control.")
 def daemon(board: str, directory: str, config: Path | None, **flags: object) -> None:
     """Mirror a whiteboard between hosts: run one on each.
 
-    It is ready when it says so. Flags count more than what the file says.
+    It prints a line when it is ready. Options override the file.
 
     \b
     llfsm whiteboard daemon --listen tcp/0.0.0.0:7447
@@ -60,7 +58,7 @@ def daemon(board: str, directory: str, config: Path | None, **flags: object) -> 
     logging.basicConfig(format="%(message)s", level=logging.WARNING)
     with ExitStack() as stack:
         wb = stack.enter_context(Whiteboard(board, directory=directory))
-        # Without a file there are no certificates.
+        # Only Zenoh's own configuration brings certificates, which can be refused.
         refused = None if settings.zenoh is None else stack.enter_context(complaints())
         mirror = stack.enter_context(daemon(wb, settings))
         if refused is not None:
@@ -88,9 +86,19 @@ def _settings(config: Path | None, flags: dict[str, object]) -> Settings:
 @click.command()
 @board_option
 @directory_option
-@click.option("--json", "as_json", is_flag=True, help="As one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def status(board: str, directory: str, as_json: bool) -> None:
-    """Tell how the daemon of a whiteboard is: hosts, rates, lag, conflicts, refusals."""
+    """Print the status of a whiteboard's daemon: hosts, rates, lag, conflicts, refusals."""
+    latest = read_status(board, directory)
+    click.echo(json.dumps(to_plain(latest)) if as_json else _text(board, latest))
+
+
+def read_status(board: str, directory: str, *, stale_s: float = 3.0) -> MirrorStatus:
+    """Return the status that a board's daemon has published.
+
+    Raise ``click.ClickException`` if there is no daemon, or if its status is older than `stale_s`
+    seconds.
+    """
     with Whiteboard(board, directory=directory, create=False) as wb:
         sample = wb[MIRROR].sample() if MIRROR.name in {i.name for i in wb.slots()} else None
     if sample is None:
@@ -98,31 +106,28 @@ def status(board: str, directory: str, as_json: bool) -> None:
             f"no daemon mirrors the whiteboard {board!r}; start `llfsm whiteboard daemon`"
         )
     silent_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
-    if silent_s > _STALE_S:
+    if silent_s > stale_s:
         raise click.ClickException(
-            f"the daemon of {board!r}, process {sample.writer}, has ended or stands still: "
-            f"it has told nothing for {silent_s:.1f} s"
+            f"the daemon of {board!r}, process {sample.writer}, has ended or is stopped: "
+            f"it has published no status for {silent_s:.1f} s"
         )
-    if as_json:
-        click.echo(json.dumps(to_plain(sample.message)))
-    else:
-        click.echo(_text(board, sample.message))
+    return sample.message
 
 
-def _text(board: str, told: MirrorStatus) -> str:
+def _text(board: str, latest: MirrorStatus) -> str:
     lines = [
-        f"{board}: mirrored by process {told.pid}, host {told.host}",
-        f"slots      {told.slots} may leave",
-        f"left       {told.left}, {told.leave_rate:g} a second",
-        f"entered    {told.entered}, {told.enter_rate:g} a second",
-        f"conflicts  {told.conflicts}",
-        f"held back  {told.held_back}",
+        f"{board}: mirrored by process {latest.pid}, host {latest.host}",
+        f"slots      {latest.slots} may leave",
+        f"left       {latest.left}, {latest.leave_rate:g} a second",
+        f"entered    {latest.entered}, {latest.enter_rate:g} a second",
+        f"conflicts  {latest.conflicts}",
+        f"held back  {latest.held_back}",
     ]
-    for peer in told.peers:
+    for peer in latest.peers:
         silent = f", silent for {peer.silent_s:.1f} s" if peer.silent_s > 1 else ""
         lines.append(
             f"peer       {peer.host} {peer.name}: lag {peer.lag_ms:.1f} ms, "
             f"{peer.received} batches, {peer.lost} lost{silent}"
         )
-    lines += [f"refused    {refusal.count} x {refusal.what}" for refusal in told.refused]
+    lines += [f"refused    {refusal.count} x {refusal.what}" for refusal in latest.refused]
     return "\n".join(lines)

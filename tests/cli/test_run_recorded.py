@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from mcap.stream_reader import StreamReader
 
-from llfsm.cli.run import recorder as recorded
+from llfsm.cli.run import recorder_process as recorded
 from llfsm.machines import RosPingPong
 from llfsm.runtime import Arrangement
 from llfsm.runtime.journal import handover

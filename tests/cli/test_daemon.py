@@ -10,12 +10,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
 import llfsm.whiteboard.mirror.daemon as mirror_daemon
-from llfsm.cli.daemon import daemon
 from llfsm.cli.root import main
+from llfsm.cli.whiteboard.daemon import daemon, read_status
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus, PeerStatus, Refusal
 
@@ -62,15 +63,11 @@ def test_status_says_that_there_is_no_daemon(tmp_path: Path) -> None:
         assert board.slots() == []
 
 
-def test_status_says_that_the_daemon_is_silent(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("llfsm.cli.daemon._STALE_S", -1.0)
+def test_status_says_that_the_daemon_is_silent(tmp_path: Path) -> None:
     with Whiteboard("board", directory=tmp_path) as board:
         board.add_message(MIRROR, MirrorStatus())
-    status, output = run("status", "-b", "board", "--directory", str(tmp_path))
-    assert status == 1
-    assert "has ended or stands still" in output
+    with pytest.raises(click.ClickException, match="has ended or is stopped"):
+        read_status("board", str(tmp_path), stale_s=0.0)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,90 @@
+"""``llfsm ps``: the machines that run, in all processes."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from llfsm.runtime.presence.remote import SILENT_S, Directory, RemoteMachine
+from llfsm.whiteboard import BoardNotFoundError, Whiteboard, WhiteboardError
+from llfsm.whiteboard.shared import boards
+
+from .options import board_option
+
+__all__ = ["ps"]
+
+_HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID")
+
+
+@click.command()
+@board_option
+@click.option("-a", "--all", "every", is_flag=True, help="Those on every whiteboard of this host.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per machine and line.")
+def ps(board: str, every: bool, as_json: bool) -> None:
+    """List the machines that run, in all processes.
+
+    A machine is `silent` if its process is stopped or has not ended a ringlet for a second.
+
+    \b
+    llfsm ps
+    llfsm ps -a --json
+    """
+    names = [info.name for info in boards() if info.used] if every else [board]
+    rows = []
+    for name in names:
+        try:
+            with Whiteboard(name, create=False) as wb:
+                rows += [(name, machine) for machine in Directory(wb).machines()]
+        except BoardNotFoundError:
+            if not every:  # else it was removed after it was listed
+                raise
+        except WhiteboardError as error:
+            if not every:
+                raise
+            click.echo(f"whiteboard {name!r}: {error}", err=True)
+    if as_json:
+        for name, machine in rows:
+            click.echo(json.dumps(_plain(name, machine)))
+        return
+    lines: list[tuple[str, ...]] = [("WHITEBOARD", *_HEADS) if every else _HEADS]
+    lines += [(name, *_row(machine)) if every else _row(machine) for name, machine in rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        padded = (text.ljust(width) for text, width in zip(line, widths, strict=True))
+        click.echo("  ".join(padded).rstrip())
+
+
+def _status(machine: RemoteMachine) -> str:
+    if machine.silent_s > SILENT_S:
+        return "silent"
+    return "suspended" if machine.suspended else "running"
+
+
+def _row(machine: RemoteMachine) -> tuple[str, ...]:
+    status = machine.told
+    return (
+        machine.name,
+        status.state,
+        _status(machine),
+        f"{machine.in_state_s:.1f} s",
+        str(status.ringlets),
+        str(status.overruns),
+        str(status.pid),
+    )
+
+
+def _plain(board: str, machine: RemoteMachine) -> dict[str, object]:
+    status = machine.told
+    return {
+        "whiteboard": board,
+        "machine": machine.name,
+        "state": status.state,
+        "status": _status(machine),
+        "in_state_s": round(machine.in_state_s, 3),
+        "silent_s": round(machine.silent_s, 3),
+        "ringlets": status.ringlets,
+        "overruns": status.overruns,
+        "pid": status.pid,
+        "host": status.host,
+    }

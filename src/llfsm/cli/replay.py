@@ -1,0 +1,92 @@
+"""``llfsm replay``: the messages of a recording on a whiteboard."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.replay import Replay
+from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.schema import to_plain
+
+from .options import board_option, recording_argument, slots_option
+
+__all__ = ["replay"]
+
+
+@click.command()
+@recording_argument
+@board_option
+@slots_option
+@click.option(
+    "--speed",
+    metavar="X",
+    type=click.FloatRange(0, min_open=True),
+    default=1.0,
+    help="Replay this many times as fast.",
+)
+@click.option(
+    "--from",
+    "from_s",
+    metavar="S",
+    type=click.FloatRange(0),
+    default=0.0,
+    help="Begin at this second, with every slot as it was then.",
+)
+@click.option("--loop", is_flag=True, help="Start over at the end, until Ctrl-C.")
+@click.option("--step", is_flag=True, help="Post the messages of one ringlet at each Enter.")
+def replay(
+    file: Path,
+    board: str,
+    slots: tuple[str, ...],
+    speed: float,
+    from_s: float,
+    loop: bool,
+    step: bool,
+) -> None:
+    """Post the messages of a recording to a whiteboard, at their recorded times.
+
+    Requests to machines, as to suspend, are left out unless --slots names their slots.
+
+    \b
+    llfsm replay run.mcap -b again --speed 2
+    llfsm replay run.mcap --slots turtle1/pose --loop
+    """
+    recording = _open(file, from_s)
+    signals: list[str] = []  # that asked this process to end
+    with stop_on_signals(signals.append), Whiteboard(board) as wb:
+        player = Replay(recording, wb, slots)
+
+        def is_over() -> bool:
+            return bool(signals) or not wb.alive
+
+        again = True
+        while again and not is_over():
+            if step:
+                _step(player, from_s, is_over)
+            else:
+                player.play(is_over, speed=speed, from_s=from_s)
+            again = loop
+
+
+def _open(file: Path, from_s: float) -> Recording:
+    recording = Recording(file)
+    begin_ns, end_ns = recording.span_ns
+    if from_s > (end_ns - begin_ns) / 1e9:
+        raise click.UsageError(f"--from {from_s:g}: it ends after {(end_ns - begin_ns) / 1e9:g} s")
+    return recording
+
+
+def _step(player: Replay, from_s: float, is_over: Callable[[], bool]) -> None:
+    for step in player.steps(from_s=from_s):
+        click.echo(f"{step.now_ns / 1e9:.6f} s  {step.text}".rstrip())
+        for slot, message in step.posted:
+            click.echo(f"  {slot} {json.dumps(to_plain(message), ensure_ascii=False)}")
+        if is_over() or not sys.stdin.readline():
+            return

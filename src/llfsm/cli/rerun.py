@@ -1,0 +1,90 @@
+"""``llfsm rerun``: machines run again on what a recording says they read."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import msgspec
+from msgspec.structs import replace
+
+from llfsm.bridges.recording.errors import NoEventsError
+from llfsm.bridges.recording.reader import RecordedJournal, Recording
+from llfsm.bridges.recording.rerun import Rerun, whole_journals, why_not
+from llfsm.runtime.plans.dispatch import DispatchTable
+from llfsm.runtime.plans.plan import Plan, PlannedMachine, assemble
+
+from .options import recording_argument
+from .run.arguments import Planned, plan_of
+
+__all__ = ["rerun"]
+
+
+@click.command()
+@recording_argument
+@click.argument("machines", nargs=-1)
+def rerun(file: Path, machines: tuple[str, ...]) -> None:
+    """Run MACHINES on the inputs of a recording and report the first difference in behaviour.
+
+    The recording must have begun before the machines, as with `llfsm run --record`. By default the
+    recorded machines run; MACHINES take their places, in the same order. The exit status is 0 if
+    all events and posted messages are as recorded, else 1.
+
+    \b
+    llfsm rerun run.mcap
+    llfsm rerun run.mcap Patrol=my_robot.patrol:BetterPatrol
+    """
+    # Late turns and failures were reported at the time of the recording.
+    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
+    recording = Recording(file)
+    journals = whole_journals(recording)
+    plans = _plans(journals, file)
+    given = plan_of(machines, None, (), ()).plan.machines if machines else ()
+    if given and len(given) != sum(len(plan.machines) for plan in plans):
+        names = ", ".join(each.name or each.definition for plan in plans for each in plan.machines)
+        raise click.UsageError(f"the recording has these machines: {names}")
+    number, lost = 0, False
+    for journal, plan in zip(journals, plans, strict=True):
+        if given:
+            ours, given = given[: len(plan.machines)], given[len(plan.machines) :]
+            plan = replace(plan, machines=tuple(map(_in_place_of, plan.machines, ours)))
+        planned = Planned(plan, [Path(), Path(journal.about["folder"])])
+        again = Rerun(recording.entries(journal), str(file))
+        assemble(
+            planned.plan, planned.classes, again.board, library=planned.library, make=again.arrange
+        )
+        difference = again.compare()
+        if difference is not None:
+            raise click.ClickException(f"{file}: {difference}")
+        number, lost = number + again.events, lost or again.lost
+    for journal in recording.journals:
+        if not journal.whole:
+            click.echo(f"not rerun: {why_not(journal)}", err=True)
+    until = ", up to the first that the recorder lost" if lost else ""
+    click.echo(f"all {number} events and messages are as recorded{until}")
+
+
+def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
+    """Return the plans of the recorded arrangements, or raise `NoEventsError`."""
+    plans = []
+    for journal in journals:
+        if "plan" not in journal.about:
+            raise NoEventsError(
+                f"{file} has no plan of its machines: "
+                f"rerun it from Python, with llfsm.bridges.recording.rerun"
+            )
+        plain = msgspec.json.decode(journal.about["plan"])
+        plans.append(msgspec.convert(plain, DispatchTable if "slots" in plain else Plan))
+    return plans
+
+
+def _in_place_of(recorded: PlannedMachine, given: PlannedMachine) -> PlannedMachine:
+    return replace(
+        recorded,
+        definition=given.definition,
+        name=given.name or recorded.name,
+        variables={**recorded.variables, **given.variables},
+        slots={**recorded.slots, **given.slots},
+    )

@@ -1,0 +1,1 @@
+"""``llfsm whiteboard``: whiteboards and their slots; one whiteboard on several hosts."""
