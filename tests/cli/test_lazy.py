@@ -2,11 +2,63 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import pkgutil
 import subprocess
 import sys
+from collections.abc import Iterator
 
+import click
 import pytest
+
+import llfsm.cli
+from llfsm.cli.lazy import LazyGroup
+from llfsm.cli.root import main
+
+
+def rows(group: LazyGroup, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str, str]]:
+    """Yield each row of a group's table and of those below it: path, place and short help."""
+    for name, (place, text) in group.table.items():
+        yield " ".join((*path, name)), place, text
+        command = resolved(place)
+        if isinstance(command, LazyGroup):
+            yield from rows(command, (*path, name))
+
+
+def resolved(place: str) -> click.Command:
+    module, _, attribute = place.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+ROWS = list(rows(main))
+
+
+@pytest.mark.parametrize(("path", "place", "text"), ROWS, ids=[path for path, _, _ in ROWS])
+def test_every_row_names_a_command(path: str, place: str, text: str) -> None:
+    command = resolved(place)
+    assert isinstance(command, click.Command)
+    assert command.name == path.split()[-1]
+    assert command.help
+    assert text.endswith(".")
+    assert len(text) < 60
+
+
+def test_every_command_is_in_a_table() -> None:
+    named = {id(resolved(place)) for _, place, _ in ROWS} | {id(main)}
+    modules = [
+        importlib.import_module(found.name)
+        for found in pkgutil.walk_packages(llfsm.cli.__path__, "llfsm.cli.")
+        if not found.name.endswith("__main__")
+    ]
+    defined = {
+        f"{module.__name__}:{name}"
+        for module in modules
+        for name, value in vars(module).items()
+        if isinstance(value, click.Command) and id(value) not in named
+    }
+    assert len(modules) > 30
+    assert not defined
 
 
 def modules_after(*arguments: str) -> tuple[str, set[str]]:
@@ -24,10 +76,16 @@ print(json.dumps([said, [name for name in sys.modules if name.startswith("llfsm.
     return said, set(modules)
 
 
-@pytest.mark.parametrize("group", [(), ("bridge",)])
-def test_help_names_the_commands_and_imports_none(group: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("group", "named"),
+    [
+        ((), "bridge      Connect a whiteboard"),
+        (("bridge",), "gusimplewhiteboard  Relay slots"),
+        (("whiteboard",), "daemon  Mirror a whiteboard"),
+    ],
+)
+def test_help_names_the_commands_and_imports_none(group: tuple[str, ...], named: str) -> None:
     said, modules = modules_after(*group, "--help")
-    named = "gusimplewhiteboard  Relay slots" if group else "bridge      Connect a whiteboard"
     assert named in said
     assert not {name for name in modules if name.startswith("llfsm.bridges")}
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,12 +18,48 @@ PACKAGES = ("whiteboard", "runtime", "bridges", "machines")
 
 def lint_imports(root: Path) -> subprocess.CompletedProcess[str]:
     command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
-    return subprocess.run(command, cwd=root, text=True, capture_output=True, check=False)
+    environment = os.environ | {"PYTHONPATH": str(root / "src")}
+    return subprocess.run(
+        command, cwd=root, env=environment, text=True, capture_output=True, check=False
+    )
 
 
 def test_imports_flow_one_way() -> None:
     done = lint_imports(ROOT)
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("module", "imported", "report"),
+    [
+        ("whiteboard/slots.py", "llfsm.cli.root", "llfsm.whiteboard -> llfsm.cli"),
+        ("bridges/view/errors.py", "llfsm.cli.lazy", "llfsm.bridges -> llfsm.cli"),
+        ("whiteboard/slots.py", "llfsm.runtime.plans", "llfsm.whiteboard -> llfsm.runtime"),
+        ("bridges/view/errors.py", "llfsm.machines.turtle", "llfsm.bridges -> llfsm.machines"),
+    ],
+)
+def test_the_linter_notices_a_wrong_import(
+    tmp_path: Path, module: str, imported: str, report: str
+) -> None:
+    """In a copy of the sources with one import too many, it reports that import."""
+    for name in ("src", *PACKAGES):
+        ignored = shutil.ignore_patterns("__pycache__", "*.so", "*.machine", "assets", "*.egg-info")
+        shutil.copytree(ROOT / name, tmp_path / name, symlinks=True, ignore=ignored)
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    with (tmp_path / module).open("a") as opened:
+        opened.write(f"\nimport {imported}\n")
+    done = lint_imports(tmp_path)
+    assert done.returncode == 1
+    source, target = report.split(" -> ")
+    assert f"{source} is not allowed to import {target}" in done.stdout
+    name = ".".join(("llfsm", *Path(module).with_suffix("").parts))
+    assert f"{name} -> {imported}" in done.stdout
+
+
+def test_the_root_of_errors_imports_nothing_of_ours() -> None:
+    """The linter cannot know it: a root of its own must be a package."""
+    tree = ast.parse((ROOT / "src" / "llfsm" / "errors.py").read_text())
+    assert not [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
 def test_no_module_has_two_names() -> None:

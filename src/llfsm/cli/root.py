@@ -1,6 +1,7 @@
 """The command line's root: ``llfsm``, and ``clfsm`` as another name for ``llfsm run``.
 
-Commands are imported when they are called, and found by name; see :mod:`.lazy`.
+Commands are imported when they are called; see :mod:`.lazy`. Every error of llfsm is handled here:
+one line on standard error and exit status 1, or its traceback with ``--debug``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from .lazy import LazyGroup
 
 __all__ = ["clfsm", "main"]
 
-# name: (where it is, what `llfsm --help` says of it)
 _COMMANDS = {
     "new": ("llfsm.cli.new:new", "Make a machine to start from."),
     "run": ("llfsm.cli.run.command:run", "Run machines as one arrangement."),
@@ -72,7 +72,7 @@ def main(debug: bool) -> None:
 
 
 def clfsm() -> None:
-    """Be ``llfsm run`` for those who type its ancestor's name."""
+    """Run ``llfsm run``, under the name of its ancestor."""
     import sys
 
     main.main(["run", *sys.argv[1:]], prog_name="clfsm")

@@ -1,4 +1,4 @@
-"""``llfsm router``: where nodes over Zenoh find each other, in place of rmw_zenohd."""
+"""``llfsm router``: a Zenoh router for ROS 2 nodes, in place of rmw_zenohd."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from types import FrameType
 
 import click
 
-from llfsm.bridges.ros2.errors import Ros2Error
 from llfsm.bridges.ros2.router import loopback, open_router
 
 from .options import end_with_input, until_eof_option
@@ -26,10 +25,10 @@ __all__ = ["router"]
 )
 @until_eof_option
 def router(listen: tuple[str, ...], until_eof: bool) -> None:
-    """Let ROS 2 nodes that use Zenoh find each other, until Ctrl-C.
+    """Run a Zenoh router, through which ROS 2 nodes discover each other, until Ctrl-C.
 
-    It stands in for rmw_zenohd where ROS is not installed: nodes with
-    RMW_IMPLEMENTATION=rmw_zenoh_cpp, of ROS and of llfsm, need one to meet.
+    It replaces rmw_zenohd where ROS is not installed: nodes with
+    RMW_IMPLEMENTATION=rmw_zenoh_cpp, of ROS and of llfsm, need a router.
 
     \b
     llfsm router
@@ -43,10 +42,7 @@ def router(listen: tuple[str, ...], until_eof: bool) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
     endpoints = listen or loopback()
-    try:
-        session = open_router(endpoints)
-    except Ros2Error as error:
-        raise click.ClickException(str(error)) from error
+    session = open_router(endpoints)
     try:
         if until_eof:
             end_with_input()

@@ -13,9 +13,7 @@ from types import FrameType
 import click
 from click.core import ParameterSource
 
-from llfsm.bridges.ros2.errors import Ros2Error
 from llfsm.bridges.ros2.transport import Transport
-from llfsm.bridges.turtlesim.errors import TurtlesimError
 from llfsm.bridges.turtlesim.field import draw
 from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.pace import run
@@ -28,6 +26,8 @@ from .ros_options import open_chosen, ros_options
 __all__ = ["turtlesim"]
 
 _LOG = logging.getLogger("turtlesim").log
+
+_Spawn = tuple[str, float, float, float]  # name, x, y, theta
 
 
 def _parse_turtle(_: click.Context, __: click.Parameter, texts: tuple[str, ...]) -> list[_Spawn]:
@@ -42,9 +42,6 @@ def _parse_turtle(_: click.Context, __: click.Parameter, texts: tuple[str, ...])
     return spawns
 
 
-_Spawn = tuple[str, float, float, float]
-
-
 @click.command()
 @click.option(
     "--turtle",
@@ -52,17 +49,17 @@ _Spawn = tuple[str, float, float, float]
     metavar="NAME,X,Y,THETA",
     multiple=True,
     callback=_parse_turtle,
-    help="One more turtle, besides turtle1 in the centre: metres from the lower left, radians.",
+    help="Another turtle beside turtle1 in the centre; metres from the lower left, radians.",
 )
 @click.option(
     "--picture",
     type=click.Path(path_type=Path),
-    help="Draw the field at the end: FILE.svg, FILE.png, or both if FILE has no ending.",
+    help="Draw the field at the end: FILE.svg, FILE.png, or both if FILE has no suffix.",
 )
 @click.option(
     "--ros",
     is_flag=True,
-    help="Be the ROS 2 node turtlesim, and touch no whiteboard: to join the two is a bridge's job.",
+    help="Run as the ROS 2 node turtlesim, without a whiteboard.",
 )
 @ros_options("With --ros: ")
 @board_option
@@ -82,9 +79,9 @@ def turtlesim(
 ) -> None:
     """Simulate turtles that obey a whiteboard, until Ctrl-C or the whiteboard is removed.
 
-    For each turtle it pulls <turtle>/cmd_vel, posts <turtle>/pose and <turtle>/color_sensor
-    62.5 times a second, and answers requests on turtle_position/request. With --ros it is the
-    node turtlesim instead, with all its topics, services, parameters and its action.
+    For each turtle it reads <turtle>/cmd_vel and posts <turtle>/pose and <turtle>/color_sensor
+    62.5 times a second; it answers requests on turtle_position/request. With --ros it runs as the
+    node turtlesim instead, with all of its topics, services, parameters and its action.
 
     \b
     llfsm turtlesim --turtle bob,2,2,0
@@ -103,36 +100,40 @@ def turtlesim(
         signal.signal(number, end)
     if until_eof:
         end_with_input()
-    try:
-        if ros:
-            with open_chosen(transport, domain, router) as opened:
-                simulator = _run_on_ros(opened, turtles, lambda: over)
-        else:
-            simulator = Simulator(log=_LOG)
-            _spawn(turtles, simulator.spawn)
-            with Whiteboard(board) as wb:
-                try:
-                    run(TurtlesimNode(simulator, wb).step, lambda: over or not wb.alive)
-                finally:
-                    if remove_board:
-                        wb.remove()
-        if picture is not None:
-            if not picture.suffix and importlib.util.find_spec("PIL") is None:
-                picture = picture.with_suffix(".svg")  # what this installation can draw
-            for path in draw(simulator, picture):
-                click.echo(f"drawn: {path}", err=True)
-    except (TurtlesimError, Ros2Error) as error:
-        raise click.ClickException(str(error)) from error
+    if ros:
+        with open_chosen(transport, domain, router) as opened:
+            simulator = _run_on_ros(opened, turtles, lambda: over)
+    else:
+        simulator = _run_on_board(board, turtles, lambda: over, remove_board)
+    if picture is not None:
+        if not picture.suffix and importlib.util.find_spec("PIL") is None:
+            picture = picture.with_suffix(".svg")  # what this installation can draw
+        for path in draw(simulator, picture):
+            click.echo(f"drawn: {path}", err=True)
 
 
 def _check_options(context: click.Context, world: str) -> None:
-    """Refuse the options of the world that the turtles are not in."""
+    """Refuse the options that apply to the other of the two worlds only."""
     other = {"ros": ("board", "remove_board"), "board": ("transport", "domain", "router")}[world]
     flags = {param.name: param.opts[-1] for param in context.command.params}
     for name in other:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             hint = "touches no whiteboard: leave out" if world == "ros" else "is needed for"
             raise click.UsageError(f"--ros {hint} {flags[name]}")
+
+
+def _run_on_board(
+    name: str, turtles: list[_Spawn], is_over: Callable[[], bool], remove: bool
+) -> Simulator:
+    simulator = Simulator(log=_LOG)
+    _spawn(turtles, simulator.spawn)
+    with Whiteboard(name) as board:
+        try:
+            run(TurtlesimNode(simulator, board).step, lambda: is_over() or not board.alive)
+        finally:
+            if remove:
+                board.remove()
+    return simulator
 
 
 def _run_on_ros(

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
-from llfsm.cli.turtlesim import turtlesim
+from llfsm.cli.root import main
 from llfsm.whiteboard.shared import boards
 
 DOMAIN = 92
@@ -128,12 +128,21 @@ def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(
     ],
 )
 def test_options_that_cannot_be_are_refused(options, code, message):
-    result = CliRunner().invoke(turtlesim, options)
+    result = CliRunner().invoke(main, ["turtlesim", *options])
     assert (result.exit_code, message in result.output) == (code, True), result.output
 
 
 def test_a_turtle_that_cannot_be_is_refused(router):
-    options = ["--ros", "--transport", "zenoh", "--domain", str(DOMAIN), "--router", router]
-    result = CliRunner().invoke(turtlesim, [*options, "--turtle", "turtle1,1,1,0"])
+    options = [
+        "turtlesim",
+        "--ros",
+        "--transport",
+        "zenoh",
+        "--domain",
+        str(DOMAIN),
+        "--router",
+        router,
+    ]
+    result = CliRunner().invoke(main, [*options, "--turtle", "turtle1,1,1,0"])
     assert result.exit_code == 2
     assert "--turtle turtle1: see the line above" in result.output

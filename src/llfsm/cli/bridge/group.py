@@ -8,7 +8,6 @@ from ..lazy import LazyGroup
 
 __all__ = ["bridge"]
 
-# name: (where it is, what `llfsm bridge --help` says of it)
 _COMMANDS = {
     "ros2": (
         "llfsm.cli.bridge.ros2:ros2",

@@ -1,4 +1,4 @@
-"""Runs a bridge until it is told to end."""
+"""Run a bridge until it is asked to end."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import ExitStack, suppress
 import click
 
 from llfsm.bridges.ros2.bridging.bridge import Bridge
-from llfsm.bridges.ros2.errors import DomainIdError, Ros2Error
+from llfsm.bridges.ros2.errors import DomainIdError
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.whiteboard import SlotTypeError, Whiteboard
 
@@ -22,26 +22,25 @@ from .counts import show_until
 
 __all__ = ["run_bridge"]
 
-_LOOK_S = 0.25  # how often to look whether the whiteboard is still there
+_POLL_S = 0.25  # between two looks whether the whiteboard still exists
 
 
 def run_bridge(configured: Configured, options: BridgeOptions) -> None:
-    """Run a bridge until Ctrl-C, SIGTERM, or the end of its whiteboard.
+    """Run a bridge until SIGINT, SIGTERM or the removal of its whiteboard.
 
-    After the first signal it stays for those who still command a stop; a second one ends that.
+    After the first signal it still relays for a while, for machines that post a stop at their end;
+    a second signal cuts that short.
     """
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     try:
         _run(configured, options)
     except (DomainIdError, SlotTypeError) as error:
         raise BadConfigurationError(str(error)) from error
-    except Ros2Error as error:
-        raise click.ClickException(str(error)) from error
 
 
 def _run(configured: Configured, options: BridgeOptions) -> None:
-    told = threading.Event()
-    with suppress(KeyboardInterrupt), stop_on_signals(lambda _: told.set()), ExitStack() as stack:
+    asked = threading.Event()
+    with suppress(KeyboardInterrupt), stop_on_signals(lambda _: asked.set()), ExitStack() as stack:
         plan = configured.plan(slots_on(options.board))
         transport = stack.enter_context(
             open_chosen(options.transport, options.domain, options.router)
@@ -55,19 +54,19 @@ def _run(configured: Configured, options: BridgeOptions) -> None:
             end_with_input()
         where = f"ROS domain {transport.domain}, whiteboard {board.name}"
         click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)
-        _stay(bridge, board, told, options.quiet)
+        _stay(bridge, board, asked, options.quiet)
         bridge.linger()
 
 
-def _stay(bridge: Bridge, board: Whiteboard, told: threading.Event, quiet: bool) -> None:
+def _stay(bridge: Bridge, board: Whiteboard, asked: threading.Event, quiet: bool) -> None:
     def over(seconds: float) -> bool:
         until = time.monotonic() + seconds
-        while board.alive and not told.is_set() and time.monotonic() < until:
-            told.wait(min(seconds, _LOOK_S))
-        return told.is_set() or not board.alive
+        while board.alive and not asked.is_set() and time.monotonic() < until:
+            asked.wait(min(seconds, _POLL_S))
+        return asked.is_set() or not board.alive
 
     if quiet:
-        while not over(_LOOK_S):
+        while not over(_POLL_S):
             pass
     else:
         show_until(over, bridge.links)
