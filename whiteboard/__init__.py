@@ -5,7 +5,7 @@ Read in this order: :mod:`.message` and :mod:`.schema` (what a message is), :mod
 :mod:`.shared` and :mod:`.local`.
 """
 
-from .board import Board, BoundSlot, Sample, SlotInfo
+from .board import Board, BoundSlot, SlotInfo
 from .errors import (
     BoardClosedError,
     BoardCorruptError,
@@ -30,7 +30,7 @@ from .errors import (
 )
 from .message import Message
 from .shared import Whiteboard
-from .slots import Slot
+from .slots import Sample, Slot
 
 __all__ = [
     "Board",

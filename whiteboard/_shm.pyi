@@ -1,9 +1,10 @@
 from collections.abc import Callable
 from typing import Self, TypeVar, final
 
-from .board import BoundSlot, Sample
+from .board import BoundSlot
 from .message import Message
 from .shared import Field
+from .slots import Sample
 
 _M = TypeVar("_M", bound=Message)
 

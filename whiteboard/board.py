@@ -12,25 +12,13 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self
 from .errors import MessageTypeError
 from .message import M
 from .schema import Schema, type_from_schema
-from .slots import Slot
+from .slots import Sample, Slot
 
 if TYPE_CHECKING:
     from .stream import Stream
     from .subscription import Subscription
 
-__all__ = ["Board", "BoundSlot", "Sample", "SlotInfo"]
-
-
-class Sample(NamedTuple, Generic[M]):
-    """A message with what its slot knows of it."""
-
-    message: M
-    count: int  # type: ignore[assignment]  # hides tuple.count, which nobody asks a sample
-    """Messages added to the slot up to and with this one; 1 is the first."""
-    stamp_ns: int
-    """When it was added: nanoseconds of this host's monotonic clock (CLOCK_MONOTONIC)."""
-    writer: int
-    """Process id of who added it."""
+__all__ = ["Board", "BoundSlot", "SlotInfo"]
 
 
 class SlotInfo(NamedTuple):
@@ -124,11 +112,12 @@ class BoundSlot(ABC, Generic[M]):
         It begins with the latest message if there is one, or with the first one newer than number
         ``after``. Writers never wait for it: while it runs, messages wait in a ``backlog`` of at
         most so many, and the oldest one makes room. With 1, the newest alone waits; with more,
-        every message that could be observed does. What it was never told of is counted as
-        ``missed``; a gap between two samples' counts tells where.
+        every message that could be observed does. Messages that it did not get are counted as
+        ``missed``; a gap between two samples' counts shows where.
 
-        What it raises is logged and given to ``on_error``, as is a message that cannot be read,
-        and the subscription goes on. It ends with the board, and does not keep the process alive.
+        What it raises is given to ``on_error`` and logged, unless that returns True; so is a
+        message that cannot be read. The subscription goes on. It ends with the board, and does not
+        keep the process alive.
         """
         from .subscription import Subscription
 

@@ -9,7 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .board import Sample
+    from .slots import Sample
 
 __all__ = ["born", "host_name", "lives", "writer_lives"]
 

@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from .board import Board, BoundSlot, Sample, SlotInfo
+from .board import Board, BoundSlot, SlotInfo
 from .errors import BoardClosedError, SlotNotFoundError, too_large, wrong_field, wrong_type
 from .message import M
-from .slots import Slot
+from .slots import Sample, Slot
 
 __all__ = ["LocalBoard"]
 

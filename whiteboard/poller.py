@@ -13,12 +13,12 @@ from typing import Any
 
 import msgspec
 
-from .board import Board, BoundSlot, Sample, SlotInfo
+from .board import Board, BoundSlot, SlotInfo
 from .errors import BoardClosedError, MessageTypeError, WhiteboardError
 from .message import Message
 from .messages.llfsm import DEFINITIONS, JOURNALS, MACHINES, MachineDefinition, MachineStatus
 from .schema import describe, type_from_schema
-from .slots import Slot
+from .slots import Sample, Slot
 
 __all__ = ["BoardPoller", "PolledSlot", "class_of", "is_data"]
 

@@ -1,10 +1,10 @@
-"""A slot: a name on a whiteboard with the type of its messages."""
+"""A slot: a name on a whiteboard with the type of its messages; and a sample, what it holds."""
 
 from __future__ import annotations
 
 import re
 from functools import cached_property
-from typing import Any, Generic
+from typing import Any, Generic, NamedTuple
 
 import msgspec
 
@@ -12,7 +12,7 @@ from .errors import MessageTypeError, SlotNameError, SlotTypeError
 from .message import M, Message
 from .schema import Schema, describe, differences, fingerprint
 
-__all__ = ["DEFAULT_CAPACITY", "Slot"]
+__all__ = ["DEFAULT_CAPACITY", "Sample", "Slot"]
 
 DEFAULT_CAPACITY = 1024
 _NAME = re.compile(r"[^\s\x00-\x1f\x7f\ud800-\udfff]{1,255}")
@@ -87,3 +87,15 @@ class Slot(Generic[M]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Slot, (self.name, self.type, self.capacity))
+
+
+class Sample(NamedTuple, Generic[M]):
+    """A message with what its slot knows of it."""
+
+    message: M
+    count: int  # type: ignore[assignment]  # hides tuple.count, which nobody asks a sample
+    """Messages added to the slot up to and with this one; 1 is the first."""
+    stamp_ns: int
+    """When it was added: nanoseconds of this host's monotonic clock (CLOCK_MONOTONIC)."""
+    writer: int
+    """Process id of who added it."""

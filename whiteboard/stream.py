@@ -1,4 +1,4 @@
-"""What is added to a slot as an asynchronous iterator."""
+"""An asynchronous iterator over what is added to a slot."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import asyncio
 import weakref
 from typing import Generic, Self
 
-from .board import BoundSlot, Sample
 from .errors import BoardClosedError
-from .feed import Backlog, Feed
 from .message import M
+from .slots import Sample
+from .subscription import Backlog, Cursor, Waitable
 
 __all__ = ["Stream"]
 
@@ -22,7 +22,7 @@ class Stream(Generic[M]):
     board, or with the loop.
     """
 
-    def __init__(self, slot: BoundSlot[M], *, after: int | None, backlog: int) -> None:
+    def __init__(self, slot: Waitable[M], *, after: int | None, backlog: int) -> None:
         loop = asyncio.get_running_loop()
         arrived = self._arrived = asyncio.Event()
 
@@ -32,7 +32,7 @@ class Stream(Generic[M]):
             except RuntimeError:  # the loop was closed
                 kept.stop()
 
-        self._backlog = Backlog(Feed(slot, after), backlog, wake)
+        self._backlog = Backlog(Cursor(slot, after), backlog, wake)
         weakref.finalize(self, self._backlog.stop)
 
     @property

@@ -1,28 +1,181 @@
-"""A callback that is told of what is added to a slot: PUSH, for those who must."""
+"""A callback for what is added to a slot: PUSH, for programs that need it.
+
+A slot keeps only its latest message and its writers never wait. So no reader can get every message:
+a reader that looks too late misses some, and the counts show how many.
+"""
 
 from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable
-from typing import Generic, Self
+from typing import Generic, Protocol, Self
 
-from .board import BoundSlot, Sample
 from .errors import BoardClosedError, MessageUnreadableError
-from .feed import Backlog, Feed
 from .message import M
+from .slots import Sample
 
-__all__ = ["Subscription"]
+__all__ = ["LOOK_S", "Backlog", "Cursor", "Subscription", "Waitable"]
 
 _log = logging.getLogger(__name__)
 
+LOOK_S = 0.05
+"""Seconds that a close may take: as long as a wait in shared memory sleeps at most."""
+
+
+class Waitable(Protocol[M]):
+    """What a cursor needs of a bound slot; of its own, as that offers subscriptions."""
+
+    @property
+    def count(self) -> int:
+        """Messages added so far."""
+
+    def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
+        """Block until a message newer than number ``after`` is there, and return the latest."""
+
+
+class Cursor(Generic[M]):
+    """A reader's position in a slot: it waits for messages and counts those replaced unseen.
+
+    It begins with the first message newer than number ``after``; if that is None with the latest
+    one that is there already, and then none before it counts as missed.
+    """
+
+    def __init__(self, slot: Waitable[M], after: int | None) -> None:
+        if after is not None and after < 0:
+            raise ValueError(f"after={after}: the count of a message is needed, 0 or more")
+        self._slot = slot
+        self._last = max(slot.count - 1, 0) if after is None else after
+        self._finishing = False
+        self._ended = False
+        self.missed = 0
+
+    def next(self, timeout: float = LOOK_S) -> Sample[M] | None:
+        """Wait for a newer message and return the latest; None if ``timeout`` seconds passed.
+
+        Raise :class:`.MessageUnreadableError`, once for each such message;
+        :class:`.BoardClosedError` at the end; or what makes the slot unusable.
+        """
+        if self._ended:
+            raise BoardClosedError("this cursor has ended")
+        self._ended = self._finishing
+        try:
+            sample = self._slot.wait(after=self._last, timeout=0.0 if self._ended else timeout)
+        except MessageUnreadableError as error:
+            self._advance(error.count)
+            self.missed += 1
+            raise
+        if sample is not None:
+            self._advance(sample.count)
+        return sample
+
+    def finish(self) -> None:
+        """Return once more what is there, without waiting, and end."""
+        self._finishing = True
+
+    def _advance(self, count: int) -> None:
+        self.missed += count - self._last - 1
+        self._last = count
+
+
+class Backlog(Generic[M]):
+    """Follows a slot in a thread, and keeps up to ``size`` messages until they are taken.
+
+    When it is full the oldest one makes room, and is missed. ``wake`` is called in that thread
+    when there is something to take again, and at the end.
+    """
+
+    def __init__(
+        self, cursor: Cursor[M], size: int, wake: Callable[[Backlog[M]], object] = lambda _: None
+    ) -> None:
+        if size < 1:
+            raise ValueError(f"backlog={size}: at least the newest message has to wait")
+        self._cursor = cursor
+        self._size = size
+        self._wake = wake
+        self._kept: deque[Sample[M] | Exception] = deque()
+        self._dropped = 0
+        self._changed = threading.Condition()
+        self._over = False
+        self.ended = False
+        self._thread = threading.Thread(target=self._collect, name="backlog", daemon=True)
+        self._thread.start()
+
+    @property
+    def missed(self) -> int:
+        """Messages that were never, and will never be, taken."""
+        return self._cursor.missed + self._dropped
+
+    def take(self) -> Sample[M] | None:
+        """Return the oldest message, None if there is none now; raise as :meth:`Cursor.next`."""
+        with self._changed:
+            if not self._kept:
+                if self.ended:
+                    raise BoardClosedError("this backlog has ended")
+                return None
+            item = self._kept.popleft()
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+    def next(self) -> Sample[M] | None:
+        """Wait for a message and return the oldest, as :meth:`Cursor.next` returns the latest."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._kept or self.ended, LOOK_S)
+        return self.take()
+
+    def finish(self) -> None:
+        """Collect no more than what is there now; the end comes when that has been taken."""
+        self._cursor.finish()
+
+    def stop(self) -> None:
+        """Ask the thread to end, soon, and forget what was not taken."""
+        with self._changed:
+            self._over = True
+            self._kept.clear()
+
+    def join(self) -> None:
+        """Wait until the thread has ended."""
+        self._thread.join()
+
+    def _collect(self) -> None:
+        while not self._over:
+            try:
+                sample = self._cursor.next()
+                if sample is not None:
+                    self._put(sample)
+            except MessageUnreadableError as error:
+                self._put(error)
+            except BoardClosedError:
+                break
+            except Exception as error:
+                self._put(error)
+                break
+        with self._changed:
+            self.ended = True
+            self._changed.notify_all()
+        self._wake(self)
+
+    def _put(self, item: Sample[M] | Exception) -> None:
+        with self._changed:
+            if self._over:
+                return
+            first = not self._kept
+            if len(self._kept) == self._size:
+                self._dropped += isinstance(self._kept.popleft(), Sample)
+            self._kept.append(item)
+            self._changed.notify_all()
+        if first:  # else the reader was woken before, and has not taken everything yet
+            self._wake(self)
+
 
 class Subscription(Generic[M]):
-    """Call back in a thread of its own, until closed; see :meth:`.BoundSlot.subscribe`."""
+    """Calls back in a thread of its own, until closed; see :meth:`.BoundSlot.subscribe`."""
 
     def __init__(
         self,
-        slot: BoundSlot[M],
+        slot: Waitable[M],
         callback: Callable[[Sample[M]], object],
         *,
         after: int | None,
@@ -33,9 +186,10 @@ class Subscription(Generic[M]):
         self._callback = callback
         self._on_error = on_error
         self._over = False
-        feed = Feed(slot, after)
+        self._finishing = False
+        cursor = Cursor(slot, after)
         # With a backlog of one, the slot itself is it.
-        self._source = feed if backlog == 1 else Backlog(feed, backlog)
+        self._source = cursor if backlog == 1 else Backlog(cursor, backlog)
         self._thread = threading.Thread(target=self._run, name=f"{self}", daemon=True)
         self._thread.start()
 
@@ -44,7 +198,7 @@ class Subscription(Generic[M]):
 
     @property
     def missed(self) -> int:
-        """Messages added since the beginning that the callback was not, and will not be, told."""
+        """Messages added since the beginning that the callback did not, and will not, get."""
         return self._source.missed
 
     @property
@@ -52,15 +206,27 @@ class Subscription(Generic[M]):
         """False once the subscription was closed, or has ended with its board."""
         return not self._over and self._thread.is_alive()
 
+    def finish(self) -> None:
+        """Ask the subscription to deliver what was added by now, and to end then.
+
+        Returns at once: of many subscriptions, finish all and then :meth:`close` each, which waits
+        for the end.
+        """
+        self._finishing = True
+        self._source.finish()
+
     def close(self) -> None:
         """End the subscription; closing twice is fine.
 
         Once this returns the callback does not run and will not be called again, except that the
         callback itself may call this: then the call that it is in is the last one. It waits for a
-        callback that runs, so hold no lock that the callback takes.
+        callback that runs, so hold no lock that the callback takes. What waits in the backlog is
+        not delivered, unless :meth:`finish` was called before.
         """
-        self._over = True
-        if threading.current_thread() is not self._thread:
+        within = threading.current_thread() is self._thread
+        if within or not self._finishing:
+            self._over = True
+        if not within:
             self._thread.join()
 
     def __enter__(self) -> Self:
@@ -78,7 +244,7 @@ class Subscription(Generic[M]):
                     self._report(error)
                     continue
                 if sample is not None and not self._over:
-                    self._tell(sample)
+                    self._call(sample)
         except BoardClosedError:
             pass
         except Exception as error:
@@ -88,7 +254,7 @@ class Subscription(Generic[M]):
                 self._source.stop()
                 self._source.join()
 
-    def _tell(self, sample: Sample[M]) -> None:
+    def _call(self, sample: Sample[M]) -> None:
         try:
             self._callback(sample)
         except Exception as error:
@@ -104,9 +270,12 @@ class Subscription(Generic[M]):
         return False
 
     def _report(self, error: Exception) -> None:
-        _log.error("%s: %s: %s", self, type(error).__name__, error, exc_info=error)
+        """Hand an error to ``on_error``, and log it unless that returns True."""
+        handled: object = False
         if self._on_error is not None:
             try:
-                self._on_error(error)
+                handled = self._on_error(error)
             except Exception:
                 _log.exception("%s: its on_error failed, too", self)
+        if handled is not True:
+            _log.error("%s: %s: %s", self, type(error).__name__, error, exc_info=error)

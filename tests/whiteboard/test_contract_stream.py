@@ -106,7 +106,7 @@ def test_wake_ups_do_not_pile_up_in_the_loop(board: Board) -> None:
         async with number.stream() as stream:
             for value in range(1, 1001):
                 number.add(Number(value))
-                while stream._backlog._feed._last < value:
+                while stream._backlog._cursor._last < value:
                     time.sleep(0)
             assert calls == 1
             await anext(stream)
@@ -236,7 +236,7 @@ def test_two_tasks_share_what_a_stream_gives(board: Board) -> None:
             await asyncio.sleep(0)
             for count in range(1, 6):
                 number.add(Number())
-                while stream._backlog._feed._last < count:
+                while stream._backlog._cursor._last < count:
                     await asyncio.sleep(0)
             found = await asyncio.wait_for(asyncio.gather(*waiting), PATIENCE_S)
             assert sorted(sample.count for sample in found) == [1, 2, 3, 4, 5]

@@ -151,7 +151,7 @@ def test_a_full_backlog_loses_its_oldest_and_tells_how_many(board: Board) -> Non
         assert gate.entered.wait(PATIENCE_S)
         for value in range(2, 101):
             number.add(Number(value))
-            wait_for(lambda value=value: subscription._source._feed._last == value)
+            wait_for(lambda value=value: subscription._source._cursor._last == value)
         wait_for(lambda: subscription._source._kept[-1].count == 100)
         gate.open.set()
         wait_for(lambda: gate.told[-1].count == 100)
@@ -232,6 +232,33 @@ def test_it_ends_with_the_board(
     assert caplog.records == []
 
 
+@pytest.mark.parametrize(("backlog", "counts"), [(1, [1, 4]), (10, [1, 2, 3, 4])])
+def test_a_finish_delivers_what_was_added_and_ends(
+    board: Board, backlog: int, counts: list[int]
+) -> None:
+    number, gate = board[NUMBER], Gate()
+    subscription = number.subscribe(gate, backlog=backlog)
+    number.add(Number(1))
+    assert gate.entered.wait(PATIENCE_S)
+    for value in (2, 3, 4):
+        number.add(Number(value))
+        if backlog > 1:
+            wait_for(lambda value=value: subscription._source._cursor._last == value)
+    subscription.finish()
+    assert subscription.active
+    gate.open.set()
+    subscription.close()
+    assert not subscription.active
+    number.add(Number(5))
+    assert [sample.count for sample in gate.told] == counts
+
+
+def test_a_finish_with_nothing_new_just_ends(board: Board) -> None:
+    with board[NUMBER].subscribe(print) as subscription:
+        subscription.finish()
+        wait_for(lambda: not subscription.active)
+
+
 def test_what_a_closed_board_refuses_the_callback_is_no_error(board: Board) -> None:
     errors: list[Exception] = []
     number, gate = board[NUMBER], Gate()
@@ -279,6 +306,25 @@ def test_an_error_of_the_callback_is_reported_and_it_goes_on(
     assert len(said) == 2
     assert "fail: ArithmeticError: no 1" in said[0].getMessage()
     assert said[0].exc_info is not None
+
+
+def test_an_error_that_on_error_has_handled_is_not_logged(
+    board: Board, caplog: pytest.LogCaptureFixture
+) -> None:
+    number = board[NUMBER]
+    errors: queue.SimpleQueue[Exception] = queue.SimpleQueue()
+
+    def fail(_: Sample[Number]) -> None:
+        raise ArithmeticError
+
+    def handle(error: Exception) -> bool:
+        errors.put(error)
+        return True
+
+    with number.subscribe(fail, on_error=handle):
+        number.add(Number(1))
+        assert isinstance(errors.get(timeout=PATIENCE_S), ArithmeticError)
+    assert caplog.records == []
 
 
 def test_an_error_of_on_error_is_reported_too(

@@ -1,7 +1,6 @@
 """A whiteboard and a ROS graph, connected: relays between slots and topics, services in slots.
 
 tally     what a link has done so far
-follower  a thread that sees a slot's changes
 echo      which messages a relay of both directions has sent itself
 relays    slot to topic, topic to slot
 numbered  a service's messages as slots have them: with a number, and a failure

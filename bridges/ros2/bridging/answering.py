@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 from llfsm.whiteboard import Board, BoundSlot
 from llfsm.whiteboard.errors import MessageUnreadableError, WhiteboardError
+from llfsm.whiteboard.subscription import LOOK_S, Cursor
 
 from ..errors import CdrError
 from ..transport import Request
 from .faults import Faults
-from .follower import LOOK_S
 from .numbered import ServiceSlots
 from .tally import Link
 
@@ -41,14 +41,13 @@ class SlotAnswerer:
         timeout: float,
         link: Link,
         faults: Faults,
-        over: threading.Event,
     ) -> None:
         """``timeout`` is how many seconds from its arrival a request may wait for its answer."""
         self._slots = slots
         self._timeout = timeout
         self._link = link
         self._faults = faults
-        self._over = over
+        self._over = threading.Event()
         self._requests: BoundSlot[Any] = board[slots.request]
         self._answers: BoundSlot[Any] = board[slots.answer]
         before = (self._requests.get(), self._answers.get())
@@ -64,9 +63,13 @@ class SlotAnswerer:
         else:
             self._fail(request, f"{_MOST} requests are waiting already")
 
-    def close(self) -> None:
-        """Wait for the end, which the event has asked for; requests that are open have failed."""
+    def finish(self) -> None:
+        """Ask for the end; requests that are open fail."""
+        self._over.set()
         self._waiting.put(None)
+
+    def close(self) -> None:
+        """Wait for the end."""
         self._thread.join()
 
     def _run(self) -> None:
@@ -85,7 +88,7 @@ class SlotAnswerer:
 
     def _ask(self, request: Request[Any, Any], until: float) -> Any:
         """Post a request; return the answer, or a text that says why there is none."""
-        seen = self._answers.count
+        answers = Cursor(self._answers, after=self._answers.count)
         self._number += 1
         if time.monotonic() < until:
             self._requests.add(self._slots.asked(self._number, request.message))
@@ -93,15 +96,12 @@ class SlotAnswerer:
             if self._over.is_set():
                 return "the bridge has ended"
             try:
-                sample = self._answers.wait(after=seen, timeout=min(left, LOOK_S))
+                sample = answers.next(min(left, LOOK_S))
             except MessageUnreadableError as error:
-                seen = self._answers.count
                 self._faults.tell(self._link, error)
                 continue
-            if sample is not None:
-                seen = sample.count
-                if sample.message.number == self._number:
-                    return sample.message.failure or sample.message
+            if sample is not None and sample.message.number == self._number:
+                return sample.message.failure or sample.message
         return f"no answer in slot {self._slots.answer.name} within {self._timeout:g} s"
 
     def _fail(self, request: Request[Any, Any], why: str) -> None:

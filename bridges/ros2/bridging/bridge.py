@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -28,11 +27,11 @@ from .tally import Link
 
 __all__ = ["Bridge"]
 
-_LINGER_S = 1.5  # longer than the grace of machines that are told to stop
-_LOOK_S = 0.05  # nothing tells that a process has ended
+_LOOK_S = 0.05  # nothing reports that a process has ended
 
 
 class _Worker(Protocol):
+    def finish(self) -> None: ...
     def close(self) -> None: ...
 
 
@@ -48,15 +47,19 @@ class Bridge:
         board: Board,
         transport: Transport,
         notify: Callable[[Notice], None] = log_notice,
+        *,
+        history: float = 1.0,
     ) -> None:
         """Begin. ``notify`` gets what goes wrong in a link, once for each kind.
 
-        Raise :class:`.SlotTypeError` if a slot was made with another type since the plan was made.
+        ``history`` is how many seconds a latched topic has to deliver what it has kept before its
+        slot is published. Raise :class:`.SlotTypeError` if a slot was made with another type since
+        the plan was made.
         """
         self.links: list[Link] = []
         self._board = board
+        self._history = history
         self._faults = Faults(notify)
-        self._over = threading.Event()
         self._later = Later("bridge rates")
         self._workers: list[_Worker] = []
         self._to_ros: list[ToRos[Any]] = []
@@ -69,20 +72,21 @@ class Bridge:
 
     def close(self) -> None:
         """End all links; what is on the slots by now is published before."""
-        self._over.set()
+        for worker in self._workers:
+            worker.finish()
         for worker in self._workers:
             worker.close()
         for node in self._nodes:
             node.close()
         self._later.close()
 
-    def linger(self) -> None:
-        """Stay until those who command robots through it have had time to command their stop.
+    def linger(self, at_most: float = 1.5) -> None:
+        """Give the programs that command robots through the bridge time to command a stop.
 
-        That is while a process lives that has added to a slot which goes to ROS, and at most 1.5
-        seconds: machines that are told to stop have one.
+        It waits while a process lives that has added to a slot relayed to ROS, and ``at_most`` so
+        many seconds: machines that are asked to stop have a grace period of one.
         """
-        until = time.monotonic() + _LINGER_S
+        until = time.monotonic() + at_most
         while time.monotonic() < until and self._commanded():
             time.sleep(_LOOK_S)
 
@@ -125,9 +129,9 @@ class Bridge:
                 publisher,
                 link,
                 self._faults,
-                self._over,
                 period=plan.period,
                 latched=plan.to_ros.durability is Durability.TRANSIENT_LOCAL,
+                history=self._history,
                 echo=echo,
             )
             self._to_ros.append(to_ros)
@@ -137,15 +141,13 @@ class Bridge:
         slots = plan.slots
         link = self._link(slots.request.name, "->", plan.service, slots.of.name)
         client = node.client(plan.service, slots.of)
-        caller = SlotCaller(
-            self._board, slots, client, plan.timeout, link, self._faults, self._over
-        )
+        caller = SlotCaller(self._board, slots, client, plan.timeout, link, self._faults)
         self._workers.append(caller)
 
     def _server(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
         link = self._link(slots.request.name, "<-", plan.service, slots.of.name)
-        answerer = SlotAnswerer(self._board, slots, plan.timeout, link, self._faults, self._over)
+        answerer = SlotAnswerer(self._board, slots, plan.timeout, link, self._faults)
         self._workers.append(answerer)
         node.server(plan.service, slots.of, answerer.asked)
 
@@ -154,9 +156,7 @@ class Bridge:
         self._nodes.append(node)
         in_ros = self._link(plan.pose.name, "->", f"/{SERVICE}", plan.of.name)
         in_slots = self._link(plan.pose.name, "->", ANSWER.name, plan.of.name)
-        position = PositionServer(
-            self._board, plan.pose, plan.of, in_ros, in_slots, self._faults, self._over
-        )
+        position = PositionServer(self._board, plan.pose, plan.of, in_ros, in_slots, self._faults)
         self._workers.append(position)
         try:
             node.server(SERVICE, plan.of, position.asked)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 from llfsm.whiteboard import Board, BoundSlot, Sample
@@ -11,7 +10,6 @@ from llfsm.whiteboard.errors import WhiteboardError
 from ..errors import Ros2Error
 from ..transport import Client
 from .faults import Faults
-from .follower import Follower
 from .numbered import ServiceSlots
 from .tally import Link
 
@@ -33,7 +31,6 @@ class SlotCaller:
         timeout: float,
         link: Link,
         faults: Faults,
-        over: threading.Event,
     ) -> None:
         self._slots = slots
         self._client = client
@@ -46,14 +43,16 @@ class SlotCaller:
         old = unanswered(requests, self._answers)
         if old is not None:
             self._fail(old, "it was asked before the bridge was there")
-        self._follower = Follower(
-            requests, link.slot, self._call, self._failed, over=over, after=self._seen
-        )
+        self._subscription = requests.subscribe(self._call, after=self._seen, on_error=self._failed)
+
+    def finish(self) -> None:
+        """Ask for the end."""
+        self._subscription.finish()
 
     def close(self) -> None:
-        """Wait for the end, which the event has asked for; an open call ends with its client."""
+        """Wait for the end; an open call ends with its client."""
         self._client.close()
-        self._follower.close()
+        self._subscription.close()
 
     def _call(self, sample: Sample[Any]) -> None:
         lost, self._seen = sample.count - self._seen - 1, sample.count
@@ -74,8 +73,9 @@ class SlotCaller:
         self._link.failed += 1
         self._answers.add(self._slots.failed(number, why))
 
-    def _failed(self, error: Exception) -> None:
+    def _failed(self, error: Exception) -> bool:
         self._faults.tell(self._link, error)
+        return True
 
 
 def unanswered(requests: BoundSlot[Any], answers: BoundSlot[Any]) -> int | None:

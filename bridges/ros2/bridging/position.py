@@ -6,7 +6,6 @@ that asks on the board gets the reason.
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot
@@ -22,7 +21,6 @@ from ..transport import Request
 from ..types import RosService
 from .calling import unanswered
 from .faults import Faults
-from .follower import Follower
 from .tally import Link
 
 __all__ = ["NODE", "SERVICE", "TYPE", "PositionServer"]
@@ -46,7 +44,6 @@ class PositionServer:
         in_ros: Link,
         in_slots: Link,
         faults: Faults,
-        over: threading.Event,
     ) -> None:
         self._pose = board[pose]
         self._pose_slot = pose.name
@@ -60,8 +57,8 @@ class PositionServer:
         after = requests.count
         if unanswered(requests, self._answers) is not None:
             after -= 1  # asked before the bridge was there, and to be answered now
-        self._follower = Follower(
-            requests, REQUEST.name, self._asked_in_slot, self._failed, over=over, after=after
+        self._subscription = requests.subscribe(
+            self._asked_in_slot, after=after, on_error=self._failed
         )
 
     def asked(self, request: Request[Any, Any]) -> None:
@@ -75,9 +72,13 @@ class PositionServer:
             request.answer(response)
             self._in_ros.count()
 
+    def finish(self) -> None:
+        """Ask for the end."""
+        self._subscription.finish()
+
     def close(self) -> None:
-        """Wait for the end, which the event has asked for."""
-        self._follower.close()
+        """Wait for the end."""
+        self._subscription.close()
 
     def _latest(self) -> Pose | str:
         sample = self._pose.sample()
@@ -95,5 +96,6 @@ class PositionServer:
             self._answers.add(TurtlePositionAnswer(number, pose.x, pose.y, pose.theta))
             self._in_slots.count()
 
-    def _failed(self, error: Exception) -> None:
+    def _failed(self, error: Exception) -> bool:
         self._faults.tell(self._in_slots, error)
+        return True

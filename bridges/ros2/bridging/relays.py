@@ -1,4 +1,11 @@
-"""Slot to topic, and topic to slot: the newest message wins."""
+"""Slot to topic, and topic to slot: the newest message wins.
+
+Each slot has a subscription of its own, so a thread of its own, asleep in the slot's futex. Ten
+slots at 1 kHz each over Zenoh: it adds 30 us (median) to the 107 us that a message takes between
+two Zenoh processes. One thread that polls all slots every 200 us would add 200 us and take 8 % of a
+core while nothing changes; the threads take 0.5 %. Polling is better only if all slots change at
+the same instant: 22 us of CPU a message instead of 43, as no interpreter lock changes hands.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +22,17 @@ from ..later import Later
 from ..transport import Arrival, Publisher
 from .echo import Echo
 from .faults import Faults
-from .follower import Follower
 from .tally import Link
 
 __all__ = ["FromRos", "ToRos"]
-
-_HISTORY_S = 1.0
 
 
 class ToRos(Generic[M]):
     """Publishes each change that it sees of a slot.
 
-    What is on the slot already is not news, unless ``latched``: a command from yesterday must not
-    move a robot. In both directions ROS is given a second to say what it has kept itself; else each
-    side might end with what the other one had.
+    What is on the slot already is not published unless ``latched``: a command from yesterday must
+    not move a robot. In both directions ROS has a second to deliver the history that it has kept;
+    else each side might end with what the other one had.
     """
 
     def __init__(
@@ -37,33 +41,50 @@ class ToRos(Generic[M]):
         publisher: Publisher[M],
         link: Link,
         faults: Faults,
-        over: threading.Event,
         *,
         period: float = 0.0,
         latched: bool = False,
+        history: float = 1.0,
         echo: Echo[M] | None = None,
     ) -> None:
+        """Begin to publish, at most once in ``period`` seconds.
+
+        ``latched`` and with an ``echo``, it begins after ``history`` seconds.
+        """
         self.slot = slot
         self._publish = publisher.publish
         self._link = link
         self._faults = faults
         self._echo = echo
-        self._follower = Follower(
-            slot,
-            link.slot,
-            self._relay,
-            self._failed,
-            over=over,
-            after=0 if latched else slot.count,
-            period=period,
-            delay=_HISTORY_S if latched and echo else 0.0,
+        self._period = period
+        self._begin = time.monotonic() + (history if latched and echo else 0.0)
+        self._over = threading.Event()
+        self._subscription = slot.subscribe(
+            self._relay, after=0 if latched else slot.count, on_error=self._failed
         )
 
+    def finish(self) -> None:
+        """Ask for the end once what is on the slot by now is published."""
+        self._over.set()
+        self._subscription.finish()
+
     def close(self) -> None:
-        """Wait for the end, which the event has asked for."""
-        self._follower.close()
+        """Wait for the end."""
+        self._subscription.close()
 
     def _relay(self, sample: Sample[M]) -> None:
+        begun = time.monotonic()
+        if begun < self._begin:
+            self._over.wait(self._begin - begun)
+            if sample.count != self.slot.count:
+                return  # the newest comes next
+        try:
+            self._pass_on(sample)
+        finally:
+            if self._period:
+                self._over.wait(begun + self._period - time.monotonic())
+
+    def _pass_on(self, sample: Sample[M]) -> None:
         if self._echo is not None:
             if not self._echo.is_news(sample):
                 return
@@ -71,9 +92,10 @@ class ToRos(Generic[M]):
         self._publish(sample.message)
         self._link.count()
 
-    def _failed(self, error: Exception) -> None:
+    def _failed(self, error: Exception) -> bool:
         if not isinstance(error, TransportClosedError):
             self._faults.tell(self._link, error)
+        return True
 
 
 class FromRos(Generic[M]):

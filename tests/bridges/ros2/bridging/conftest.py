@@ -45,11 +45,11 @@ def start(board: Whiteboard, memory: MemoryWorld, told: Any) -> Iterator[Callabl
     """Start a bridge: ``start(relay=[...])``, as in a configuration file."""
     with ExitStack() as open_ones:
 
-        def starting(**config: Any) -> Bridge:
+        def starting(*, history: float = 1.0, **config: Any) -> Bridge:
             plan, faults = make_plan(msgspec.convert(config, BridgeConfig), Path(), board.slots())
             assert not faults
             transport = open_ones.enter_context(MemoryTransport(memory, notify=told))
-            bridge = Bridge(plan, board, transport, told)
+            bridge = Bridge(plan, board, transport, told, history=history)
             open_ones.callback(bridge.close)
             return bridge
 

@@ -8,7 +8,6 @@ import threading
 
 import pytest
 
-from llfsm.bridges.ros2.bridging import bridge as module
 from llfsm.bridges.ros2.bridging.planning import make_plan
 from llfsm.whiteboard import Slot, SlotTypeError
 from llfsm.whiteboard.messages.geometry_msgs import Twist
@@ -28,49 +27,47 @@ with Whiteboard("test", directory=sys.argv[1]) as board:
 """
 
 
+FOR_EVER = 1000.0
+
+
 @pytest.fixture
-def for_ever(monkeypatch):
-    """Let a bridge linger as long as it likes."""
-    monkeypatch.setattr(module, "_LINGER_S", 1000.0)
-
-
-def test_a_bridge_lingers_while_somebody_lives_who_may_command_a_stop(
-    start, board, tmp_path, for_ever
-):
-    bridge = start(relay=[TO_ROS])
+def commander(board, tmp_path):
+    """Start a process that has commanded something through the slot `lamp`, and lives."""
     command = [sys.executable, "-c", COMMANDER, str(tmp_path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as commander:
-        assert commander.stdout is not None
-        assert commander.stdout.readline() == b"added\n"
-        lingering = threading.Thread(target=bridge.linger, daemon=True)
-        lingering.start()
-        lingering.join(0.2)
-        assert lingering.is_alive()
-        commander.kill()
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"added\n"
+        yield process
+        process.kill()
+
+
+def test_a_bridge_lingers_while_a_process_lives_that_may_command_a_stop(start, commander):
+    bridge = start(relay=[TO_ROS])
+    lingering = threading.Thread(target=bridge.linger, args=(FOR_EVER,), daemon=True)
+    lingering.start()
+    lingering.join(0.2)
+    assert lingering.is_alive()
+    commander.kill()
     lingering.join(20)
     assert not lingering.is_alive()
 
 
-def test_a_bridge_that_nobody_commands_through_ends_at_once(start, board, for_ever):
+def test_a_bridge_through_which_nothing_is_commanded_ends_at_once(start, board):
     bridge = start(relay=[TO_ROS, {**TO_ROS, "slot": "never"}])
     board.add_message(LAMP, Bool(True))  # by this process
-    bridge.linger()
+    bridge.linger(FOR_EVER)
 
 
-def test_a_bridge_lingers_only_so_long(start, board, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_LINGER_S", 0.1)
-    monkeypatch.setattr(module, "_lives", lambda _: True)
-    bridge = start(relay=[TO_ROS])
-    board.add_message(LAMP, Bool(True))
-    bridge.linger()
+@pytest.mark.usefixtures("commander")
+def test_a_bridge_lingers_only_so_long(start):
+    start(relay=[TO_ROS]).linger(0.1)
 
 
-def test_a_bridge_on_a_board_that_was_removed_ends(start, board, for_ever, monkeypatch):
-    monkeypatch.setattr(module, "_lives", lambda _: True)
+@pytest.mark.usefixtures("commander")
+def test_a_bridge_on_a_board_that_was_removed_ends(start, board):
     bridge = start(relay=[TO_ROS], turtle_position={"pose": "turtle1/pose"})
-    board.add_message(LAMP, Bool(True))
     board.remove()
-    bridge.linger()
+    bridge.linger(FOR_EVER)
     bridge.close()
 
 

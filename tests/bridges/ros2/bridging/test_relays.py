@@ -9,7 +9,6 @@ from itertools import pairwise
 import pytest
 
 from llfsm.bridges.ros2.arrival import ArrivedBytes
-from llfsm.bridges.ros2.bridging import relays
 from llfsm.bridges.ros2.bridging.echo import Echo
 from llfsm.bridges.ros2.bridging.faults import Faults
 from llfsm.bridges.ros2.bridging.relays import FromRos, ToRos
@@ -64,12 +63,16 @@ def blocked(seen):
 
 
 @pytest.fixture
-def ending():
-    """Return an event that ends what a test has made, and a list of it."""
-    over, made = threading.Event(), []
-    yield over, made
-    over.set()
+def to_ros(board, blocked):
+    """Publish the slot, until the end of the test."""
+    made = []
+
+    def start(**options):
+        made.append(ToRos(board[N], blocked, link(), Faults(print), **options))
+
+    yield start
     for each in made:
+        each.finish()
         each.close()
 
 
@@ -113,33 +116,26 @@ def test_what_a_latched_slot_has_is_sent_to_who_comes_later(board, start, peer, 
 BOTH_LATCHED = {"slot": "n", "type": TYPE, "direction": "both", "durability": "transient_local"}
 
 
-def test_in_both_directions_ros_says_what_is_true_at_the_beginning(
-    board, start, peer, number, monkeypatch
-):
-    monkeypatch.setattr(relays, "_HISTORY_S", 1000.0)
+def test_in_both_directions_ros_says_what_is_true_at_the_beginning(board, start, peer, number):
     board.add_message(N, Int64(1))
-    bridge = start(relay=[BOTH_LATCHED])
+    bridge = start(relay=[BOTH_LATCHED], history=1000.0)
     peer.node("talker").publisher("n", number, LATCHED).publish(Int64(2))  # late, but in time
     wait_for(lambda: board.get_message(N) == Int64(2))
     bridge.close()
     assert [(link.arrow, link.passed) for link in bridge.links] == [("<-", 1), ("->", 0)]
 
 
-def test_in_both_directions_the_slot_says_it_if_ros_does_not(
-    board, start, peer, number, seen, monkeypatch
-):
-    monkeypatch.setattr(relays, "_HISTORY_S", 0.01)
+def test_in_both_directions_the_slot_says_it_if_ros_does_not(board, start, peer, number, seen):
     board.add_message(N, Int64(1))
-    start(relay=[BOTH_LATCHED])
+    start(relay=[BOTH_LATCHED], history=0.01)
     got = seen()
     peer.node("late").subscription("n", number, lambda a: got(a.decode().data), LATCHED)
     got.wait(len)
     assert got == [1]
 
 
-def test_the_newest_is_published_first_and_nothing_queues_up(board, blocked, ending):
-    over, made = ending
-    made.append(ToRos(board[N], blocked, link(), Faults(print), over))
+def test_the_newest_is_published_first_and_nothing_queues_up(board, blocked, to_ros):
+    to_ros()
     board.add_message(N, Int64(0))
     blocked.published.wait(len)
     for value in range(1, 1000):
@@ -149,10 +145,9 @@ def test_the_newest_is_published_first_and_nothing_queues_up(board, blocked, end
     assert [value for _, value in blocked.published] == [0, 999]
 
 
-def test_a_slot_is_published_no_more_often_than_asked_for(board, blocked, ending):
-    over, made = ending
+def test_a_slot_is_published_no_more_often_than_asked_for(board, blocked, to_ros):
     blocked.go_on.set()
-    made.append(ToRos(board[N], blocked, link(), Faults(print), over, period=0.05))
+    to_ros(period=0.05)
     value = 0
     while len(blocked.published) < 5:
         value += 1
