@@ -1,7 +1,8 @@
 """Run logic-labelled finite-state machines: declare them, load them, give them turns.
 
-Read in this order: `state` and `table` (what a machine is), `machine` (what its code may ask),
-`seat`, `binding` and `ringlet` (one turn of one machine), `roster` and `arrangement` (all).
+Read in this order, in `engine`: `state` and `table` (what a machine is), `machine` (what its code
+may ask), `environment` (what it learns from and acts on), `seat`, `binding` and `ringlet` (one turn
+of one machine), `roster`, `control` and `arrangement` (all).
 """
 
 from .engine.arrangement import Arrangement
@@ -26,13 +27,17 @@ from .engine.errors import (
 )
 from .engine.events import Event, Observer, Reason, Request, Status
 from .engine.machine import Machine, define
+from .engine.observers import Trace
 from .engine.ports import Actuator, Sensor
 from .engine.schedule import Requirement, TimeSlot, Timetable
 from .engine.state import State, Transition
 from .engine.statistics import MachineStatistics, Spread
 from .engine.submachine import Submachine
 from .engine.table import REQUIRED, Table, Variable
-from .engine.trace import Trace
+from .presence.live import LiveEnvironment
+
+# An arrangement on a whiteboard is seen and controlled by other processes. The engine knows none.
+Arrangement.live = LiveEnvironment
 
 __all__ = [
     "REQUIRED",

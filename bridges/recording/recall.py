@@ -1,7 +1,7 @@
-"""Machines that learn what a journal says that they learnt.
+"""An environment in which machines learn what a journal recorded.
 
-A journal is cut into segments, each ended by an event. Whatever a machine asks for while it runs is
-answered by the segment that its next event will end.
+A journal is cut into segments, each ended by an event. Whatever a machine reads or asks while it
+runs is answered from the segment that its next event will end.
 """
 
 from __future__ import annotations
@@ -9,25 +9,26 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from llfsm.runtime import Arrangement, ManualClock
+from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
 from llfsm.runtime.engine.errors import UnknownMachineError
 from llfsm.runtime.engine.events import Status
-from llfsm.runtime.engine.roster import Loadable
-from llfsm.runtime.engine.seat import Seat
-from llfsm.runtime.journal.entries import Entry, Journal
-from llfsm.runtime.journal.journalled import JournalledArrangement
-from llfsm.runtime.presence.remote import RemoteMachine
-from llfsm.whiteboard import WhiteboardError
+from llfsm.runtime.journal.entries import Entry
+from llfsm.whiteboard import Board, WhiteboardError
 
 from .errors import RecordingFileError
 
-__all__ = ["Memory", "RecalledArrangement", "Segment", "segments_of"]
+if TYPE_CHECKING:
+    from llfsm.runtime import Actuator, Sensor
+    from llfsm.whiteboard import Slot
+
+__all__ = ["Memory", "RecalledEnvironment", "Segment", "segments_of"]
 
 
 class Segment:
-    """What machines learnt between two events, what they posted, and the event that ended it."""
+    """What machines learnt and posted between two events, and the event that ended it."""
 
     def __init__(self) -> None:
         self.reads: list[int] = []
@@ -70,7 +71,7 @@ def segments_of(entries: Iterable[Entry]) -> Iterator[Segment]:
 
 
 class _Clock(ManualClock):
-    """A manual clock that is moved by what was read then, one reading at a time."""
+    """A clock that returns the recorded readings, one at a time."""
 
     def __init__(self, on_sleep: Callable[[], None]):
         super().__init__()
@@ -78,53 +79,57 @@ class _Clock(ManualClock):
         self._on_sleep = on_sleep
 
     def expect(self, now_ns: int, reads: Iterable[int]) -> None:
-        """Be at `now_ns`, and tell `reads` from now on; then stand still."""
+        """Move to `now_ns`, and return `reads` from now on; then stand still."""
         self._now_ns = now_ns
         self._ahead = deque(reads)
 
     def now_ns(self) -> int:
-        """Return what was read then."""
+        """Return the recorded reading."""
         if self._ahead:
             self._now_ns = self._ahead.popleft()
         return self._now_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Return at once: it is the recording that says how long it took."""
+        """Return at once: the recording holds how long it took."""
         self._on_sleep()
 
 
 class Memory:
-    """What machines learnt, segment by segment: `segment` is the one that they are in."""
+    """A journal's segments; `segment` is the one in which the machines are."""
 
     def __init__(self, entries: Iterable[Entry]):
         self.clock = _Clock(lambda: self.ask())
         self.error: RecordingFileError | None = None
-        """Why the machines cannot learn what they did."""
-        self.arrangement: RecalledArrangement | None = None
+        """Why the machines cannot learn what they learnt."""
+        self.arrangement: Arrangement | None = None
         self._segments = segments_of(entries)
         self.advance(0)
 
     def advance(self, now_ns: int) -> None:
-        """Go on to the next segment: the event that ends this one, at `now_ns`, has come."""
+        """Go on to the next segment: the event that ends this one has come, at `now_ns`."""
         self.segment = next(self._segments)
         self.clock.expect(now_ns, self.segment.reads)
 
     def ask(self) -> None:
-        """Do what was asked from outside before the next event."""
+        """Repeat the requests that came from outside before the next event."""
         while self.segment.asked and self.arrangement is not None:
             asked = self.segment.asked.popleft()
-            self.arrangement.obey(asked["action"], asked["machine"])
+            if asked["machine"] is None:
+                self.arrangement.stopping = True  # at once, as in the journal
+                continue
+            with suppress(UnknownMachineError):  # the events will show what could not be done
+                getattr(self.arrangement, asked["action"])(asked["machine"])
 
     def sensed(self, machine: str, sensor: str) -> Entry | None:
-        """Return what a sensor finds, if it is something else than before."""
+        """Return what a sensor finds if it differs from before, else None."""
         return self.segment.sensed.pop((machine, sensor), None)
 
     def knows(self) -> bool:
-        """Tell whether the machine of another process that is asked next was there."""
+        """Return whether the machine of another process that is asked next was there."""
         return bool(self.segment.answers) and self.segment.answers[0] is not None
 
     def answer(self) -> Any:
-        """Return what it answers; None if it was not there, or was not asked then."""
+        """Return its answer; None if it was not there, or was not asked then."""
         return self.segment.answers.popleft() if self.segment.answers else None
 
     def counted(self, count: int) -> int:
@@ -133,37 +138,22 @@ class Memory:
         return int(posts[0]["count"]) if posts else count
 
 
-class RecalledArrangement(JournalledArrangement):
-    """An arrangement whose machines learn what a journal says."""
+class RecalledEnvironment(BoardEnvironment):
+    """An environment in which machines learn what `memory` holds; they post to `whiteboard`."""
 
-    def __init__(
-        self, machines: Iterable[Loadable], *, memory: Memory, journal: Journal, **options: Any
-    ):
+    def __init__(self, whiteboard: Board, memory: Memory):
+        super().__init__(whiteboard, memory.clock)
         self._memory = memory
-        memory.arrangement = self
-        super().__init__(machines, journal=journal, clock=memory.clock, **options)
 
-    def obey(self, action: str, name: str | None) -> None:
-        """Do what was asked from outside; what cannot be done will be seen in the events."""
-        if name is None:
-            Arrangement.stop(self)  # at once, as the journal says
-            return
-        with suppress(UnknownMachineError):
-            getattr(self, action)(name)
+    def enter(self, arrangement: Arrangement) -> None:
+        """Have the arrangement obey the requests that were recorded."""
+        self._memory.arrangement = arrangement
 
-    def _tap(self, seat: Seat) -> None:
-        seat.sensors = tuple(
-            (name, self._recalling(seat, name, type(seat.machine).table.sensors[name]))
-            for name, _ in seat.sensors
-        )
-        for name in type(seat.machine).table.actuators:
-            setattr(seat.machine, name, self._counting(getattr(seat.machine, name)))
-        super()._tap(seat)
+    def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
+        """Return a function that returns what the sensor found then."""
+        memory, latest = self._memory, sensor.default
 
-    def _recalling(self, seat: Seat, name: str, sensor: Any) -> Callable[[], object]:
-        memory, machine, latest = self._memory, seat.name, sensor.default
-
-        def read() -> object:
+        def recall() -> object:
             nonlocal latest
             sensed = memory.sensed(machine, name)
             if sensed is None:
@@ -172,7 +162,7 @@ class RecalledArrangement(JournalledArrangement):
                 raise WhiteboardError(sensed["error"])
             try:
                 data = sensed["message"]
-                latest = sensor.default if data is None else sensor.slot.decoder.decode(data)
+                latest = sensor.default if data is None else slot.decoder.decode(data)
             except ValueError as error:
                 memory.error = RecordingFileError(
                     f"{machine} cannot read what its sensor {name!r} found then: {error}"
@@ -180,24 +170,25 @@ class RecalledArrangement(JournalledArrangement):
                 raise
             return latest
 
-        return read
+        return recall
 
-    def _counting(self, add: Callable[[Any], int]) -> Callable[[Any], int]:
-        memory = self._memory
+    def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
+        """Return a function that posts and returns the count that the message got then."""
+        memory, add = self._memory, super().post(machine, name, actuator, slot)
         return lambda message: memory.counted(add(message))
 
-    def _elsewhere(self, name: str) -> RemoteMachine:
+    def elsewhere(self, name: str, known: Iterable[str]) -> _RecalledMachine:
+        """Return a machine of another process, if it was there then."""
         if not self._memory.knows():
             self._memory.answer()
-            raise UnknownMachineError(name, self._named)
-        return _Elsewhere(name, self._memory)
+            raise UnknownMachineError(name, known)
+        return _RecalledMachine(self._memory)
 
 
-class _Elsewhere(RemoteMachine):
+class _RecalledMachine:
     """A machine of another process, which answers what it answered then."""
 
-    def __init__(self, name: str, memory: Memory):
-        self.name = name
+    def __init__(self, memory: Memory):
         self._memory = memory
 
     @property
@@ -211,5 +202,5 @@ class _Elsewhere(RemoteMachine):
         return bool(self._memory.answer())
 
     def request(self, action: str) -> Status:
-        """Return what it was before."""
+        """Return its status before."""
         return Status(self._memory.answer())

@@ -1,8 +1,8 @@
-"""Run machines on what a recording says that they learnt, and compare what they do.
+"""Run machines again on what they learnt in a recording, and compare what they do.
 
-The clock tells what it told then; where the machines now ask it more often than they did it
-stands still until their next event, so that another number of questions is no difference.
-Compared is what the machines do: their events, without times, and the messages that they post.
+The clock returns the recorded readings. If the machines read it more often than they did then, it
+stands still until their next event, so that another number of readings makes no difference.
+Their events, without times, and the messages that they post are compared.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ import msgspec
 
 from llfsm.runtime import Arrangement, ArrangementEndedError, ExecutionError, Reason
 from llfsm.runtime.engine.events import IdleSleep
-from llfsm.runtime.engine.roster import Loadable
+from llfsm.runtime.engine.loading import Loadable
 from llfsm.runtime.journal.entries import Entry, Journal, as_entry
+from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.whiteboard import Whiteboard
 
 from .errors import NoEventsError, OtherMachinesError, RecordingFileError, RerunError
 from .reader import RecordedJournal, Recording
-from .recall import Memory, RecalledArrangement
+from .recall import Memory, RecalledEnvironment
 
 __all__ = ["Difference", "Rerun", "assert_reruns", "rerun", "whole_journals", "why_not"]
 
@@ -51,15 +52,16 @@ class Difference(NamedTuple):
 class Rerun:
     """Run the machines of a journal again, once: `arrange` them, then `compare`.
 
-    `board` is where they post, which is nobody's. Raise `NoEventsError` if nothing was recorded.
+    `environment` is where they learn what the journal holds; what they post goes nowhere. Raise `NoEventsError` if nothing was recorded.
     """
 
     def __init__(self, entries: Iterable[Entry], source: str = "the recording"):
-        self.board = Whiteboard.local()
         self._machines: list[str] = []  # that were there from the beginning
         self._memory = Memory(self._noting_machines(entries))
         self._journal = Journal(lambda _: None)
         self._journal.add = lambda entry: self._take(as_entry(entry))
+        recalled = RecalledEnvironment(Whiteboard.local(), self._memory)
+        self.environment = JournalledEnvironment(recalled, self._journal)
         self._source = source
         first = self._memory.segment.event
         if first is None:
@@ -73,8 +75,7 @@ class Rerun:
 
     def arrange(self, machines: Iterable[Loadable] = (), **options: Any) -> Arrangement:
         """Return an arrangement that learns what the journal says; `options` are as for others."""
-        options = {"whiteboard": self.board, **options}
-        return RecalledArrangement(machines, memory=self._memory, journal=self._journal, **options)
+        return Arrangement(machines, environment=self.environment, **options)
 
     def compare(self) -> Difference | None:
         """Run it and return the first difference, or None if the machines do all they did.
@@ -120,7 +121,7 @@ class Rerun:
                 self._machines.append(entry["machine"])
             yield entry
 
-    def _step(self, arrangement: RecalledArrangement, event: Entry) -> None:
+    def _step(self, arrangement: Arrangement, event: Entry) -> None:
         match event["event"]:
             case "RoundBegin":
                 # Both are seen in the events, or in that there is none.

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeVar, Unpack
 
-from .clock import Clock, MonotonicClock
-from .errors import ArrangementEndedError, ExecutionError, LoadError, OptionError
+from .binding import bind
+from .clock import Clock
+from .control import Control
+from .environment import BoardEnvironment, Environment
+from .errors import ArrangementEndedError, ExecutionError, OptionError
 from .events import (
     Accepting,
     End,
@@ -16,28 +19,29 @@ from .events import (
     Request,
     RoundBegin,
     RoundEnd,
-    Turn,
 )
 from .execution import Execution
 from .failure import logger
+from .loading import Library, Loadable, Loader, LoadOptions
+from .machine import Machine
+from .observers import Observers
 from .pacing import Pacer
-from .ringlet import ringlet
-from .roster import Library, Loadable, Roster
+from .ringlet import observed_ringlet, ringlet
 from .schedule import Timetable
 from .seat import Seat
 from .signals import stop_on_signals
 from .statistics import MachineStatistics, Stopwatch
+from .submachine import Submachine
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
-    from ..journal.handover import Handover
-
-
 __all__ = ["Arrangement", "Reason"]
 
+M = TypeVar("M", bound=Machine)
 
-class Arrangement(Roster):
+
+class Arrangement(Control):
     """Run machines in load order, one ringlet each per round; those in `start_suspended` last.
 
     Args:
@@ -45,6 +49,7 @@ class Arrangement(Roster):
         start_suspended: more of them, loaded after the others in their suspend state.
         whiteboard: where sensors read and actuators post.
         clock: the only source of time (default: a `MonotonicClock`).
+        environment: what machines learn from and act on, instead of a whiteboard and a clock.
         idle_us: how long to sleep after a round in which nothing fired.
         period_us: begin rounds at this fixed period instead, the n-th of them n periods after the
             first. Turns that end after the next round is due are counted as overruns.
@@ -53,13 +58,16 @@ class Arrangement(Roster):
         unload_accepting: unload a machine that accepts (clfsm's -u is False).
         library: machines that code may load by name.
         on_error: when code of a machine raises, "stop" everything and raise the
-            `ExecutionError`, or "suspend" the machine, log it and tell the observers; one
+            `ExecutionError`, or "suspend" the machine, log it and notify the observers; one
             that fails while suspended is unloaded.
         observers: functions to be called with every event.
 
     Leaving a `with` block ends it, like the end of `run`: the `at_end` messages are posted.
 
     """
+
+    live: ClassVar[type[BoardEnvironment]] = BoardEnvironment
+    """The environment on a whiteboard; `llfsm.runtime` puts in the one that others can see."""
 
     def __init__(
         self,
@@ -68,6 +76,7 @@ class Arrangement(Roster):
         start_suspended: Iterable[Loadable] = (),
         whiteboard: Board | None = None,
         clock: Clock | None = None,
+        environment: Environment | None = None,
         idle_us: int = 10_000,
         period_us: int | None = None,
         timetable: Timetable | None = None,
@@ -77,7 +86,6 @@ class Arrangement(Roster):
         on_error: Literal["stop", "suspend"] = "stop",
         observers: Iterable[Observer] = (),
     ):
-        super().__init__(whiteboard, clock or MonotonicClock(), library)
         for option, value, least in (
             ("idle_us", idle_us, 0),
             ("period_us", 1 if period_us is None else period_us, 1),
@@ -88,14 +96,25 @@ class Arrangement(Roster):
             raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
         if period_us is not None and timetable is not None:
             raise OptionError("give period_us or a timetable, not both")
+        if environment is None:
+            live = self.live
+            environment = Environment(clock) if whiteboard is None else live(whiteboard, clock)
+        elif whiteboard is not None or clock is not None:
+            raise OptionError("give an environment, or a whiteboard and a clock, not both")
+        super().__init__(environment)
         self.idle_us = idle_us
         self.timetable = timetable
         self.unload_accepting = unload_accepting
         self.on_error = on_error
+        self.rounds = 0
+        self.stopping = False
         self.reason: Reason | None = None
         self.stop_cause: str | None = None
-        self.handover: Handover | None = None  # of a journal, while somebody records it
-        self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
+        self._loader = Loader(self, self._roster, library)
+        self._leaving: list[Seat] = []  # to be unloaded at the end of their ringlet
+        self._outer: list[Seat] = []  # those inside whose ringlet another one is nested
+        self._observers = Observers()
+        self.emit = self._observers.emit
         self._execution: Execution | None = None
         cycle_us = period_us if timetable is None else timetable.cycle_us
         self._pacer = None
@@ -107,12 +126,100 @@ class Arrangement(Roster):
         if timed or self._pacer is not None:
             self._stopwatch = Stopwatch(self.clock, self._pacer)
         self._turn = self._choose_turn()
+        environment.enter(self)
         for observer in observers:
             self.attach(observer)
         for machine in machines:
             self.load(machine)
         for machine in start_suspended:
             self.load_suspended(machine)
+
+    def move(self, environment: Environment) -> None:
+        """Connect all machines with another environment, between two rounds."""
+        self.environment = environment
+        for seat in self._roster:
+            seat.connect(environment)
+        self._bind_all()
+
+    # Observers
+
+    @property
+    def observers(self) -> tuple[Observer, ...]:
+        """Those that are called with every event."""
+        return tuple(self._observers)
+
+    def attach(self, observer: Observer) -> None:
+        """Call `observer` with every event from now on; also while running."""
+        self._observers.append(observer)
+        self._bind_all()
+
+    def detach(self, observer: Observer) -> None:
+        """Call `observer` no more; also while running, and if it was not attached."""
+        if observer in self._observers:
+            self._observers.remove(observer)
+            self._bind_all()
+
+    def stamp(self) -> tuple[int, int]:
+        """Return the round and the time, with which every event begins."""
+        return self.rounds, self.environment.clock.now_ns()
+
+    # Loading. `caller` is the seat whose ringlet makes the call, None from outside.
+
+    def load(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
+        """Load a machine and return its index.
+
+        `machine` is a class, an instance, or the name of one in the library; see `LoadOptions`
+        for the rest. Raise `LoadError` if it cannot be loaded as asked.
+        """
+        return self._seat_of(machine, **how).index
+
+    def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
+        """Load a machine as `load` does, but in its suspend state, to be resumed."""
+        seat = self._seat_of(machine, **how)
+        seat.suspend()
+        return seat.index
+
+    def call_machine(self, machine: type[M] | M | str, **how: Unpack[LoadOptions]) -> Submachine[M]:
+        """Load a machine as `load` does, to wait for its end and read its results."""
+        return Submachine(self._seat_of(machine, **how))
+
+    def unload(self, name: str, caller: Seat | None = None) -> bool:
+        """Unload a machine and return True: at once, or at the end of its ringlet if in one."""
+        seat = self._roster.find(name)
+        if seat is caller or seat in self._outer:
+            self._leaving.append(seat)
+        else:
+            self._vacate(seat)
+        return True
+
+    def abandon(self, name: str, caller: Seat | None = None) -> bool:
+        """Suspend a machine now, run its suspended ringlet inside this call and return True."""
+        seat = self._roster.find(name)
+        first_round = seat.first_round
+        if caller is not None:
+            self._outer.append(caller)
+        # A ringlet sees one snapshot from begin to end, also if another one of the same
+        # machine is nested in it.
+        snapshot = [(sensor, getattr(seat.machine, sensor)) for sensor, _ in seat.sensors]
+        seat.request = None
+        seat.nested += 1
+        seat.suspend()
+        turn = ringlet if self._stopwatch is None else self._stopwatch.around(ringlet)
+        try:
+            turn(seat)
+        except ExecutionError as error:
+            self._fail(seat, error)
+        finally:
+            if not first_round:  # those that rounds give it are still to come
+                past = caller is None or caller.index > seat.index
+                seat.first_round = self.rounds + past
+            if seat in self._outer:
+                for sensor, value in snapshot:
+                    setattr(seat.machine, sensor, value)
+            self._let_go()
+            if caller is not None:
+                self._outer.pop()
+        return True
 
     def __enter__(self) -> Self:
         return self
@@ -129,10 +236,7 @@ class Arrangement(Roster):
 
         One that was suspended from another process keeps it going until a stop is asked for.
         """
-        return all(
-            seat is None or (seat.settled and (self.stopping or not seat.held))
-            for seat in self._seats
-        )
+        return all(seat.settled and (self.stopping or not seat.held) for seat in self._roster)
 
     def round(self) -> bool:
         """Give every machine one turn, in order, and return whether a transition fired.
@@ -146,7 +250,7 @@ class Arrangement(Roster):
         if self._observers:
             self.emit(RoundBegin(*self.stamp()))
         fired, leaving = False, self._leaving
-        seats = self._seats if self.timetable is None else self._turns(self.timetable)
+        seats = self._roster.seats if self.timetable is None else self._turns(self.timetable)
         for seat in seats:  # the list grows and gets holes on the way
             if seat is None:
                 continue
@@ -188,16 +292,9 @@ class Arrangement(Roster):
 
     def stop(self, cause: str = "stop() was called") -> None:
         """Ask the machines to reach accepting states; may be called from any thread."""
-        if not self.stopping:
+        if not self.stopping and self.environment.may_stop(cause):
             self.stop_cause = cause
             self.stopping = True
-
-    def stop_machine(self, name: str) -> None:
-        """Ask one machine to reach an accepting state; `run` unloads it after the grace period."""
-        seat = self._find(name)
-        if not seat.stopping:
-            seat.stopping = True
-            self._stopped.append((self.clock.now_ns(), seat))
 
     def unload_stopped(self, grace_ns: int) -> None:
         """Unload the machines that were asked to stop alone so long ago."""
@@ -217,7 +314,7 @@ class Arrangement(Roster):
 
     def progress(self, name: str) -> tuple[int, int]:
         """Return the numbers of ringlets and of overruns of a loaded machine."""
-        seat = self._find(name)
+        seat = self._roster.find(name)
         return (seat.ringlets, 0) if self._stopwatch is None else self._stopwatch.progress(name)
 
     def end(self, reason: Reason = Reason.CLOSED) -> None:
@@ -226,9 +323,8 @@ class Arrangement(Roster):
             return
         self.reason = reason
         self._gate = self._refuse
-        for seat in self._seats:
-            if seat is not None:
-                seat.finish()
+        for seat in self._roster:
+            seat.finish()
         if self._execution is not None:
             self._execution.end()
         if self._stopwatch is not None:
@@ -256,14 +352,7 @@ class Arrangement(Roster):
 
     def _turns(self, timetable: Timetable) -> Iterable[Seat | None]:
         assert self._pacer is not None, "it has the timetable's cycle"
-        return self._pacer.turns(timetable.slots, self._named)
-
-    def _admit(self, name: str) -> None:
-        if self.timetable is not None and name not in self.timetable.machines:
-            raise LoadError(
-                f"{name} has no slot in the timetable; it has slots for: "
-                f"{', '.join(self.timetable.machines)}"
-            )
+        return self._pacer.turns(timetable.slots, self._roster.named)
 
     def _accept(self, seat: Seat) -> None:
         """Unload a machine whose ringlet ended in an accepting state, unless it must stay."""
@@ -297,29 +386,30 @@ class Arrangement(Roster):
         if self._observers:
             self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
 
-    def _nested_turn(self, seat: Seat) -> None:
-        turn = ringlet if self._stopwatch is None else self._stopwatch.around(ringlet)
-        try:
-            turn(seat)
-        except ExecutionError as error:
-            self._fail(seat, error)
-
     def _bind_all(self) -> None:
-        super()._bind_all()
+        for seat in self._roster:
+            bind(seat, observed=bool(self._observers))
         self._turn = self._choose_turn()
 
     def _choose_turn(self) -> Callable[[Seat], bool]:
-        turn = self._observed_turn if self._observers else ringlet
+        turn = observed_ringlet if self._observers else ringlet
         return turn if self._stopwatch is None else self._stopwatch.around(turn)
 
+    def _seat_of(self, loadable: Loadable, **how: Unpack[LoadOptions]) -> Seat:
+        seat = self._loader.load(loadable, **how)
+        bind(seat, observed=bool(self._observers))
+        self.environment.loaded(seat.name, seat.path)
+        return seat
+
+    def _let_go(self) -> None:
+        """Unload those that asked for it and whose ringlet is over."""
+        for seat in [seat for seat in self._leaving if seat not in self._outer]:
+            self._leaving.remove(seat)
+            self._vacate(seat)
+
     def _vacate(self, seat: Seat) -> None:
-        super()._vacate(seat)
+        self.environment.requested("unload", seat.name)
+        if self._roster.remove(seat):
+            seat.finish()
         if self._stopwatch is not None:
             self._stopwatch.rest(seat.name)
-
-    def _observed_turn(self, seat: Seat) -> bool:
-        previous = None if seat.previous is None else seat.previous.name
-        self.emit(
-            Turn(*self.stamp(), seat.index, seat.name, seat.current.name, previous, seat.request)
-        )
-        return ringlet(seat)

@@ -56,7 +56,7 @@ def bind(seat: Seat, *, observed: bool) -> None:
         targets = [seat.states[transition.target.name] for transition in state.transitions]
         bound.transitions = tuple(zip(guards, targets, strict=True))
     states = seat.states.values()
-    seat.tells = any(bound.on_suspend or bound.on_resume for bound in states)
+    seat.notifies = any(bound.on_suspend or bound.on_resume for bound in states)
 
 
 def _guard(seat: Seat, state: State, number: int) -> Guard | None:
@@ -66,7 +66,7 @@ def _guard(seat: Seat, state: State, number: int) -> Guard | None:
     if sum(each.target is target for each in state.transitions) == 1:
         return guard
 
-    def evaluate_and_note(machine: Any) -> bool:  # which one it was cannot be told by its target
+    def evaluate_and_note(machine: Any) -> bool:  # the target alone does not identify it
         value = guard is None or guard(machine)
         if value is True:
             seat.fired = number
@@ -79,17 +79,17 @@ def _timed(seat: Seat, transition: Transition) -> Guard | None:
     guard = transition.guard
     if transition.after_ms is None:
         return guard
-    now, limit_ns = seat.roster.clock.now_ns, transition.after_ms * 1_000_000
+    now, limit_ns = seat.arrangement.environment.clock.now_ns, transition.after_ms * 1_000_000
     if guard is None:
         return lambda _: now() - seat.entered_ns > limit_ns
     return lambda machine: now() - seat.entered_ns > limit_ns and guard(machine)
 
 
 def _watch_section(seat: Seat, state: State, section: str, code: SectionCode | None) -> SectionCode:
-    roster = seat.roster
+    arrangement = seat.arrangement
 
     def report_and_run(machine: Any) -> None:
-        roster.emit(Section(*roster.stamp(), seat.name, state.name, section))
+        arrangement.emit(Section(*arrangement.stamp(), seat.name, state.name, section))
         if code is not None:
             outer, seat.doing = seat.doing, state.name
             try:
@@ -101,7 +101,7 @@ def _watch_section(seat: Seat, state: State, section: str, code: SectionCode | N
 
 
 def _watch_guard(seat: Seat, state: State, number: int, guard: Guard | None) -> Guard:
-    roster = seat.roster
+    arrangement = seat.arrangement
     transition = state.transitions[number]
     label, target = transition.label, transition.target.name
 
@@ -111,7 +111,9 @@ def _watch_guard(seat: Seat, state: State, number: int, guard: Guard | None) -> 
             value = guard is None or guard(machine)
         finally:
             seat.doing = outer
-        roster.emit(Eval(*roster.stamp(), seat.name, state.name, number, label, target, value))
+        arrangement.emit(
+            Eval(*arrangement.stamp(), seat.name, state.name, number, label, target, value)
+        )
         return value
 
     return evaluate_and_report

@@ -1,4 +1,4 @@
-"""Where time comes from: a clock is passed in, and nothing else in the runtime reads time."""
+"""Where time comes from: a clock is passed in, and nothing else in the engine reads time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Clock", "ManualClock", "MonotonicClock"]
 
 
 class Clock(Protocol):
-    """What the runtime asks of time. Whole nanoseconds from any fixed start, never going back."""
+    """What the runtime needs of time. Whole nanoseconds from any fixed start, never going back."""
 
     def now_ns(self) -> int:
         """Return the time."""
@@ -23,7 +23,7 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """Tell the host's CLOCK_MONOTONIC, which no adjustment of the date moves."""
+    """The host's CLOCK_MONOTONIC, which no adjustment of the date moves."""
 
     now_ns = staticmethod(time.monotonic_ns)
 
@@ -35,7 +35,7 @@ class MonotonicClock:
 
 
 class ManualClock:
-    """Stand still until told to move: time for tests and simulation. Sleeping moves it."""
+    """Stand still until `advance` is called: time for tests and simulation. Sleeping moves it."""
 
     def __init__(self, start_ns: int = 0):
         self._now_ns = start_ns

@@ -15,7 +15,7 @@ FsmError
 ├── DrawingError             a picture of a machine cannot be drawn as asked
 ├── OptionError              an argument of an arrangement is impossible
 ├── ArrangementEndedError    a round was asked of an arrangement that has ended
-└── ClockError               a clock was told to go back (also a ValueError)
+└── ClockError               a clock was moved back (also a ValueError)
 
 UnreachableStateWarning      a state that no chain of transitions reaches
 """

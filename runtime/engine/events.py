@@ -19,13 +19,13 @@ __all__ = [
     "Event",
     "Failed",
     "IdleSleep",
-    "MachineStatus",
     "Observer",
     "Reason",
     "Request",
     "RoundBegin",
     "RoundEnd",
     "Section",
+    "Standing",
     "Status",
     "Turn",
 ]
@@ -138,7 +138,7 @@ class Failed(NamedTuple):
     error: Exception
 
 
-class MachineStatus(NamedTuple):
+class Standing(NamedTuple):
     """Where a machine stands; `entered_ns` is when its state clock started, None if never."""
 
     index: int  # type: ignore[assignment]
@@ -156,7 +156,7 @@ class RoundEnd(NamedTuple):
     time_ns: int
     fired: bool
     accepting: bool
-    machines: tuple[MachineStatus | None, ...]
+    machines: tuple[Standing | None, ...]
 
 
 class IdleSleep(NamedTuple):

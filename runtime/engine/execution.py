@@ -1,4 +1,4 @@
-"""An arrangement's execution from its first round to its end: pace, sleep, stop, and the board."""
+"""An arrangement's execution from its first round to its end: pace, sleep, stop, and the world."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING
 from .events import IdleSleep, Reason
 
 if TYPE_CHECKING:
-    from ..presence.reporting import Presence
     from .arrangement import Arrangement
 
 __all__ = ["Execution"]
 
 _NAP_NS = 20_000_000  # a sleep is cut into these, to notice a stop, a request or the board's end
-_BUSY_ROUNDS = 64  # rounds without a sleep after which the board is looked at
+_BUSY_ROUNDS = 64  # rounds without a sleep after which to check that the world still exists
 
 
 class Execution:
     """Run rounds until all machines accept, or the time that a stop leaves them is over.
 
-    Meanwhile the machines are told of on the whiteboard, and obey what is asked of them there.
+    Between rounds the environment's attendant publishes the machines' statuses and obeys requests.
     """
 
     def __init__(self, arrangement: Arrangement, grace_s: float):
@@ -28,14 +27,7 @@ class Execution:
         self._now = arrangement.clock.now_ns
         self._grace_ns = round(grace_s * 1e9)
         self._give_up_ns: int | None = None  # when the grace period ends
-        self._presence: Presence | None = None
-        board = arrangement.whiteboard
-        if board is not None and board.alive:
-            from ..presence.reporting import (
-                Presence,  # here, as it brings the whiteboard's messages
-            )
-
-            self._presence = Presence(arrangement, board)
+        self._attendant = arrangement.environment.attend(arrangement)
 
     def run(self, max_rounds: int | None) -> Reason:
         """Run rounds and return why no more are to be run."""
@@ -53,7 +45,7 @@ class Execution:
             if not arrangement.paced and not fired and arrangement.idle_us:
                 self._sleep(arrangement.idle_us * 1_000)
             elif arrangement.rounds % _BUSY_ROUNDS == 0:
-                self._look_at_board()
+                self._look_at_world()
             if finished:
                 return Reason.ACCEPTING
 
@@ -61,41 +53,41 @@ class Execution:
         """Sleep until a turn is due, also while stopping; False if there is to be none any more."""
         left_ns = due_ns - self._now()
         if left_ns > 0:
-            self._tell(left_ns)
+            self._report_sleep(left_ns)
         self._nap(due_ns, self._is_over)
         return not self._is_over()
 
     def end(self) -> None:
-        """Tell on the board that the machines are gone."""
-        if self._presence is not None:
-            self._presence.end()
+        """End the attendance: the machines are gone."""
+        if self._attendant is not None:
+            self._attendant.end()
 
     def _sleep(self, duration_ns: int) -> None:
         """Sleep between rounds; a stop that is asked for meanwhile cuts it short."""
         arrangement = self._arrangement
         stopping = arrangement.stopping
         deadline_ns = self._now() + duration_ns
-        self._tell(duration_ns)
+        self._report_sleep(duration_ns)
         self._nap(
             deadline_ns,
             lambda: arrangement.stopping is not stopping or self._grace_is_over(),
         )
-        self._look_at_board()
+        self._look_at_world()
         self._look(idle=True)
 
-    def _tell(self, duration_ns: int) -> None:
+    def _report_sleep(self, duration_ns: int) -> None:
         self._arrangement.emit(IdleSleep(*self._arrangement.stamp(), duration_ns))
 
     def _nap(self, deadline_ns: int, is_over: Callable[[], bool]) -> None:
         # Look before each nap: what the looking takes must not delay a turn that is due.
         while (now_ns := self._now()) < deadline_ns:
-            self._look_at_board()
+            self._look_at_world()
             self._look(idle=False)
             if is_over():
                 return
             self._arrangement.clock.sleep_until_ns(min(deadline_ns, now_ns + _NAP_NS))
-            if self._presence is not None:
-                self._presence.hear()  # a request made in the sleep is one for the next turn
+            if self._attendant is not None:
+                self._attendant.obey()  # a request made in the sleep is one for the next turn
 
     def _is_over(self) -> bool:
         return self._arrangement.reason is not None or self._grace_is_over()
@@ -108,12 +100,11 @@ class Execution:
             self._give_up_ns = now_ns + self._grace_ns
         return now_ns >= self._give_up_ns
 
-    def _look_at_board(self) -> None:
-        board = self._arrangement.whiteboard
-        if board is not None and not board.alive:
+    def _look_at_world(self) -> None:
+        if not self._arrangement.environment.alive:
             self._arrangement.stop("the whiteboard was closed or removed")
 
     def _look(self, *, idle: bool) -> None:
-        if self._presence is not None:
-            self._presence.look(idle=idle)
+        if self._attendant is not None:
+            self._attendant.look(idle=idle)
         self._arrangement.unload_stopped(self._grace_ns)

@@ -20,7 +20,7 @@ _RUNTIME = os.path.dirname(os.path.dirname(__file__))
 
 
 def logger() -> Logger:
-    """Return the runtime's logger, importing logging only when there is something to say."""
+    """Return the runtime's logger, importing logging only when there is something to log."""
     import logging
 
     return logging.getLogger("llfsm.runtime")

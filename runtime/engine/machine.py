@@ -12,7 +12,7 @@ from .state import ClassBody, State
 from .table import REQUIRED, Table, make_table
 
 if TYPE_CHECKING:
-    from .roster import Loadable, LoadOptions
+    from .loading import Loadable, LoadOptions
     from .seat import Seat
     from .submachine import Submachine
 
@@ -117,17 +117,17 @@ class Machine(metaclass=MachineType):
     # Time since the state was entered
 
     def after_ms(self, ms: float) -> bool:
-        """Tell whether more than `ms` milliseconds have passed since the state was entered."""
+        """Return whether more than `ms` milliseconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > ms * 1_000_000
 
     def after(self, s: float) -> bool:
-        """Tell whether more than `s` seconds have passed since the state was entered."""
+        """Return whether more than `s` seconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > s * 1_000_000_000
 
     def timeout(self, us: float) -> bool:
-        """Tell whether more than `us` microseconds have passed since the state was entered."""
+        """Return whether more than `us` microseconds have passed since the state was entered."""
         seat = self._seat
         return seat.now() - seat.entered_ns > us * 1_000
 
@@ -146,12 +146,12 @@ class Machine(metaclass=MachineType):
     @property
     def stopping(self) -> bool:
         """Whether it or all machines were asked to stop: make for an accepting state."""
-        return self._seat.stopping or self._seat.roster.stopping
+        return self._seat.stopping or self._seat.arrangement.stopping
 
     @property
     def number_of_machines(self) -> int:
         """The number of indices in use, holes included."""
-        return self._called("number_of_machines", None, self._seat.roster.number_of_machines)
+        return self._called("number_of_machines", None, self._seat.arrangement.number_of_machines)
 
     # Requests. All take effect at the machine's next turn and return its status before. They
     # and the questions below also reach machines that other processes run on the whiteboard; a
@@ -159,62 +159,62 @@ class Machine(metaclass=MachineType):
 
     def suspend(self, name: str) -> Status:
         """Suspend machine `name`: it enters its suspend state and remembers where it was."""
-        return self._called("suspend", name, self._seat.roster.suspend(name))
+        return self._called("suspend", name, self._seat.arrangement.suspend(name))
 
     def resume(self, name: str) -> Status:
         """Return a suspended machine to where it was; `Status.ERROR` if a restart is pending."""
-        return self._called("resume", name, self._seat.roster.resume(name))
+        return self._called("resume", name, self._seat.arrangement.resume(name))
 
     def restart(self, name: str) -> Status:
         """Start machine `name` again from its initial state, suspended or not."""
-        return self._called("restart", name, self._seat.roster.restart(name))
+        return self._called("restart", name, self._seat.arrangement.restart(name))
 
     def suspend_self(self) -> Status:
         """Suspend this machine at its next turn."""
-        return self._called("suspend_self", None, self._seat.roster.suspend(self.name))
+        return self._called("suspend_self", None, self._seat.arrangement.suspend(self.name))
 
     def resume_self(self) -> Status:
         """Resume this machine at its next turn, from its suspend state's own code."""
-        return self._called("resume_self", None, self._seat.roster.resume(self.name))
+        return self._called("resume_self", None, self._seat.arrangement.resume(self.name))
 
     def restart_self(self) -> Status:
         """Restart this machine at its next turn."""
-        return self._called("restart_self", None, self._seat.roster.restart(self.name))
+        return self._called("restart_self", None, self._seat.arrangement.restart(self.name))
 
     def suspend_all(self) -> None:
         """Suspend every machine but this one."""
-        self._seat.roster.suspend_all(self._seat)
+        self._seat.arrangement.suspend_all(self._seat)
         self._called("suspend_all", None, None)
 
     def abandon(self, name: str) -> bool:
         """Suspend machine `name` at once: its suspended ringlet runs inside this call."""
-        return self._called("abandon", name, self._seat.roster.abandon(name, self._seat))
+        return self._called("abandon", name, self._seat.arrangement.abandon(name, self._seat))
 
     # Questions
 
     def status(self, name: str) -> Status:
-        """Tell whether machine `name` runs or is suspended; a request alone changes neither."""
-        return self._called("status", name, self._seat.roster.status(name))
+        """Return whether machine `name` runs or is suspended; a request alone changes neither."""
+        return self._called("status", name, self._seat.arrangement.status(name))
 
     def is_suspended(self, name: str) -> bool:
-        """Tell whether machine `name` is in its suspend state."""
-        return self._called("is_suspended", name, self._seat.roster.is_suspended(name))
+        """Return whether machine `name` is in its suspend state."""
+        return self._called("is_suspended", name, self._seat.arrangement.is_suspended(name))
 
     def is_running(self, name: str) -> bool:
-        """Tell whether machine `name` is not suspended."""
-        return self._called("is_running", name, self._seat.roster.is_running(name))
+        """Return whether machine `name` is not suspended."""
+        return self._called("is_running", name, self._seat.arrangement.is_running(name))
 
     def index_of(self, name: str) -> int:
         """Return the place of machine `name` in the order, from 0."""
-        return self._called("index_of", name, self._seat.roster.index_of(name))
+        return self._called("index_of", name, self._seat.arrangement.index_of(name))
 
     def name_of(self, index: int) -> str:
         """Return the name of the machine at `index`."""
-        return self._called("name_of", index, self._seat.roster.name_of(index))
+        return self._called("name_of", index, self._seat.arrangement.name_of(index))
 
     def state_name_of(self, name: str) -> str:
         """Return the name of the current state of machine `name`."""
-        return self._called("state_name_of", name, self._seat.roster.state_name_of(name))
+        return self._called("state_name_of", name, self._seat.arrangement.state_name_of(name))
 
     # Loading
 
@@ -223,11 +223,13 @@ class Machine(metaclass=MachineType):
 
         `name`, `variables` and `slots` are as for `Arrangement.load`.
         """
-        return self._called("load", _called_by(machine), self._seat.roster.load(machine, **how))
+        return self._called(
+            "load", _called_by(machine), self._seat.arrangement.load(machine, **how)
+        )
 
     def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
         """Load a machine that begins in its suspend state, and return its index."""
-        index = self._seat.roster.load_suspended(machine, **how)
+        index = self._seat.arrangement.load_suspended(machine, **how)
         return self._called("load_suspended", _called_by(machine), index)
 
     def call_machine(self, machine: type[M] | M | str, **how: Unpack[LoadOptions]) -> Submachine[M]:
@@ -236,19 +238,20 @@ class Machine(metaclass=MachineType):
         Keep what is returned in a variable, guard a transition with its `done`, and read the
         variables of its `machine`.
         """
-        called = self._seat.roster.call_machine(machine, **how)
+        called = self._seat.arrangement.call_machine(machine, **how)
         return self._called("call_machine", _called_by(machine), called)
 
     def unload(self, name: str) -> bool:
         """Unload machine `name` and return True; this machine goes at the end of its ringlet."""
-        return self._called("unload", name, self._seat.roster.unload(name, self._seat))
+        return self._called("unload", name, self._seat.arrangement.unload(name, self._seat))
 
     def _called(self, operation: str, argument: str | int | None, result: R) -> R:
         """Report a call to the observers, if a section makes it, and return its result."""
         seat = self._seat
         if seat.doing is not None:
-            roster = seat.roster
-            roster.emit(Call(*roster.stamp(), seat.name, seat.doing, operation, argument, result))
+            arrangement = seat.arrangement
+            call = Call(*arrangement.stamp(), seat.name, seat.doing, operation, argument, result)
+            arrangement.emit(call)
         return result
 
 

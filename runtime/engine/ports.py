@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 
 from .errors import NotLoadedError
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, Slot
+    from llfsm.whiteboard import Slot
     from llfsm.whiteboard.message import M
 else:
     M = TypeVar("M")  # whiteboards are imported by those who have one
@@ -41,19 +41,6 @@ class Sensor(Generic[M, D]):
         """Return the default: once there is a snapshot, the machine's own attribute is found."""
         return self if machine is None else self.default
 
-    def bind(self, board: Board, slot: Slot[M]) -> Callable[[], M | D]:
-        """Return the function that reads `slot`, this port's or one that takes its place."""
-        get = board[slot].get
-        default = self.default
-        if default is None:
-            return cast("Callable[[], M | D]", get)
-
-        def get_or_default() -> M | D:
-            message = get()
-            return default if message is None else message
-
-        return get_or_default
-
 
 class Actuator(Generic[M]):
     """Post to a slot by calling: `self.drive(Twist())` adds the message and returns its count.
@@ -79,7 +66,3 @@ class Actuator(Generic[M]):
         raise NotLoadedError(
             f"{owner.__qualname__} cannot post to {self.slot.name!r}: load it into an Arrangement"
         )
-
-    def bind(self, board: Board, slot: Slot[M]) -> Callable[[M], int]:
-        """Return the function that posts to `slot`, this port's or one that takes its place."""
-        return board[slot].add

@@ -6,18 +6,19 @@ from collections.abc import Callable
 from typing import Any
 
 from .errors import ExecutionError, ObserverError
+from .events import Turn
 from .failure import explain, not_a_bool
 from .seat import Seat
 
-__all__ = ["ringlet"]
+__all__ = ["observed_ringlet", "ringlet"]
 
 
 def ringlet(seat: Seat) -> bool:
     """Run one turn of the machine in `seat` and return whether a transition fired.
 
-    1. Apply the pending request. 2. Take the snapshot. 3. Tell the states of suspension.
-    4. Enter. 5. Evaluate the transitions in order; the first true one fires. 6. If none is,
-    run Internal. An exception becomes an `ExecutionError`: `code` is always what is running.
+    1. Apply the pending request. 2. Take the snapshot. 3. Notify the states of suspension.
+    4. Enter. 5. Evaluate the transitions in order; the first true one fires. 6. If none
+    does, run Internal. An exception becomes an `ExecutionError`: `code` is always what is running.
     """
     if seat.request is not None:  # 1
         seat.perform_request()
@@ -30,7 +31,7 @@ def ringlet(seat: Seat) -> bool:
         previous = seat.previous
         if state is not previous:
             seat.previous, seat.source = state, previous
-            if not seat.tells:  # 3
+            if not seat.notifies:  # 3
                 pass
             elif state is seat.suspension:
                 if previous is not None and (code := previous.on_suspend) is not None:
@@ -62,3 +63,13 @@ def ringlet(seat: Seat) -> bool:
         raise
     except Exception as error:
         raise explain(seat, state, code, error) from error
+
+
+def observed_ringlet(seat: Seat) -> bool:
+    """Report to the observers that a turn begins, and run it."""
+    previous = None if seat.previous is None else seat.previous.name
+    where, arrangement = seat.current.name, seat.arrangement
+    arrangement.emit(
+        Turn(*arrangement.stamp(), seat.index, seat.name, where, previous, seat.request)
+    )
+    return ringlet(seat)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .binding import BoundState
 from .errors import LoadError
-from .events import MachineStatus, Request
+from .events import Request, Standing, Status
 from .failure import logger
 from .ports import Actuator, Sensor
 from .state import State
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, Slot
+    from llfsm.whiteboard import Slot
 
+    from .arrangement import Arrangement
+    from .environment import Environment, Read
     from .machine import Machine
-    from .roster import Roster
 
 __all__ = ["Arrival", "Seat"]
 
@@ -33,9 +34,6 @@ class Arrival(NamedTuple):
     """When the state's clock started; None if it has had no turn there yet."""
 
 
-Read: TypeAlias = Callable[[], object]
-
-
 class Seat:
     """One machine in one arrangement: its place in the order and where its execution stands.
 
@@ -45,6 +43,7 @@ class Seat:
 
     __slots__ = (
         "accepted",
+        "arrangement",
         "current",
         "doing",
         "entered_ns",
@@ -57,26 +56,25 @@ class Seat:
         "machine",
         "name",
         "nested",
+        "notifies",
         "now",
         "path",
         "previous",
         "remembered",
         "renamed",
         "request",
-        "roster",
         "sensors",
         "source",
         "states",
         "stopping",
         "suspension",
         "taken",
-        "tells",
     )
 
     def __init__(
         self,
         machine: Machine,
-        roster: Roster,
+        arrangement: Arrangement,
         index: int,
         name: str,
         path: str,
@@ -84,7 +82,7 @@ class Seat:
     ):
         table = type(machine).table
         self.machine = machine
-        self.roster = roster
+        self.arrangement = arrangement
         self.index = index
         self.name = name
         self.path = path
@@ -110,7 +108,7 @@ class Seat:
         self.failed = False  # whether its code has raised
         self.held = False  # whether whoever had it suspended from outside may resume it
         self.stopping = False  # whether this machine alone was asked to stop
-        self.tells = False  # whether any state has code for being suspended or resumed
+        self.notifies = False  # whether any state has code for being suspended or resumed
 
     @property
     def suspended(self) -> bool:
@@ -137,12 +135,12 @@ class Seat:
         """
         if self.first_round == 0:
             return self.nested
-        return self.roster.rounds - self.first_round + 1 + self.nested
+        return self.arrangement.rounds - self.first_round + 1 + self.nested
 
     def _first_now(self) -> int:
-        """Tell the time as the first turn begins, and take note of it: later ones pay nothing."""
-        self.first_round = self.roster.rounds
-        self.now = self.roster.clock.now_ns
+        """Return the time as the first turn begins, and note the round: later turns pay nothing."""
+        self.first_round = self.arrangement.rounds
+        self.now = self.arrangement.clock.now_ns
         return self.now()
 
     def suspend(self) -> None:
@@ -167,15 +165,22 @@ class Seat:
         """Return the declaration of `state`; not of a suspend state that nobody declared."""
         return next(s for s in type(self.machine).table.states if s.name == state.name)
 
-    def status(self) -> MachineStatus:
-        """Describe where the machine stands."""
+    def schedule(self, request: Request) -> Status:
+        """Replace the request; return the status before, or ERROR instead of undoing a restart."""
+        if request is Request.RESUME and self.request is Request.RESTART:
+            return Status.ERROR
+        self.request = request
+        return Status.SUSPENDED if self.suspended else Status.RUNNING
+
+    def standing(self) -> Standing:
+        """Return where the machine stands."""
         entered_ns = None if self.entered_ns == NEVER else self.entered_ns
-        return MachineStatus(
+        return Standing(
             self.index, self.name, self.current.name, self.suspended, self.request, entered_ns
         )
 
     def arrival(self) -> Arrival:
-        """Tell how the machine has come into its state."""
+        """Return how the machine has come into its state."""
         entered = self.current is self.previous
         source = self.source if entered else self.previous
         entered_ns = self.entered_ns if entered else None
@@ -188,25 +193,22 @@ class Seat:
                 return Arrival(source.name, number, entered_ns)
         return Arrival("", 0, entered_ns)
 
-    def connect(self, board: Board | None) -> None:
-        """Bind the machine's sensors and actuators to the slots of `board`."""
+    def connect(self, environment: Environment) -> None:
+        """Connect the machine's sensors and actuators with `environment`."""
         table = type(self.machine).table
-        used = table.slots
         for slot in self.renamed:
-            if slot not in used:
-                names = ", ".join(used) or "none"
+            if slot not in table.slots:
+                names = ", ".join(table.slots) or "none"
                 raise LoadError(f"{self.name} uses no slot {slot!r}; it uses: {names}")
-        if board is None:
-            if used:
-                raise LoadError(
-                    f"{self.name} uses slot {used[0]!r}: give the Arrangement a whiteboard"
-                )
-            return
         self.sensors = tuple(
-            (name, port.bind(board, self._slot(port))) for name, port in table.sensors.items()
+            (name, environment.read(self.name, name, sensor, self._slot(sensor)))
+            for name, sensor in table.sensors.items()
         )
-        for name, port in table.actuators.items():
-            setattr(self.machine, name, port.bind(board, self._slot(port)))
+        for name, actuator in table.actuators.items():
+            post = environment.post(self.name, name, actuator, self._slot(actuator))
+            setattr(self.machine, name, post)
+        if self.first_round:
+            self.now = environment.clock.now_ns
 
     def _slot(self, port: Sensor[Any, Any] | Actuator[Any]) -> Slot[Any]:
         """Return the slot that the port is connected to."""

@@ -1,4 +1,4 @@
-"""Ask for a clean stop when the process is told to end."""
+"""Stop cleanly at SIGINT and SIGTERM."""
 
 from __future__ import annotations
 

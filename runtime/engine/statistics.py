@@ -86,7 +86,7 @@ class Meter:
         self._state, self._begin_ns = state, begin_ns
 
     def note_plan(self, begin_ns: int, end_ns: int, due_ns: int, deadline_ns: int) -> None:
-        """Take it, too, if it was due at a time and to be over at another."""
+        """Take when that turn was due and when it had to be over."""
         if self._planned is not None:
             before_ns, due_before_ns = self._planned
             self._jitters.add(abs(begin_ns - before_ns - (due_ns - due_before_ns)))
@@ -96,13 +96,13 @@ class Meter:
             self.worst_overrun_ns = max(self.worst_overrun_ns, end_ns - deadline_ns)
 
     def rest(self, now_ns: int) -> None:
-        """Take note that the machine is unloaded: it is in no state any more."""
+        """Note that the machine is unloaded: it is in no state any more."""
         if self._state is not None:
             self._state_ns[self._state] += now_ns - self._begin_ns
             self._state = self._planned = None
 
     def read(self, now_ns: int) -> MachineStatistics:
-        """Return what there is to know by now."""
+        """Return the statistics up to now."""
         state_ns = dict(self._state_ns)
         if self._state is not None:
             state_ns[self._state] += now_ns - self._begin_ns
@@ -127,7 +127,7 @@ class Stopwatch:
         self._meters: dict[str, Meter] = {}
 
     def around(self, turn: Callable[[Seat], bool]) -> Callable[[Seat], bool]:
-        """Return `turn` with the meter of its machine told how long it took."""
+        """Return `turn`, timed by the meter of its machine."""
         now, pacer, meters = self._clock.now_ns, self._pacer, self._meters
 
         def timed_turn(seat: Seat) -> bool:
@@ -147,7 +147,7 @@ class Stopwatch:
         return timed_turn
 
     def rest(self, name: str) -> None:
-        """Take note that a machine is unloaded."""
+        """Note that a machine is unloaded."""
         if name in self._meters:
             self._meters[name].rest(self._clock.now_ns())
 
@@ -162,7 +162,7 @@ class Stopwatch:
         return tuple(meter.read(now_ns) for meter in self._meters.values())
 
     def end(self) -> None:
-        """Count no more time, and log who was late."""
+        """Stop counting time, and log which machines were late."""
         for meter in self._meters.values():
             meter.rest(self._clock.now_ns())
             if meter.overruns:

@@ -53,4 +53,4 @@ class Submachine(Generic[M_co]):
     def cancel(self) -> None:
         """Unload it if it is still loaded."""
         if self._seat.taken:
-            self._seat.roster.unload(self._seat.name)
+            self._seat.arrangement.unload(self._seat.name)

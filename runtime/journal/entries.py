@@ -1,18 +1,18 @@
-"""A journal: all that the machines of an arrangement learn, and all that they do with it.
+"""A journal: everything that the machines of an arrangement learn, and everything that they do.
 
-What is in it is enough to run the machines again just as they ran. An entry is one of
+It holds enough to run the machines again exactly as they ran. An entry is one of
 
-* an event, as observers see it, with the `reads`: what the clock told since the entry before it;
-* `Sensed`: a sensor's message is another one; no message means its default;
+* an event, as observers see it, with its `reads`: the clock readings since the entry before it;
+* `Sensed`: a sensor has another message than before; no message means its default;
 * `Posted`: an actuator was called, and the whiteboard has counted the message;
-* `Asked`: something was asked of a machine, or of all (`stop`), from outside the arrangement;
-* `Answered`: a machine of another process was asked for its state, or to do something;
-* `Loaded`: a machine was loaded, but not by another one;
-* `Plan`, at the beginning: what the arrangement was made from, if that was a plan;
-* `Lost`, written by a recorder: entries that should be here were lost on their way to it.
+* `Asked`: a request for one machine, or for all (`stop`), came from outside the arrangement;
+* `Answered`: a machine of another process returned its state, or its answer to a request;
+* `Loaded`: a machine was loaded from outside the arrangement;
+* `Plan`, at the beginning: the plan from which the arrangement was made, if there was one;
+* `Lost`, written by a recorder: entries were lost on their way to it.
 
-Time that passes between turns is nobody's input, so that its reads are left out. Entries are
-gathered in memory and written, many at once, between rounds.
+Clock readings between turns are left out: no machine sees them. Entries are collected in memory
+and written in batches between rounds.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _OUTSIDE: Final = (events.RoundEnd, events.IdleSleep, events.End)
 """After these no code of a machine runs before the next event."""
 
 _WRITE_NS: Final = 20_000_000
-_MOST: Final = 4096  # entries that are gathered even if no round ends
+_MOST: Final = 4096  # entries that are collected even if no round ends
 
 FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "Plan": ("plan", "folder"),
@@ -75,9 +75,11 @@ class Journal:
         self.outside = True
         """Whether no code of a machine can be running."""
         self.ended = False
-        """Whether the arrangement has ended: there is nothing to come."""
+        """Whether the arrangement has ended: no entry follows."""
         self.between: Callable[[], None] = lambda: None
         """Called whenever none is running any more."""
+        self.closed: Callable[[], None] = lambda: None
+        """Called when the journal is closed."""
         self._entries: list[tuple[Any, ...]] = []
         self.add: Callable[[tuple[Any, ...]], None] = self._entries.append
         self._write = write
@@ -113,18 +115,19 @@ class Journal:
             self.flush()
 
     def close(self) -> None:
-        """Take nothing any more."""
+        """Keep nothing more."""
         self.add = lambda _: None
+        self.closed()
 
     def flush(self) -> None:
-        """Write what was gathered."""
+        """Write what was collected."""
         entries = self._entries[:]
         if entries:
             del self._entries[: len(entries)]  # no more: a signal's handler may have added one
             self._write(_encoder.encode(entries))
 
     def _news(self, end: events.RoundEnd) -> list[tuple[Any, ...]]:
-        """Return the machines that stand elsewhere than after the last round, or are gone."""
+        """Return the machines whose standing differs from the last round's, and those gone."""
         now = {m.machine: (m.index, *m[2:-1]) for m in end.machines if m}
         if now == self._standings:
             return []
@@ -137,7 +140,7 @@ class Journal:
 
 
 def entries_of(data: bytes) -> Iterator[Entry]:
-    """Return the entries that a journal has written at one time."""
+    """Return the entries of one batch that a journal has written."""
     for kind, *values in msgspec.msgpack.decode(data, type=list[list[Any]]):
         yield {"event": kind, **dict(zip(FIELDS[kind], values, strict=True))}
 
@@ -148,7 +151,7 @@ def as_entry(values: tuple[Any, ...]) -> Entry:
 
 
 def _describe(value: object) -> object:
-    """Return what stands for an object that is no data."""
+    """Return what represents an object that is not data."""
     match value:
         case ExecutionError():  # where it is in a file changes more often than what it is
             return f"{value.state}, {value.step}: {value.__cause__ or value}"

@@ -1,8 +1,8 @@
 """An arrangement's journal on its way to the recorder of its whiteboard.
 
-Who records says on the board who it is, and what it has taken. A part of a journal is posted when
-the one before it was taken: so nobody waits, and nothing is lost because a process had its turn
-too late. What a recorder that stands still does not take is kept, up to a limit.
+A recorder publishes its process and what it has taken. A part of a journal is posted once the part
+before it was taken: neither side ever waits, and nothing is lost because a process was scheduled
+late. What a stalled recorder does not take is kept, up to a limit.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ if TYPE_CHECKING:
 
     from ..engine.arrangement import Arrangement
 
-__all__ = ["Handover", "Reporter", "find_recorder"]
+__all__ = ["HANDOVER_LIMIT", "Handover", "Reporter", "find_recorder"]
+
+HANDOVER_LIMIT: Final = 64 << 20
+"""Bytes that are kept for a recorder before it counts as stalled."""
 
 _SLOTS: Final = 64  # journals that a board may carry at a time
 _ROOM: Final = journal_slot(0).capacity - 128  # bytes of a journal in one part
-_MOST: Final = 64 << 20  # bytes that are kept before the recorder counts as stuck
-_BEAT_NS: Final = 250_000_000  # between two looks whether the recorder lives
-_PATIENCE_S: Final = 5.0  # for the next part to be taken at the end
+_BEAT_NS: Final = 250_000_000  # between two checks that the recorder lives
 
 
 def find_recorder(board: Board) -> Recorder | None:
-    """Return who records the machines on a board; None if nobody does, or whoever did has died."""
+    """Return the process that records a board's machines; None if there is none or it died."""
     recorder = board[RECORDER].get()
     if recorder is None or not lives(recorder.pid, recorder.born):
         return None
@@ -42,14 +43,25 @@ def find_recorder(board: Board) -> Recorder | None:
 
 
 class Handover:
-    """Hand the entries of a `journal` over to `recorder`; `works` until there is none any more.
+    """Hand the entries of a `journal` over to `recorder`; `works` while that is possible.
 
-    `whole` is a journal that begins before its machines have done anything. Raise
-    :class:`.BoardFullError` if the board has no room for it.
+    `whole` is a journal that begins before its machines have done anything. Up to `limit` bytes
+    that the recorder has not taken are kept; at the end each next part has `patience_s` seconds to
+    be taken. Raise :class:`.BoardFullError` if the board has no room for another journal.
     """
 
-    def __init__(self, board: Board, recorder: Recorder, *, whole: bool):
-        self.journal = Journal(self._take)
+    def __init__(
+        self,
+        board: Board,
+        recorder: Recorder,
+        *,
+        whole: bool,
+        limit: int = HANDOVER_LIMIT,
+        patience_s: float = 5.0,
+    ):
+        self.journal = Journal(self.write)
+        self._limit = limit
+        self._patience_s = patience_s
         self.works = True
         self._recorder: BoundSlot[Recorder] = board[RECORDER]
         self._to = recorder.pid, recorder.born
@@ -57,12 +69,12 @@ class Handover:
         self._open = JournalPart(pid, born(pid), time.monotonic_ns(), whole, 0)
         self._left = bytearray()
         self._part = 0
-        self._told = False  # that something was lost
+        self._warned = False  # that something was lost
         self._beat_ns = 0
         self._place, self._slot, self._count = self._claim(board, recorder)
 
     def _claim(self, board: Board, recorder: Recorder) -> tuple[int, BoundSlot[JournalPart], int]:
-        """Post that a journal begins, on a slot that is nobody's and from which all was taken."""
+        """Post that a journal begins, on a free slot from which everything was taken."""
         for place in range(_SLOTS):
             slot = board[journal_slot(place)]
             before = slot.sample()
@@ -73,12 +85,12 @@ class Handover:
                 if _taken(recorder, place) < before.count:
                     continue
             count = slot.add_after(self._open, 0 if before is None else before.count)
-            if count:  # else another one has found it, too
+            if count:  # else another process has claimed it meanwhile
                 return place, slot, count
         raise BoardFullError(f"{board.name}: {_SLOTS} arrangements are recorded on it already")
 
     def go_on(self) -> None:
-        """Post what comes next if it can be; never wait."""
+        """Post the next part if the last one was taken; never wait."""
         if not self.works:
             return
         try:
@@ -96,10 +108,11 @@ class Handover:
             self.works = False
             logger().warning("the machines go on unrecorded: %s", error)
 
-    def _take(self, data: bytes) -> None:
+    def write(self, data: bytes) -> None:
+        """Take entries from the journal."""
         if not self.works:
             return
-        if len(self._left) + len(data) > _MOST:
+        if len(self._left) + len(data) > self._limit:
             self._lose()
         self._left += len(data).to_bytes(4, "little") + data
         self.go_on()
@@ -107,24 +120,24 @@ class Handover:
             self._finish()
 
     def _finish(self) -> None:
-        """Wait until the rest is taken, as long as any of it is."""
+        """Wait until the rest is taken, as long as part after part is."""
         until, part = 0.0, -1
         while self.works:
             if part != self._part:
-                until, part = time.monotonic() + _PATIENCE_S, self._part
+                until, part = time.monotonic() + self._patience_s, self._part
             if time.monotonic() > until:
                 if self._left:
                     self._lose()
                 self._stop()
-            time.sleep(0.001)  # till the recorder has taken a part, or died: go_on looks for both
+            time.sleep(0.001)  # until the recorder takes a part or dies: go_on checks both
             self.go_on()
 
     def _lose(self) -> None:
-        """Forget what was not taken; that a number is left out tells of it."""
+        """Drop what was not taken; the missing number shows it to the recorder."""
         self._left.clear()
         self._part += 1
-        if not self._told:
-            self._told = True
+        if not self._warned:
+            self._warned = True
             logger().warning("the recorder does not keep up: events are lost on the way to it")
 
     def _is_dead(self, recorder: Recorder) -> bool:
@@ -160,20 +173,22 @@ class Handover:
 
 
 class Reporter:
-    """Give the events of an arrangement to whoever records its board, for as long as somebody does.
+    """Give the events of an arrangement to the recorder of its board, as long as there is one.
 
-    To one that has come after the machines began it gives those from then on.
+    `handover` is a journal that was begun before; a recorder that comes later gets the events from
+    then on.
     """
 
-    def __init__(self, arrangement: Arrangement, board: Board):
+    def __init__(self, arrangement: Arrangement, board: Board, handover: Handover | None = None):
         self._arrangement = arrangement
         self._board = board
+        self._handover = handover
         self._recorder = board[RECORDER]
         self._seen = 0  # the latest of its messages that was looked at
 
     def look(self) -> None:
-        """Begin if a recorder has come, go on while there is one, and end when it has gone."""
-        handover = self._arrangement.handover
+        """Begin when a recorder has come, go on while it is there, and end when it has gone."""
+        handover = self._handover
         try:
             if handover is None and self._recorder.count != self._seen:
                 self._seen = self._recorder.count
@@ -188,12 +203,12 @@ class Reporter:
             handover.journal.flush()
             handover.go_on()
             if not handover.works:
-                self._arrangement.handover = None
+                self._handover = None
+                handover.journal.close()
                 self._arrangement.detach(handover.journal)
 
     def _begin(self, handover: Handover) -> None:
-        arrangement = self._arrangement
-        arrangement.handover = handover
+        arrangement, self._handover = self._arrangement, handover
         for standing in filter(None, arrangement.standings()):
             path = type(arrangement.machine(standing.machine)).table.path
             handover.journal.add(("Loaded", standing.machine, path))

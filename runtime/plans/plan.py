@@ -6,7 +6,7 @@ of `PlannedMachine`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -19,9 +19,8 @@ from ..engine.schedule import Requirement, Timetable
 from .toml_files import read_toml
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board
-
-    from ..engine.roster import Library
+    from ..engine.environment import Environment
+    from ..engine.loading import Library
 
 __all__ = ["Plan", "PlannedMachine", "assemble", "names_of", "read_plan"]
 
@@ -100,21 +99,19 @@ def names_of(plan: Plan, classes: Iterable[type[Machine]]) -> list[str]:
 def assemble(
     plan: Plan,
     classes: Mapping[str, type[Machine]],
-    whiteboard: Board,
+    environment: Environment,
     *,
     library: Library,
     timed: bool = False,
-    make: Callable[..., Arrangement] = Arrangement,
 ) -> Arrangement:
     """Return the arrangement of a plan, everything loaded; `classes` are by name, in order.
 
-    `make` is called as `Arrangement` would be. Suspended machines come after the others, unless a
-    timetable says who has which turn. Raise `LoadError` for a machine that cannot be loaded as
+    Suspended machines come after the others, unless a timetable gives each its turns. Raise `LoadError` for a machine that cannot be loaded as
     planned, `ScheduleError` for turns.
     """
     timetable = plan.timetable(classes)
-    arrangement = make(
-        whiteboard=whiteboard,
+    arrangement = Arrangement(
+        environment=environment,
         idle_us=plan.idle_us,
         period_us=plan.period_us,
         timetable=timetable,

@@ -1,6 +1,6 @@
-"""A machine as messages: what it consists of, and how its variables are.
+"""A machine as messages: its definition, and the values of its variables.
 
-Who draws a machine of another process, or of a recording, makes a table of its definition again.
+To draw a machine of another process, or of a recording, its table is made of the definition again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["definition_of", "table_of", "variables_of"]
 
-_TEXT: Final = 200  # characters of a value that is told
+_TEXT: Final = 200  # characters of a value that is published
 _VARIABLES: Final = 12 << 10  # bytes of all of a machine's: what is more is left out
 _MOST: Final = {"states": 250, "transitions": 800, "characters": 1_000_000}  # drawn in seconds
 
@@ -79,34 +79,34 @@ def _path(path: TransitionPath) -> tuple[float, ...]:
 def table_of(definition: MachineDefinition) -> Table:
     """Return a machine's table, to be drawn and not to be run, from its definition.
 
-    Raise `DefinitionError` if it contradicts itself, or is too large to be drawn: whoever may
-    write to a board may have written it.
+    Raise `DefinitionError` if it contradicts itself or is too large to be drawn: any process that
+    may write to a board may have written it.
     """
     _check(definition)
-    states = {told.name: State(told.name) for told in definition.states}
+    states = {defined.name: State(defined.name) for defined in definition.states}
     if len(states) < len(definition.states) or not states:
         raise DefinitionError(f"{definition.path}: no states, or two of the same name")
     layout = Layout()
-    for told in definition.states:
-        state = states[told.name]
-        state.suspend = told.name == definition.suspend
-        for section in told.sections:
+    for defined in definition.states:
+        state = states[defined.name]
+        state.suspend = defined.name == definition.suspend
+        for section in defined.sections:
             if section.name in SECTIONS:
                 state.sections[section.name] = TextOnly(section.text)
-        for transition in told.transitions:
+        for transition in defined.transitions:
             if transition.target not in states:
                 raise DefinitionError(
-                    f"{definition.path}: state {told.name!r} has a transition to "
+                    f"{definition.path}: state {defined.name!r} has a transition to "
                     f"{transition.target!r}, which is no state of it"
                 )
             state.transitions.append(
                 Transition(state, states[transition.target], ("", 0), None, None, transition.label)
             )
-        if told.box is not None:
-            layout.states[told.name] = StateBox(*_finite(msgspec.structs.astuple(told.box)))
-        paths = [transition.path for transition in told.transitions]
+        if defined.box is not None:
+            layout.states[defined.name] = StateBox(*_finite(msgspec.structs.astuple(defined.box)))
+        paths = [transition.path for transition in defined.transitions]
         drawn = paths[: next((i for i, path in enumerate(paths) if len(path) != 8), len(paths))]
-        layout.transitions[told.name] = tuple(_drawn(path) for path in drawn)
+        layout.transitions[defined.name] = tuple(_drawn(path) for path in drawn)
     table = Table(definition.path, tuple(states.values()), {}, {}, {})
     table.layout = layout if layout.states else None
     return table
@@ -119,7 +119,7 @@ def _drawn(path: tuple[float, ...]) -> TransitionPath:
 
 def _finite(numbers: tuple[Any, ...]) -> tuple[Any, ...]:
     if not all(math.isfinite(number) and abs(number) < 1e6 for number in numbers):
-        raise DefinitionError(f"a layout has places that are none: {numbers}")
+        raise DefinitionError(f"a layout has impossible coordinates: {numbers}")
     return numbers
 
 
@@ -144,14 +144,14 @@ _repr.maxstring = _repr.maxother = _TEXT
 
 def variables_of(machine: Machine) -> MachineVariables:
     """Return the values of a machine's variables; whatever they are, this raises nothing."""
-    told, left = [], _VARIABLES
+    values, left = [], _VARIABLES
     for name in type(machine).table.variables:
         value = _plain(getattr(machine, name, None))
         left -= 4 * (len(name) + (len(value) if isinstance(value, str) else 2)) + 8
         if left < 0:
             break
-        told.append(Variable(name, value))
-    return MachineVariables(tuple(told))
+        values.append(Variable(name, value))
+    return MachineVariables(tuple(values))
 
 
 def _plain(value: Any) -> bool | int | float | str | None:

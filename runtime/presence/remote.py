@@ -1,4 +1,4 @@
-"""Machines that other processes run on a whiteboard: how they are, and requests to them."""
+"""Machines that other processes run on a whiteboard: their statuses, and requests to them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["SILENT_S", "Directory", "RemoteMachine", "is_live"]
 
 SILENT_S = 1.0
-"""A process that has posted nothing for so long is gone, or stands still."""
+"""A process that has posted nothing for so long is gone or stalled."""
 
 
 class RemoteMachine:
@@ -41,40 +41,40 @@ class RemoteMachine:
         self._sample = sample
 
     @property
-    def told(self) -> MachineStatus:
-        """What its process has told of it."""
+    def status(self) -> MachineStatus:
+        """The latest status that its process has published."""
         return self._sample.message
 
     @property
     def state(self) -> str:
         """The name of its state."""
-        return self.told.state
+        return self.status.state
 
     @property
     def suspended(self) -> bool:
         """Whether it is in its suspend state."""
-        return self.told.suspended
+        return self.status.suspended
 
     @property
     def silent_s(self) -> float:
-        """Seconds since its process has told of it."""
+        """Seconds since its process published the status."""
         return (time.monotonic_ns() - self._sample.stamp_ns) / 1e9
 
     @property
     def in_state_s(self) -> float:
-        """Seconds since it has entered its state."""
-        return self.told.in_state_s + self.silent_s
+        """Seconds since it entered its state."""
+        return self.status.in_state_s + self.silent_s
 
     def request(self, action: Action) -> Status:
-        """Ask it for something at its next turn; return its status before.
+        """Send it a request for its next turn; return its status before.
 
-        As in one arrangement, a resume after a restart that is pending is refused.
+        As within an arrangement, a resume is refused while a restart is pending.
         """
         slot = self._board[request_slot(self.name)]
         latest = slot.sample()
-        pending = self.told.pending
-        is_here = self.told.host == host_name()  # else it counts requests on a board of its own
-        if is_here and latest is not None and latest.count > self.told.obeyed:
+        pending = self.status.pending
+        is_here = self.status.host == host_name()  # else it counts requests on its own board
+        if is_here and latest is not None and latest.count > self.status.obeyed:
             pending = latest.message.action
         if action == "resume" and pending == "restart":
             return Status.ERROR
@@ -84,7 +84,7 @@ class RemoteMachine:
 
 
 class Directory:
-    """The machines that run on a board, of all processes. Looking for one leaves no slot there."""
+    """The machines that all processes run on a board. Looking for one makes no slot there."""
 
     def __init__(self, board: Board):
         self._board = board
@@ -121,14 +121,14 @@ class Directory:
         for slot in self._board.slots():
             if slot.name.startswith(MACHINES) and slot.name not in self._slots:
                 machine = slot.name.removeprefix(MACHINES)
-                with suppress(SlotError):  # it is no machine's, whatever it is called
+                with suppress(SlotError):  # not a machine's status, whatever its name
                     self._slots[slot.name] = self._board[status_slot(machine)]
 
 
 def is_live(sample: Sample[MachineStatus]) -> bool:
-    """Tell whether a machine is loaded by a process that has not died.
+    """Return whether a machine is loaded by a process that lives.
 
-    On this host the process is asked for; of another one no more is known than that it tells.
+    On this host the process itself is looked up; on another one, a recent status is all there is.
     """
     status = sample.message
     if not status.loaded:

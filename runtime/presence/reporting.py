@@ -1,4 +1,4 @@
-"""An arrangement's machines on its whiteboard: how each is, and what is asked of it from there."""
+"""An arrangement's machines on its whiteboard: their statuses out, requests to them in."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from llfsm.whiteboard.messages.llfsm import (
 
 from ..engine.failure import logger
 from ..engine.machine import Machine
-from ..journal.handover import Reporter
+from ..journal.handover import Handover, Reporter
 from .description import definition_of, variables_of
 from .remote import is_live
 
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 __all__ = ["Presence"]
 
 _PAUSE_NS = 20_000_000  # as often as anybody can look
-_BEAT_NS = 250_000_000  # after so long a status is posted again, to tell that it still holds
-_VIEW_NS = 2_000_000_000  # for so long after a viewer has told of itself somebody looks
+_BEAT_NS = 250_000_000  # a status that still holds is posted again after so long
+_VIEW_NS = 2_000_000_000  # a viewer that has posted its presence looks for so long
 _VARIABLES_NS = 100_000_000
 
 
-class _Told(NamedTuple):
-    """What is worth a message as soon as it changes."""
+class _Published(NamedTuple):
+    """The part of a status that is posted as soon as it changes."""
 
     state: str
     suspended: bool
@@ -50,8 +50,8 @@ class _Told(NamedTuple):
     entered_ns: int | None
 
 
-class _Place:
-    """Where one machine is told of. The machine of another process may have its name there."""
+class _Entry:
+    """The slots of one machine. The machine of another process may have its name there."""
 
     def __init__(self, board: Board, name: str, machine: Machine):
         self._board = board
@@ -60,7 +60,7 @@ class _Place:
         self._take()
 
     def _take(self) -> None:
-        """Find a name that no live machine has, as a second machine of an arrangement gets it."""
+        """Claim a name that no live machine has: `P`, else `P.0`, `P.1` …, as in an arrangement."""
         names, number = self._name, -1
         while True:
             self._slot = self._board[status_slot(names)]
@@ -70,40 +70,40 @@ class _Place:
             number += 1
             names = f"{self._name}.{number}"
         self._requests: BoundSlot[MachineRequest] = self._board[request_slot(names)]
-        self.obeyed = self._requests.count  # those were for somebody before us
+        self.obeyed = self._requests.count  # those were for an earlier process
         self._count = 0
-        self.told: _Told | None = None
+        self.published: _Published | None = None
         self.beat_ns = 0
         self._variables = variables_slot(names)
         self._define(names)
 
     def _define(self, names: str) -> None:
-        """Post what it consists of; without its code, if that is too much or no text at all."""
+        """Post the definition; without code if that is too large or not text."""
         for sections in (True, False):
             definition = definition_of(type(self._machine).table, sections=sections)
             with suppress(MessageError):
                 self._board[definition_slot(names)].add(definition)
                 return
 
-    def tell_variables(self) -> None:
+    def post_variables(self) -> None:
         """Post the machine's variables, if it has any."""
         if type(self._machine).table.variables:
             self._board[self._variables].add(variables_of(self._machine))
 
     def keep_name(self) -> None:
-        """Find another name if somebody else has had the same idea about this one."""
+        """Claim another name if another process has claimed this one at the same moment."""
         if self._count and self._slot.count != self._count:
             sample = self._slot.sample()
             if sample is not None and is_live(sample):
                 self._take()
 
-    def post(self, told: _Told, status: MachineStatus, now_ns: int) -> None:
+    def post(self, published: _Published, status: MachineStatus, now_ns: int) -> None:
         """Post the status."""
         self._count = self._slot.add(status)
-        self.told, self.beat_ns = told, now_ns
+        self.published, self.beat_ns = published, now_ns
 
     def request(self) -> str | None:
-        """Return what is asked for since the last call: the latest only, as it replaces others."""
+        """Return the request that came since the last call: the latest replaces the others."""
         sample = self._requests.sample()
         if sample is None or sample.count == self.obeyed:
             return None
@@ -112,71 +112,73 @@ class _Place:
 
     def leave(self) -> None:
         """Post that the machine is gone."""
-        if self.told is not None and self._slot.count == self._count:
-            self._slot.add(MachineStatus(self.told.state, loaded=False))
+        if self.published is not None and self._slot.count == self._count:
+            self._slot.add(MachineStatus(self.published.state, loaded=False))
 
 
 class Presence:
-    """Tell of an arrangement's machines on a board, and obey what is asked of them there.
+    """Publish the statuses of an arrangement's machines on a board, and obey requests made there.
 
-    It is asked after every round, and while the arrangement sleeps. As long as round follows round
-    without a sleep it posts only fifty times a second, so that a fast arrangement stays fast.
+    The arrangement calls it after every round and while it sleeps. As long as rounds follow each
+    other without a sleep it posts only fifty times a second, so that a fast arrangement stays fast.
     """
 
-    def __init__(self, arrangement: Arrangement, board: Board) -> None:
+    def __init__(
+        self, arrangement: Arrangement, board: Board, handover: Handover | None = None
+    ) -> None:
         self._arrangement = arrangement
         self._board = board
         self._pid = os.getpid()
         self._born = born(self._pid)
-        self._places: dict[str, _Place] = {}
+        self._entries: dict[str, _Entry] = {}
         self._bell = board[BELL]
-        self._heard = self._bell.count
+        self._rung = self._bell.count
         self._viewer = board[VIEWER]
         self._viewed = self._viewer.count
         self._view_ends_ns = self._variables_due_ns = self._arrangement.clock.now_ns()
-        self._reporter = Reporter(arrangement, board)
+        self._reporter = Reporter(arrangement, board, handover)
         self._due_ns = 0
         self._works = True
         self.look(idle=True)
 
     def look(self, *, idle: bool) -> None:
-        """Do what is asked for; then post what has changed, if there is time or it is due."""
-        self.hear()
+        """Obey requests; then post what has changed, if there is time (`idle`) or it is due."""
+        self.obey()
         now_ns = self._arrangement.clock.now_ns()
         if idle or now_ns >= self._due_ns:
             self._due_ns = now_ns + _PAUSE_NS
             if self._works:
-                with self._whatever_happens():
+                with self._tolerating_the_board():
                     self._post(now_ns)
             self._reporter.look()
 
-    def hear(self) -> None:
-        """Do what is asked for."""
+    def obey(self) -> None:
+        """Obey the requests that have come."""
         with suppress(BoardClosedError):  # which stops the arrangement, when it looks
-            heard = self._bell.count
-            if heard != self._heard:
-                self._heard = heard
-                self._obey()
+            rung = self._bell.count
+            if rung != self._rung:
+                self._rung = rung
+                self._obey_all()
 
     def end(self) -> None:
         """Post that the machines are gone."""
-        with self._whatever_happens():
-            for place in self._places.values():
-                place.leave()
-        self._places.clear()
+        with self._tolerating_the_board():
+            for entry in self._entries.values():
+                entry.leave()
+        self._entries.clear()
 
     @contextmanager
-    def _whatever_happens(self) -> Iterator[None]:
-        """Let no board that is full, or not ours to write to, stop a robot: say so, once."""
+    def _tolerating_the_board(self) -> Iterator[None]:
+        """Log once that the board is full or read-only: it must not stop a robot."""
         try:
             yield
         except BoardClosedError:  # which stops the arrangement, when it looks
             pass
         except WhiteboardError as error:
             self._works = False
-            logger().warning("machines cannot be told of on the whiteboard: %s", error)
+            logger().warning("machines cannot be published on the whiteboard: %s", error)
 
-    def _obey(self) -> None:
+    def _obey_all(self) -> None:
         obey = {
             "suspend": self._arrangement.hold,
             "resume": self._arrangement.resume,
@@ -184,61 +186,63 @@ class Presence:
             "stop": self._arrangement.stop_machine,
         }
         for standing in self._arrangement.standings():
-            place = None if standing is None else self._places.get(standing.machine)
-            action = None if place is None else place.request()
+            entry = None if standing is None else self._entries.get(standing.machine)
+            action = None if entry is None else entry.request()
             if action is not None and standing is not None:
                 obey[action](standing.machine)
 
     def _post(self, now_ns: int) -> None:
-        left = set(self._places)
+        left = set(self._entries)
         for standing in self._arrangement.standings():
             if standing is None:
                 continue
             left.discard(standing.machine)
-            place = self._places.get(standing.machine)
-            if place is None:
-                place = self._places[standing.machine] = _Place(
+            entry = self._entries.get(standing.machine)
+            if entry is None:
+                entry = self._entries[standing.machine] = _Entry(
                     self._board, standing.machine, self._arrangement.machine(standing.machine)
                 )
             arrival = self._arrangement.arrival(standing.machine)
-            told = _Told(
+            latest = _Published(
                 standing.state,
                 standing.suspended,
                 standing.request or "",
-                place.obeyed,
+                entry.obeyed,
                 arrival.entered_ns,
             )
-            if told != place.told or now_ns - place.beat_ns >= _BEAT_NS:
-                place.keep_name()
-                told = told._replace(obeyed=place.obeyed)
-                place.post(told, self._status(standing.machine, told, arrival, now_ns), now_ns)
+            if latest != entry.published or now_ns - entry.beat_ns >= _BEAT_NS:
+                entry.keep_name()
+                latest = latest._replace(obeyed=entry.obeyed)
+                entry.post(latest, self._status(standing.machine, latest, arrival, now_ns), now_ns)
         for name in left:
-            self._places.pop(name).leave()
-        self._tell_variables(now_ns)
+            self._entries.pop(name).leave()
+        self._post_variables(now_ns)
 
-    def _tell_variables(self, now_ns: int) -> None:
+    def _post_variables(self, now_ns: int) -> None:
         if self._viewer.count != self._viewed:
             self._viewed = self._viewer.count
             self._view_ends_ns = now_ns + _VIEW_NS
         if self._variables_due_ns <= now_ns < self._view_ends_ns:
             self._variables_due_ns = now_ns + _VARIABLES_NS
-            for place in self._places.values():
-                place.tell_variables()
+            for entry in self._entries.values():
+                entry.post_variables()
 
-    def _status(self, name: str, told: _Told, arrival: Arrival, now_ns: int) -> MachineStatus:
+    def _status(
+        self, name: str, latest: _Published, arrival: Arrival, now_ns: int
+    ) -> MachineStatus:
         ringlets, overruns = self._arrangement.progress(name)
-        entered_ns = now_ns if told.entered_ns is None else told.entered_ns
+        entered_ns = now_ns if latest.entered_ns is None else latest.entered_ns
         return MachineStatus(
-            state=told.state,
-            suspended=told.suspended,
-            pending=told.pending,
+            state=latest.state,
+            suspended=latest.suspended,
+            pending=latest.pending,
             ringlets=ringlets,
             overruns=overruns,
             in_state_s=(now_ns - entered_ns) / 1e9,
             source=arrival.source,
             transition=arrival.transition,
-            entered_ns=told.entered_ns or 0,
-            obeyed=told.obeyed,
+            entered_ns=latest.entered_ns or 0,
+            obeyed=latest.obeyed,
             pid=self._pid,
             born=self._born,
             host=host_name(),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from llfsm.whiteboard import Slot
 
-from ..engine.roster import Factory
+from ..engine.loading import Factory
 from .errors import HypothesisMissingError, NotDeterministicError
 from .replay import Invariant, Step, factories, play
 from .source import source_of

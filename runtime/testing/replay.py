@@ -12,8 +12,8 @@ from ..engine.arrangement import Arrangement
 from ..engine.clock import ManualClock
 from ..engine.errors import ObserverError
 from ..engine.events import Event, RoundEnd, Turn
+from ..engine.loading import Factory
 from ..engine.machine import Machine
-from ..engine.roster import Factory
 from .errors import InvariantError, ScriptError
 from .standing import name_of, standing
 

@@ -10,7 +10,7 @@ from typing import Any
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.slots import DEFAULT_CAPACITY
 
-from ..engine.roster import Factory
+from ..engine.loading import Factory
 from .replay import Invariant, Step
 from .standing import name_of
 

@@ -18,7 +18,7 @@ def standing(arrangement: Arrangement, machines: Iterable[Machine]) -> str:
 
 def _place(machine: Machine, now_ns: int) -> str:
     seat = machine._seat
-    status = seat.status()
+    status = seat.standing()
     text = f"{status.machine}: {status.state}"
     if status.entered_ns is None or seat.current is not seat.previous:
         text += ", not yet entered"

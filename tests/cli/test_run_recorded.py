@@ -12,8 +12,9 @@ from mcap.stream_reader import StreamReader
 from llfsm.cli.run import recorder_process as recorded
 from llfsm.machines import RosPingPong
 from llfsm.runtime import Arrangement
-from llfsm.runtime.journal import handover
+from llfsm.runtime.journal.handover import Handover
 from llfsm.runtime.plans.plan import Plan
+from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.liveness import born
 from llfsm.whiteboard.messages.llfsm import RECORDER, Recorder
@@ -79,21 +80,18 @@ def test_the_last_events_are_there(llfsm: Llfsm, board: str) -> None:
 def test_a_recorder_that_stands_still_makes_nobody_wait(
     board: str,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(handover, "_MOST", 1 << 20)
-    monkeypatch.setattr(handover, "_PATIENCE_S", 0.5)
-    monkeypatch.setattr(recorded, "_PATIENCE_S", 0.5)
     with Whiteboard(board) as wb:
-        with recorded.recorded(tmp_path / FILE, wb, Plan()) as make:
+        options = {"limit": 1 << 20, "patience_s": 0.5}
+        with recorded.recorded(tmp_path / FILE, wb, Plan(), **options) as environment:
             recorder = children(os.getpid())["record"]
             os.kill(recorder, signal.SIGSTOP)
-            arrangement = make(machines=[RosPingPong], whiteboard=wb)
+            arrangement = Arrangement([RosPingPong], environment=environment)
             while "does not keep up" not in caplog.text:
-                arrangement.journal.add(("Asked", "x" * 100_000, None))
+                environment.journal.add(("Asked", "x" * 100_000, None))
                 arrangement.round()
-                arrangement.journal.flush()
+                environment.journal.flush()
             arrangement.end()
         assert not alive(recorder)
     assert len(caplog.records) == 1
@@ -119,13 +117,15 @@ def test_runs_that_start_again_are_not_recorded(llfsm: Llfsm, board: str) -> Non
 
 
 def test_machines_run_though_they_cannot_be_recorded(
-    board: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    board: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(handover, "_SLOTS", 0)
     with Whiteboard(board) as wb:
-        wb.add_message(RECORDER, Recorder(os.getpid(), born(os.getpid())))
-        with recorded.recorded(None, wb, Plan()) as make:
-            assert make is Arrangement
+        recorder = Recorder(os.getpid(), born(os.getpid()))
+        wb.add_message(RECORDER, recorder)
+        for _ in range(64):  # as many as a board has room for
+            Handover(wb, recorder, whole=True)
+        with recorded.recorded(None, wb, Plan()) as environment:
+            assert isinstance(environment, LiveEnvironment)
         assert "the machines go on unrecorded: " in caplog.text
-        with recorded.recorded(None, wb, Plan(), forks=True) as make:
-            assert make is Arrangement
+        with recorded.recorded(None, wb, Plan(), forks=True) as environment:
+            assert isinstance(environment, LiveEnvironment)

@@ -211,7 +211,7 @@ def as_data(event: ev.Event) -> dict[str, Any]:
     return {"sec": type(event).__name__}
 
 
-def status_as_data(index: int, status: ev.MachineStatus | None) -> dict[str, Any]:
+def status_as_data(index: int, status: ev.Standing | None) -> dict[str, Any]:
     if status is None:
         return {"i": index, "m": "<unloaded>", "state": None}
     return {

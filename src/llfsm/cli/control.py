@@ -55,7 +55,7 @@ def control(board: Board, name: str, action: Action, *, patience_s: float = _PAT
     sample, until = slot.sample(), time.monotonic() + patience_s
     while sample is not None and is_live(sample):
         status = sample.message
-        if status.obeyed > remote.told.obeyed and not status.pending and outcome.holds(status):
+        if status.obeyed > remote.status.obeyed and not status.pending and outcome.holds(status):
             return status.state
         left = until - time.monotonic()
         if left <= 0:

@@ -62,7 +62,7 @@ def _status(machine: RemoteMachine) -> str:
 
 
 def _row(machine: RemoteMachine) -> tuple[str, ...]:
-    status = machine.told
+    status = machine.status
     return (
         machine.name,
         status.state,
@@ -75,7 +75,7 @@ def _row(machine: RemoteMachine) -> tuple[str, ...]:
 
 
 def _plain(board: str, machine: RemoteMachine) -> dict[str, object]:
-    status = machine.told
+    status = machine.status
     return {
         "whiteboard": board,
         "machine": machine.name,

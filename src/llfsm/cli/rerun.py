@@ -52,9 +52,7 @@ def rerun(file: Path, machines: tuple[str, ...]) -> None:
             plan = replace(plan, machines=tuple(map(_in_place_of, plan.machines, ours)))
         planned = Planned(plan, [Path(), Path(journal.about["folder"])])
         again = Rerun(recording.entries(journal), str(file))
-        assemble(
-            planned.plan, planned.classes, again.board, library=planned.library, make=again.arrange
-        )
+        assemble(planned.plan, planned.classes, again.environment, library=planned.library)
         difference = again.compare()
         if difference is not None:
             raise click.ClickException(f"{file}: {difference}")

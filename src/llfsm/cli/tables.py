@@ -103,7 +103,7 @@ def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> R
             f"{machine.in_state_s:6.1f} s",
         ]
         if wide:
-            told = machine.told
+            told = machine.status
             overruns = Text(f"{told.overruns} overruns", "red" if told.overruns else "dim")
             row += [Text(how, style), f"{told.ringlets} ringlets", overruns, f"pid {told.pid}"]
         table.add_row(*row)

@@ -16,9 +16,10 @@ from llfsm.bridges.recording.exact import Codec
 from llfsm.bridges.recording.playback import RecordedSource
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.source import Change
-from llfsm.runtime import Machine, ManualClock, State
+from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.journal.entries import Journal, entries_of
-from llfsm.runtime.journal.journalled import JournalledArrangement
+from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Sample, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
@@ -211,9 +212,9 @@ def hasty(file: Path, *, events: bool) -> RecordedSource:
     clock, written, board = ManualClock(), [], Whiteboard.local()
     with RecordingWriter(file, {}) as writer:
         clock.advance(ns=writer.begin_ns)
-        arrangement = JournalledArrangement(
-            [Hasty], journal=Journal(written.append), clock=clock, whiteboard=board
-        )
+        live = LiveEnvironment(board, clock)
+        environment = JournalledEnvironment(live, Journal(written.append))
+        arrangement = Arrangement([Hasty], environment=environment)
         presence, count = Presence(arrangement, board), 0
         for number in range(160):
             clock.advance(ms=5)

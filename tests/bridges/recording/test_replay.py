@@ -13,8 +13,9 @@ from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.replay import Replay
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
+from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.journal.entries import Journal, entries_of
-from llfsm.runtime.journal.journalled import JournalledArrangement
+from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.whiteboard import Message, Sample, Slot, SlotTypeError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import BELL, Bell, MachineRequest, request_slot
 from llfsm.whiteboard.messages.std_msgs import Bool
@@ -153,9 +154,8 @@ class Stay(Machine):
 def test_a_step_posts_what_belongs_to_one_ringlet(file: Path) -> None:
     written: list[bytes] = []
     clock = ManualClock()
-    arrangement: Arrangement = JournalledArrangement(
-        [Stay], journal=Journal(written.append), clock=clock
-    )
+    environment = JournalledEnvironment(Environment(clock), Journal(written.append))
+    arrangement = Arrangement([Stay], environment=environment)
     with RecordingWriter(file, {}) as writer:
         clock.advance(ns=writer.begin_ns)
         with arrangement:

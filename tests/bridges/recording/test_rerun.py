@@ -39,7 +39,8 @@ from llfsm.runtime import (
 )
 from llfsm.runtime.journal import entries as journal
 from llfsm.runtime.journal.entries import Entry, Journal, entries_of
-from llfsm.runtime.journal.journalled import JournalledArrangement
+from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Board, Message, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
@@ -80,13 +81,10 @@ class Run:
         self.written: list[bytes] = []
         self.trace = Trace()
         self.clock = clock
-        self.arrangement: Arrangement = JournalledArrangement(
-            machines,
-            journal=Journal(self.written.append),
-            whiteboard=self.board,
-            observers=[self.trace],
-            clock=clock,
-            **options,
+        live = LiveEnvironment(self.board, clock)
+        environment = JournalledEnvironment(live, Journal(self.written.append))
+        self.arrangement = Arrangement(
+            machines, environment=environment, observers=[self.trace], **options
         )
 
     @property

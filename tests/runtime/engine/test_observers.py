@@ -25,7 +25,7 @@ def test_a_trace_is_the_list_of_all_events():
     trace = Trace()
     arrangement = Arrangement([Ping], clock=ManualClock(start_ns=5), observers=[trace])
     arrangement.round()
-    standing = ev.MachineStatus(0, "Ping", "b", False, None, 5)
+    standing = ev.Standing(0, "Ping", "b", False, None, 5)
     assert trace == [
         ev.RoundBegin(1, 5),
         ev.Turn(1, 5, 0, "Ping", "a", None, None),

@@ -16,7 +16,8 @@ from llfsm.runtime import Actuator, Arrangement, Machine, ManualClock, Sensor, S
 from llfsm.runtime.journal import handover as module
 from llfsm.runtime.journal.entries import entries_of
 from llfsm.runtime.journal.handover import Handover, find_recorder
-from llfsm.runtime.journal.journalled import JournalledArrangement
+from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Board, BoardFullError, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born
@@ -79,6 +80,11 @@ class Taker:
         return b"".join(part.data for part in self.parts)
 
 
+def journalled(handover: Handover, board: Board, clock: ManualClock | None = None) -> Arrangement:
+    live = LiveEnvironment(board, clock, handover=handover)
+    return Arrangement([Echo], environment=JournalledEnvironment(live, handover.journal))
+
+
 def journals_on(board: Board) -> list[str]:
     return [info.name for info in board.slots() if info.name.startswith(JOURNALS)]
 
@@ -109,7 +115,7 @@ def test_every_byte_comes_once_and_in_order_whenever_it_is_taken(steps: list[int
         if size:
             data = bytes([number]) * size
             written += size.to_bytes(4, "little") + data
-            handover._take(data)
+            handover.write(data)
         else:
             taker.take()
     for _ in range(len(written) // module._ROOM + 2):
@@ -121,14 +127,13 @@ def test_every_byte_comes_once_and_in_order_whenever_it_is_taken(steps: list[int
 
 
 def test_what_is_not_taken_is_kept_up_to_a_limit_and_a_number_is_left_out(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(module, "_MOST", 1000)
     board = Whiteboard.local()
     taker = Taker(board)
-    handover = Handover(board, taker.tell(), whole=True)
+    handover = Handover(board, taker.tell(), whole=True, limit=1000)
     for number in range(30):
-        handover._take(bytes([number]) * 96)
+        handover.write(bytes([number]) * 96)
     assert handover.works
     assert len(caplog.records) == 1
     for _ in range(3):
@@ -142,26 +147,29 @@ def test_each_arrangement_has_a_slot_that_is_free_again_when_all_was_taken() -> 
     board = Whiteboard.local()
     taker = Taker(board)
     first = Handover(board, taker.tell(), whole=True)
-    second = Handover(board, taker.tell(), whole=True)
+    Handover(board, taker.tell(), whole=True)
     assert journals_on(board) == [JOURNALS + "0", JOURNALS + "1"]
     taker.take()
     board.add_message(RECORDER, Recorder())
     first.go_on()
     assert not first.works  # and has left its slot
     other = Taker(board)
-    third = Handover(board, other.tell(), whole=True)
-    assert len(journals_on(board)) > 2  # as nobody has taken its last part
+    Handover(board, other.tell(), whole=True)
+    slots = journals_on(board)
+    assert len(slots) > 2  # as nobody has taken its last part
     other.take()
-    fourth = Handover(board, other.tell(), whole=False)
-    assert (second._place, third._place, fourth._place) == (1, 2, 0)
+    Handover(board, other.tell(), whole=False)
+    begun = board.get_message(journal_slot(0))
+    assert begun is not None
+    assert (begun.number, begun.whole) == (0, False)
+    assert journals_on(board) == slots
 
 
-def test_a_board_has_room_for_so_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_SLOTS", 2)
+def test_a_board_has_room_for_so_many() -> None:
     board = Whiteboard.local()
     taker = Taker(board)
-    held = [Handover(board, taker.tell(), whole=True) for _ in range(2)]
-    with pytest.raises(BoardFullError, match="2 arrangements are recorded on it already"):
+    held = [Handover(board, taker.tell(), whole=True) for _ in range(64)]
+    with pytest.raises(BoardFullError, match="64 arrangements are recorded on it already"):
         Handover(board, taker.tell(), whole=True)
     assert held[0].works
 
@@ -198,8 +206,7 @@ def test_without_a_recorder_nothing_is_observed_and_nothing_handed_over(running:
     step()
     board.add_message(RECORDER, Recorder())  # one has ended
     step()
-    assert arrangement.handover is None
-    assert not arrangement._observers
+    assert not arrangement.observers
     assert not journals_on(board)
 
 
@@ -219,8 +226,7 @@ def test_who_comes_later_gets_the_events_from_then_on_until_it_leaves(running: A
     assert not any(part.whole for part in taker.parts)
     board.add_message(RECORDER, Recorder())
     step()
-    assert arrangement.handover is None
-    assert not arrangement._observers
+    assert not arrangement.observers
     later = Taker(board)
     for _ in range(3):
         step()
@@ -243,10 +249,7 @@ def test_the_end_of_machines_is_handed_over_before_their_run_returns(
     board, clock = Whiteboard.local(), ManualClock()
     taker = Taker(board)
     handover = Handover(board, taker.tell(), whole=True)
-    arrangement = JournalledArrangement(
-        [Echo], journal=handover.journal, whiteboard=board, clock=clock
-    )
-    arrangement.handover = handover
+    arrangement = journalled(handover, board, clock)
     monkeypatch.setattr(module.time, "sleep", lambda _: taker.take())
     arrangement.run(max_rounds=3)
     taker.take()
@@ -261,39 +264,36 @@ def test_machines_do_the_same_while_they_are_recorded_and_after() -> None:
         found: list[Any] = []
         if record:
             handover = Handover(board, Taker(board).tell(), whole=True)
-            arrangement: Arrangement = JournalledArrangement(
-                [Echo], journal=handover.journal, whiteboard=board, clock=clock
-            )
+            arrangement = journalled(handover, board, clock)
         else:
             arrangement = Arrangement([Echo], whiteboard=board, clock=clock)
         for number in range(20):
             if record and number == 10:
-                arrangement.detach(handover.journal)
-                before = len(handover.journal._entries), len(handover.journal.reads)
+                handover.journal.close()
+                handover.journal.write = pytest.fail
+                before = len(handover.journal.reads)
             board.add_message(NUMBER, Int32(data=number % 6))
             clock.advance(ms=12)
             arrangement.round()
             sample = board[SEEN].sample()
             found.append((arrangement.standings(), sample and sample.message, sample and sample[1]))
         if record:  # nothing is kept any more, and nothing tapped
-            assert before == (len(handover.journal._entries), len(handover.journal.reads))
-            assert arrangement.machines[0]._seat.sensors[0][1].__name__ == "get_or_default"
+            assert before == len(handover.journal.reads)
+            assert not arrangement.observers
+            assert not isinstance(arrangement.environment, JournalledEnvironment)
             arrangement.stop()
             arrangement.suspend("Echo")
-            assert before[0] == len(handover.journal._entries)
+            handover.journal.flush()
         return found
 
     assert run(record=True) == run(record=False)
 
 
-def test_a_board_that_is_closed_at_the_end_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_PATIENCE_S", 0.0)
+def test_a_board_that_is_closed_at_the_end_is_no_failure() -> None:
     board = Whiteboard.local()
-    handover = Handover(board, Taker(board).tell(), whole=True)
-    arrangement = JournalledArrangement([Echo], journal=handover.journal, whiteboard=board)
-    arrangement.handover = handover
+    handover = Handover(board, Taker(board).tell(), whole=True, patience_s=0.0)
+    arrangement = journalled(handover, board)
     arrangement.round()
     board.close()
     arrangement.end()
     assert not handover.works
-    handover._stop()

@@ -7,9 +7,11 @@ from typing import Any
 import pytest
 
 from llfsm.runtime import Actuator, Arrangement, Machine, ManualClock, Sensor, State, Trace
+from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.journal.entries import Entry, Journal, entries_of
-from llfsm.runtime.journal.journalled import JournalledArrangement
-from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.presence.live import LiveEnvironment
+from llfsm.whiteboard import Board, Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32, String
 
 NUMBER = Slot("number", Int32)
@@ -55,8 +57,14 @@ class Kept:
     def of(self, kind: str) -> list[Entry]:
         return [entry for entry in self.entries if entry["event"] == kind]
 
-    def make(self, *machines: Any, **options: Any) -> JournalledArrangement:
-        return JournalledArrangement(*machines, journal=self.journal, **options)
+    def make(
+        self, *machines: Any, whiteboard: Board | None = None, clock: Any = None, **options: Any
+    ) -> Arrangement:
+        inner = Environment(clock)
+        if whiteboard is not None:
+            inner = LiveEnvironment(whiteboard, clock)
+        environment = JournalledEnvironment(inner, self.journal)
+        return Arrangement(*machines, environment=environment, **options)
 
 
 @pytest.fixture
@@ -109,7 +117,7 @@ class Stopped(Machine):
 
     @here.internal
     def _(self) -> None:
-        self._seat.roster.stop()
+        self._seat.arrangement.stop()
         self.seen += (self.stopping,)
 
     here.to(there, when=lambda m: m.stopping)

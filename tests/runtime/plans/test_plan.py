@@ -23,6 +23,7 @@ from llfsm.runtime import (
 )
 from llfsm.runtime.engine.errors import ConfigurationError, UnknownMachineError
 from llfsm.runtime.plans.plan import Plan, PlannedMachine, assemble, names_of, read_plan
+from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int64
 
@@ -80,7 +81,8 @@ def plan(folder: Path, text: str) -> Plan:
 def made(plan: Plan, **how: Any) -> Arrangement:
     classes = [CLASSES[planned.definition] for planned in plan.machines]
     named = dict(zip(names_of(plan, classes), classes, strict=True))
-    return assemble(plan, named, Whiteboard.local(), library=how.pop("library", {}), **how)
+    environment = LiveEnvironment(Whiteboard.local(), how.pop("clock", None))
+    return assemble(plan, named, environment, library=how.pop("library", {}), **how)
 
 
 def names(arrangement: Arrangement) -> list[str]:
@@ -316,13 +318,8 @@ def traced(arrangement: Arrangement, rounds: int) -> Trace:
     return trace
 
 
-def under_a_manual_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give a plan's arrangement, which makes its own clock, one that stands still."""
-    monkeypatch.setattr("llfsm.runtime.engine.arrangement.MonotonicClock", ManualClock)
-
-
 def test_suspended_machines_come_last_as_in_an_arrangement_made_by_hand(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     told = plan(
         tmp_path,
@@ -333,8 +330,7 @@ def test_suspended_machines_come_last_as_in_an_arrangement_made_by_hand(
     by_hand.load(Counter, variables={"rounds": 4}, slots={"out": "o"})
     by_hand.load(Other, name="Other.0")
     by_hand.load_suspended(Other, name="Other")
-    under_a_manual_clock(monkeypatch)
-    planned = made(told)
+    planned = made(told, clock=ManualClock())
     assert names(planned) == ["Counter", "Other.0", "Other"]
     trace = traced(planned, 50)
     assert trace == traced(by_hand, 50)
@@ -342,7 +338,7 @@ def test_suspended_machines_come_last_as_in_an_arrangement_made_by_hand(
 
 
 def test_a_timetable_from_a_file_gives_the_trace_of_one_made_by_hand(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     told = plan(
         tmp_path,
@@ -361,7 +357,6 @@ def test_a_timetable_from_a_file_gives_the_trace_of_one_made_by_hand(
     by_hand.load_suspended(Other)
     by_hand.load(Counter, variables={"rounds": 9})
     by_hand.load(Other, name="late")
-    under_a_manual_clock(monkeypatch)
-    trace = traced(made(told), 12)
+    trace = traced(made(told, clock=ManualClock()), 12)
     assert trace == traced(by_hand, 12)
     assert {machine for _, machine, _, _ in trace.sections()} == {"Other", "Counter", "late"}

@@ -120,11 +120,11 @@ def run(
     _log()
     with (
         Whiteboard(_board(plan, board)) as wb,
-        recorded(recording, wb, plan, forks=nonstop) as make,
+        recorded(recording, wb, plan, forks=nonstop) as environment,
     ):
         try:
             arrangement = assemble(
-                plan, planned.classes, wb, library=planned.library, timed=timed, make=make
+                plan, planned.classes, environment, library=planned.library, timed=timed
             )
             if verbose:
                 arrangement.attach(StateReport(arrangement, with_path=verbose > 1))

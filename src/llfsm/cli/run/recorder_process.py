@@ -8,34 +8,39 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import click
 
-from llfsm.runtime.engine.arrangement import Arrangement
+from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.failure import logger
-from llfsm.runtime.journal.handover import Handover, find_recorder
-from llfsm.runtime.journal.journalled import JournalledArrangement
+from llfsm.runtime.journal.handover import HANDOVER_LIMIT, Handover, find_recorder
+from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.plans.plan import Plan
+from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard, WhiteboardError
 
 __all__ = ["recorded"]
 
-_PATIENCE_S = 5.0  # for the file to be completed
-
 
 @contextmanager
 def recorded(
-    file: Path | None, board: Whiteboard, plan: Plan, *, forks: bool = False
-) -> Iterator[Callable[..., Arrangement]]:
-    """Give what makes an arrangement of which all is recorded, if anybody records the board.
+    file: Path | None,
+    board: Whiteboard,
+    plan: Plan,
+    *,
+    forks: bool = False,
+    limit: int = HANDOVER_LIMIT,
+    patience_s: float = 5.0,
+) -> Iterator[Environment]:
+    """Give the environment of an arrangement on `board`: recorded, if a process records the board.
 
-    With `file`, a recorder that makes it is started, and ends with the ``with`` block. Of one that
-    `forks` the events alone are recorded, from when it runs. Raise ``click.ClickException`` if
-    that cannot be.
+    With `file`, a recorder that writes it is started, and ends with the ``with`` block. Of an
+    arrangement that `forks`, only the events are recorded, from when it runs. `limit` bytes are
+    kept for a recorder that stalls; at the end it has `patience_s` seconds to take each part of
+    them and to complete the file. Raise ``click.ClickException`` if that cannot be.
     """
     recorder = find_recorder(board)
     if file is not None:
@@ -44,35 +49,31 @@ def recorded(
                 f"process {recorder.pid} records the machines of {board.name!r} already: "
                 f"end it, or leave out --record; nothing was run"
             )
-        with _recorder(file, board):
-            yield _made_for(board, plan)
+        with _recorder(file, board, patience_s):
+            yield _recorded_environment(board, plan, limit, patience_s)
         return
-    make: Callable[..., Arrangement] = Arrangement
+    environment: Environment = LiveEnvironment(board)
     if recorder is not None and not forks:
         try:
-            make = _made_for(board, plan)
-        except WhiteboardError as error:  # what somebody else records is no reason not to run
+            environment = _recorded_environment(board, plan, limit, patience_s)
+        except WhiteboardError as error:  # another's recording is no reason not to run
             logger().warning("the machines go on unrecorded: %s", error)
-    yield make
+    yield environment
 
 
-def _made_for(board: Whiteboard, plan: Plan) -> Callable[..., Arrangement]:
+def _recorded_environment(
+    board: Whiteboard, plan: Plan, limit: int, patience_s: float
+) -> Environment:
     recorder = find_recorder(board)
     if recorder is None:
         raise click.ClickException("the recorder does not record machines, nothing was run")
-    handover = Handover(board, recorder, whole=True)
+    handover = Handover(board, recorder, whole=True, limit=limit, patience_s=patience_s)
     handover.journal.add(("Plan", plan, str(Path.cwd())))
-
-    def make(**options: Any) -> Arrangement:
-        arrangement = JournalledArrangement(journal=handover.journal, **options)
-        arrangement.handover = handover
-        return arrangement
-
-    return make
+    return JournalledEnvironment(LiveEnvironment(board, handover=handover), handover.journal)
 
 
 @contextmanager
-def _recorder(file: Path, board: Whiteboard) -> Iterator[None]:
+def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None]:
     """Have a process record the board; it ends when it cannot read what we write any more."""
     process = subprocess.Popen(
         [
@@ -93,7 +94,7 @@ def _recorder(file: Path, board: Whiteboard) -> Iterator[None]:
     finally:
         process.stdin.close()
         try:
-            process.wait(_PATIENCE_S)
+            process.wait(patience_s)
         except subprocess.TimeoutExpired:
             process.kill()  # what it has written can be read
             process.wait()

@@ -1,0 +1,151 @@
+"""The environment of an arrangement: the one door through which machines learn and act.
+
+The clock, reading a sensor, posting by an actuator, machines of other processes and requests from
+outside: all of it passes here and nowhere else. The ringlet, the seat and the schedule know only
+this interface, so what is recorded, replayed and tested is the code that runs.
+
+`Environment` is a world without a whiteboard and the base of all others; `BoardEnvironment` reads
+and posts on one. An environment that records, replays or scripts replaces or wraps these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+
+from .clock import Clock, MonotonicClock
+from .errors import LoadError, UnknownMachineError
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Board, Slot
+
+    from .arrangement import Arrangement
+    from .events import Status
+    from .ports import Actuator, Sensor
+
+__all__ = ["Attendant", "BoardEnvironment", "Elsewhere", "Environment", "Post", "Read"]
+
+Read: TypeAlias = Callable[[], object]
+"""Return a sensor's latest message, or its default before the first."""
+Post: TypeAlias = Callable[[Any], int]
+"""Post a message and return the slot's count after it."""
+
+
+class Elsewhere(Protocol):
+    """A machine that another process runs."""
+
+    @property
+    def state(self) -> str:
+        """The name of its state."""
+        ...
+
+    @property
+    def suspended(self) -> bool:
+        """Whether it is in its suspend state."""
+        ...
+
+    def request(self, action: Literal["suspend", "resume", "restart"]) -> Status:
+        """Send it a request for its next turn and return its status before."""
+        ...
+
+
+class Attendant(Protocol):
+    """What an environment does between the rounds of a run: obey requests, publish statuses."""
+
+    def obey(self) -> None:
+        """Obey the requests that have come; cheap enough for every round."""
+        ...
+
+    def look(self, *, idle: bool) -> None:
+        """Obey requests and publish what has changed, if there is time (`idle`) or it is due."""
+        ...
+
+    def end(self) -> None:
+        """Publish that the machines are gone."""
+        ...
+
+
+class Environment:
+    """A world without a whiteboard, and the interface of every other environment."""
+
+    whiteboard: Board | None = None
+
+    def __init__(self, clock: Clock | None = None):
+        self.clock: Clock = clock or MonotonicClock()
+
+    @property
+    def alive(self) -> bool:
+        """Whether this world still exists; once it does not, the arrangement stops."""
+        return True
+
+    def enter(self, arrangement: Arrangement) -> None:
+        """Take note of the arrangement whose environment this is, before it loads machines."""
+
+    def attend(self, arrangement: Arrangement) -> Attendant | None:
+        """Return who attends to a run of the arrangement between its rounds; None if nobody."""
+        return None
+
+    # What machines learn and do
+
+    def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
+        """Return the function that reads the sensor `name` of a machine from `slot`."""
+        raise _no_whiteboard(machine, sensor.slot)
+
+    def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
+        """Return the function by which the actuator `name` of a machine posts to `slot`."""
+        raise _no_whiteboard(machine, actuator.slot)
+
+    def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
+        """Return the machine of that name that another process runs.
+
+        `known` are the names of the arrangement's own machines. Raise `UnknownMachineError`.
+        """
+        raise UnknownMachineError(name, known)
+
+    # Requests from outside. The arrangement reports each before it takes effect, also those that
+    # its machines' own code makes.
+
+    def requested(self, action: str, machine: str) -> None:
+        """Take note that a machine is requested to do what `action`, a method's name, says."""
+
+    def loaded(self, machine: str, path: str) -> None:
+        """Take note that a machine was loaded."""
+
+    def may_stop(self, cause: str) -> bool:
+        """Return whether a stop takes effect now; if not, `Arrangement.stop` is called later."""
+        return True
+
+
+class BoardEnvironment(Environment):
+    """Sensors read from a whiteboard and actuators post to it."""
+
+    whiteboard: Board
+
+    def __init__(self, whiteboard: Board, clock: Clock | None = None):
+        super().__init__(clock)
+        self.whiteboard = whiteboard
+
+    @property
+    def alive(self) -> bool:
+        """Whether the whiteboard is neither closed nor removed."""
+        return self.whiteboard.alive
+
+    def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
+        """Return the slot's own `get`, or one that replaces None by the sensor's default."""
+        get, default = self.whiteboard[slot].get, sensor.default
+        if default is None:
+            return get
+
+        def get_or_default() -> object:
+            message = get()
+            return default if message is None else message
+
+        return get_or_default
+
+    def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
+        """Return the slot's own `add`."""
+        return self.whiteboard[slot].add
+
+
+def _no_whiteboard(machine: str, slot: Slot[Any]) -> LoadError:
+    return LoadError(f"{machine} uses slot {slot.name!r}: give the Arrangement a whiteboard")
