@@ -52,7 +52,8 @@ class Difference(NamedTuple):
 class Rerun:
     """Run the machines of a journal again, once: `arrange` them, then `compare`.
 
-    `environment` is where they learn what the journal holds; what they post goes nowhere. Raise `NoEventsError` if nothing was recorded.
+    `environment` is where they learn what the journal holds; what they post goes nowhere.
+    Raise `NoEventsError` if nothing was recorded.
     """
 
     def __init__(self, entries: Iterable[Entry], source: str = "the recording"):

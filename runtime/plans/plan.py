@@ -106,8 +106,8 @@ def assemble(
 ) -> Arrangement:
     """Return the arrangement of a plan, everything loaded; `classes` are by name, in order.
 
-    Suspended machines come after the others, unless a timetable gives each its turns. Raise `LoadError` for a machine that cannot be loaded as
-    planned, `ScheduleError` for turns.
+    Suspended machines come after the others, unless a timetable gives each its turns.
+    Raise `LoadError` for a machine that cannot be loaded as planned, `ScheduleError` for turns.
     """
     timetable = plan.timetable(classes)
     arrangement = Arrangement(
