@@ -162,12 +162,12 @@ def test_readme_names_the_two_commands() -> None:
     assert named[:2] == ["make demo", "make test"]
 
 
-def test_the_reference_names_every_command_and_option() -> None:
+def test_the_documents_name_every_command_and_option() -> None:
     import click
 
     from llfsm.cli.root import main
 
-    reference = (ROOT / "docs" / "reference.md").read_text()
+    reference = (ROOT / "docs" / "commands.md").read_text()
     context = click.Context(main)
 
     def walk(command: click.Command, path: str) -> None:
