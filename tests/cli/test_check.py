@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -60,6 +62,11 @@ def test_findings_of_all_machines_are_sorted_and_told_once(llfsm: Llfsm) -> None
         ),
         (GOOD + "    A.to(nowhere)\n", "bad.py:6: error: NameError: name 'nowhere' is not defined"),
         (GOOD + "    (\n", "bad.py:6: error: SyntaxError: '(' was never closed"),
+        (GOOD + "    @A.on_enter\n    def _(self): ...\n", "bad.py:6: error: AttributeError: "),
+        (
+            "from llfsm.whiteboard import Message\nclass Bad(Message):\n    names: list[str]\n",
+            "bad.py:2: error: MessageTypeError: ",
+        ),
         ("import nothing_like_it", "bad.py:1: error: ModuleNotFoundError: No module named 'noth"),
     ],
 )
@@ -69,6 +76,18 @@ def test_a_module_that_cannot_be_imported(llfsm: Llfsm, text: str, said: str) ->
     assert (done.returncode, done.stderr) == (1, "")
     assert done.stdout.startswith(said)
     assert done.stdout.count("\n") == 1
+
+
+def test_a_bundle_may_import_modules_of_the_current_folder(llfsm: Llfsm, board: str) -> None:
+    """As a class may, though `llfsm` is a script in a folder of its own."""
+    (llfsm.cwd / "rover.py").write_text("SPEED = 2\n")
+    bundle(llfsm.cwd / "Docker.machine", "print(SPEED)")
+    (llfsm.cwd / "Docker.machine" / "Docker_Includes.py").write_text("from rover import SPEED\n")
+    script = Path(sys.executable).with_name("llfsm")
+    for command, said in (("check", "no findings\n"), ("run", "2\n")):
+        arguments = [script, command, "Docker", *(["-q", "-b", board] if command == "run" else [])]
+        done = subprocess.run(arguments, cwd=llfsm.cwd, text=True, capture_output=True, check=False)
+        assert (done.returncode, done.stdout, done.stderr) == (0, said, "")
 
 
 @pytest.mark.parametrize(
