@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from llfsm.bridges.ros2.graph import Endpoint, Graph
-from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.rclpy_transport.topics import RclPublisher
 from llfsm.bridges.ros2.transport import Notice, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
+from memory_transport import MemoryTransport, MemoryWorld
 from waiting import PATIENCE_S
 
 

@@ -14,11 +14,11 @@ from llfsm.bridges.ros2.backlog import Backlog
 from llfsm.bridges.ros2.errors import AlreadyAnsweredError, CallFailedError
 from llfsm.bridges.ros2.goals import GoalStatus
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.qos import Durability, Qos
 from llfsm.bridges.ros2.stamps import from_ns, to_ns
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime import ManualClock
+from memory_transport import MemoryTransport, MemoryWorld
 from waiting import wait_for
 
 TYPE = "turtlesim/action/RotateAbsolute"

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.parameter_server import ParameterServer
 from llfsm.bridges.ros2.parameters import Parameter, Parameters, ParameterType, type_of
 from llfsm.bridges.ros2.types import TypeLibrary
+from memory_transport import MemoryTransport, MemoryWorld
 
 TYPES = TypeLibrary()
 NODE = "/ns/robot"

@@ -7,8 +7,8 @@ import json
 
 import pytest
 
-from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.type_descriptions import TypeDescriptionServer
+from memory_transport import MemoryTransport, MemoryWorld
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 

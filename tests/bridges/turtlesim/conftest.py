@@ -11,7 +11,6 @@ import pytest
 from hypothesis import settings
 
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.transport import Arrival, Client, Node, Notice, Publisher, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
@@ -19,6 +18,7 @@ from llfsm.bridges.turtlesim.ros import RosTurtlesim
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import Level
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from memory_transport import MemoryTransport, MemoryWorld
 from waiting import PATIENCE_S, wait_for
 
 # How long an example takes says how busy the machine is, and nothing of the code.

@@ -11,8 +11,8 @@ import pytest
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.config import BridgeConfig
 from llfsm.bridges.ros2.bridging.planning import make_plan
-from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.whiteboard import Whiteboard
+from memory_transport import MemoryTransport, MemoryWorld
 
 
 @pytest.fixture

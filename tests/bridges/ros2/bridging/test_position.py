@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from llfsm.bridges.ros2.bridging import presets
-from llfsm.bridges.ros2.errors import CallFailedError, TransportUnavailableError
-from llfsm.bridges.ros2.memory import transport as memory_transport
+from llfsm.bridges.ros2.bridging.position import TYPE
+from llfsm.bridges.ros2.errors import CallFailedError
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.whiteboard import Slot
@@ -102,16 +102,12 @@ def test_who_asked_before_the_bridge_was_there_is_answered(board, preset):
 
 
 def test_without_its_type_in_ros_the_slots_are_answered_still(
-    board, preset, post_pose, told, monkeypatch
+    board, preset, post_pose, told, memory
 ):
     """As with rclpy, where nobody has built the package of the type."""
-
-    def unavailable(*_):
-        raise TransportUnavailableError("no turtle_sensor_poster")
-
-    monkeypatch.setattr(memory_transport._MemoryNode, "server", unavailable)
+    memory.missing_types.add(TYPE)
     preset()
-    assert ["no turtle_sensor_poster" in notice.text for notice in told] == [True]
+    assert [f"{TYPE} is not built" in notice.text for notice in told] == [True]
     post_pose(HERE)
     board.add_message(REQUEST, TurtlePositionRequest(1))
     assert not answer(board, 1).failure

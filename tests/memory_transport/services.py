@@ -9,13 +9,14 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any, NamedTuple
 
-from ..calling import Calls
-from ..graph import Endpoint
-from ..later import Later
-from ..lifetime import Closable
-from ..serving import Counter
-from ..transport import Client, MessageInfo, Request, Server
-from ..types import RosService
+from llfsm.bridges.ros2.calling import Calls
+from llfsm.bridges.ros2.graph import Endpoint
+from llfsm.bridges.ros2.later import Later
+from llfsm.bridges.ros2.lifetime import Closable
+from llfsm.bridges.ros2.serving import Counter
+from llfsm.bridges.ros2.transport import Client, MessageInfo, Request, Server
+from llfsm.bridges.ros2.types import RosService
+
 from .inbox import Inbox
 from .world import Member, Site
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from llfsm.bridges.ros2.errors import DomainIdError, NoServerError
-from llfsm.bridges.ros2.memory import MemoryTransport, MemoryWorld
 from llfsm.bridges.ros2.qos import Durability, History, Qos, Reliability
 from llfsm.bridges.ros2.transport import NoticeKind
+from memory_transport import MemoryTransport, MemoryWorld
 
 LOOSE = Qos(Reliability.BEST_EFFORT)
 KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)

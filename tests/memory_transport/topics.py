@@ -6,14 +6,14 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+from llfsm.bridges.ros2.arrival import ArrivedBytes
+from llfsm.bridges.ros2.graph import Endpoint
+from llfsm.bridges.ros2.lifetime import Closable
+from llfsm.bridges.ros2.qos import Durability, History, Qos
+from llfsm.bridges.ros2.transport import Arrival, MessageInfo, Publisher, Subscription
+from llfsm.bridges.ros2.types import RosMessage
 from llfsm.whiteboard.message import M
 
-from ..arrival import ArrivedBytes
-from ..graph import Endpoint
-from ..lifetime import Closable
-from ..qos import Durability, History, Qos
-from ..transport import Arrival, MessageInfo, Publisher, Subscription
-from ..types import RosMessage
 from .inbox import Inbox
 from .world import Member, Site
 

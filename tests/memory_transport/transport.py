@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from llfsm.bridges.ros2.defaults import check_domain
+from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
+from llfsm.bridges.ros2.graph import Endpoint, Graph, Role
+from llfsm.bridges.ros2.later import Later
+from llfsm.bridges.ros2.names import NO_REMAPPING, Names
+from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
+from llfsm.bridges.ros2.telling import Teller, log_notice
+from llfsm.bridges.ros2.transport import Arrival, Node, Notice, Request, Transport
+from llfsm.bridges.ros2.types import RosMessage, RosService
 from llfsm.whiteboard.message import M
 
-from ..defaults import check_domain
-from ..errors import TransportClosedError
-from ..graph import Endpoint, Graph, Role
-from ..later import Later
-from ..names import NO_REMAPPING, Names
-from ..qos import SERVICE, TOPIC, Qos
-from ..telling import Teller, log_notice
-from ..transport import Arrival, Node, Notice, Request, Transport
-from ..types import RosMessage, RosService
 from .services import MemoryClient, MemoryServer
 from .topics import MemoryPublisher, MemorySubscription
 from .world import Member, MemoryWorld, Site
@@ -106,6 +106,8 @@ class _MemoryNode(Node, Member):
         handler: Callable[[Request[Any, Any]], None],
         qos: Qos = SERVICE,
     ) -> MemoryServer:
+        if of.name in self.site.world.missing_types:
+            raise TransportUnavailableError(f"{of.name} is not built")
         with self._lifetime:
             end = self._end(Role.SERVER, service, of, qos)
             return MemoryServer(self, self.site, self.name, end, of, handler)

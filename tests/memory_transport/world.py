@@ -7,10 +7,10 @@ import threading
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
-from ..graph import Endpoint, Graph
-from ..later import Later
-from ..telling import Teller
-from ..transport import NoticeKind
+from llfsm.bridges.ros2.graph import Endpoint, Graph
+from llfsm.bridges.ros2.later import Later
+from llfsm.bridges.ros2.telling import Teller
+from llfsm.bridges.ros2.transport import NoticeKind
 
 __all__ = ["Member", "MemoryWorld", "Site"]
 
@@ -56,6 +56,8 @@ class MemoryWorld:
         self.changed = threading.Condition()
         """Held while who is there changes, or while something is delivered to all of them."""
         self.up = True
+        self.missing_types: set[str] = set()
+        """Types of services that nobody has built here: no server can be made of them."""
 
     def lose(self) -> None:
         """Be gone; every transport tells it."""
