@@ -1,8 +1,8 @@
-"""What tests of machines need: wait under a manual clock, feed sensors, compare, search for bugs.
+"""Tests of machines: wait under a manual clock, script sensors, compare states, search for bugs.
 
-Read in this order: `waiting` (run until a condition holds), `sensors` (messages at given times),
-`traces` (which states a machine went through), then `replay` (a script and what it breaks),
-`source` (a script as Python text) and `invariants` (look for such a script at random).
+Read in this order: `waiting` (run until a condition holds, with messages at given times), `states`
+(the states that a machine entered), `play` (a script and the invariant that it violates) and
+`search` (random scripts, the shortest that fails as Python text).
 """
 
 from .errors import (
@@ -13,11 +13,10 @@ from .errors import (
     ScriptError,
     StatesError,
 )
-from .invariants import check_invariant
-from .replay import Invariant, Step, play
-from .sensors import SensorScript
-from .traces import assert_states, states_of
-from .waiting import Condition, run_until
+from .play import Invariant, Step, play
+from .search import check_invariant
+from .states import assert_states, states_of
+from .waiting import Condition, SensorScript, run_until
 
 __all__ = [
     "Condition",

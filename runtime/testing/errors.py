@@ -1,13 +1,13 @@
 """The errors of `llfsm.runtime.testing`.
 
-AssertionError               a machine does not do what the test says
-├── NotReachedError          a condition did not come true in time, or cannot any more
-├── StatesError              a machine went through other states
+AssertionError               a machine does not behave as the test expects
+├── NotReachedError          a condition did not hold in time, or cannot hold any more
+├── StatesError              a machine entered other states
 └── InvariantError           an invariant was violated
 
 FsmError                     the test itself is wrong
 ├── ScriptError              a script that cannot be played (also a ValueError)
-├── NotDeterministicError    the same script does not lead to the same failure
+├── NotDeterministicError    the same script does not fail again
 └── HypothesisMissingError   the search needs hypothesis (also an ImportError)
 """
 
@@ -26,24 +26,24 @@ __all__ = [
 
 
 class NotReachedError(AssertionError):
-    """Say what was waited for, for how long, and where each machine stood."""
+    """A condition did not hold in time; the text has the state of each machine."""
 
 
 class StatesError(AssertionError):
-    """Show where the states of a machine differ from those expected."""
+    """A machine entered other states than expected; the text has the difference."""
 
 
 class InvariantError(AssertionError):
-    """Say which invariant was violated, after whose ringlet, and where each machine stood."""
+    """An invariant was violated; the text has the ringlet and the state of each machine."""
 
 
 class ScriptError(FsmError, ValueError):
-    """Say what in a script cannot be played."""
+    """A script cannot be played."""
 
 
 class NotDeterministicError(FsmError):
-    """Say that a machine depends on more than its sensors and the clock."""
+    """A machine depends on more than its sensors and the clock."""
 
 
 class HypothesisMissingError(FsmError, ImportError):
-    """Say that hypothesis is not installed, and how to install it."""
+    """Hypothesis is not installed."""

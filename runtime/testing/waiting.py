@@ -1,34 +1,39 @@
-"""Run an arrangement under a manual clock until something is the case."""
+"""Run an arrangement under a manual clock until a condition holds, with scripted sensors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeAlias
+from collections.abc import Callable, Iterable
+from operator import itemgetter
+from typing import Any, TypeAlias
+
+from llfsm.whiteboard import Board, Slot
+from llfsm.whiteboard.errors import wrong_type
 
 from ..engine.arrangement import Arrangement
 from ..engine.clock import ManualClock
 from ..engine.errors import OptionError
+from ..engine.events import Event, RoundBegin
 from ..engine.machine import Machine
-from .errors import NotReachedError
-from .standing import name_of, standing
+from .errors import NotReachedError, ScriptError
+from .states import current_states, name_of
 
-__all__ = ["Condition", "run_until"]
+__all__ = ["Condition", "SensorScript", "run_until"]
 
 Condition: TypeAlias = str | Callable[[Arrangement], bool]
 """``"Machine.STATE"``, or a function of the arrangement."""
 
-# A round in which a transition fires is followed by the next one at once. It takes some time
-# all the same, or machines that fire for ever would keep the clock from ever moving.
+# The next round follows at once after one in which a transition fires. It takes some time all the
+# same: machines that fire for ever would otherwise keep the clock from moving.
 _ROUND_NS = 10_000
 
 
 def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: float) -> float:
     """Run rounds until `condition` holds after one; return how many milliseconds that took.
 
-    The clock, a `ManualClock`, moves as it would in `Arrangement.run`: by the period, or by the
-    idle time after a round in which nothing fired, else by 10 µs. Raise `NotReachedError` when
-    `within_ms` have passed or the arrangement is over, and `OptionError` for another clock or
-    a condition that no loaded machine can meet.
+    The clock, a `ManualClock`, moves as in `Arrangement.run`: by the period, or by the idle time
+    after a round in which no transition fired, else by 10 µs. Raise `NotReachedError` when
+    `within_ms` milliseconds have passed or the arrangement is over, and `OptionError` for another
+    clock or a condition that no loaded machine can meet.
     """
     clock = arrangement.clock
     if not isinstance(clock, ManualClock):
@@ -53,7 +58,7 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
             why = f"over after {passed_ns / 1e6:g} ms" if over else f"not in {within_ms:g} ms"
             rounds = arrangement.rounds - begin_round
             raise NotReachedError(
-                f"waited for {what}: {why}, {rounds} rounds{standing(arrangement, machines)}"
+                f"waited for {what}: {why}, {rounds} rounds{current_states(arrangement, machines)}"
             )
         next_ns = arrangement.due_ns or round_ns + _pause_ns(arrangement, fired)
         clock.sleep_until_ns(min(next_ns, end_ns))
@@ -64,7 +69,7 @@ def _pause_ns(arrangement: Arrangement, fired: bool) -> int:
 
 
 def _in_state(arrangement: Arrangement, place: str) -> Callable[[Arrangement], bool]:
-    """Return the condition that a machine is in a state; a machine may still be to come."""
+    """Return the condition that a machine is in a state; it may be loaded later."""
     name, dot, state = place.rpartition(".")
     if not dot:
         raise OptionError(f'{place!r} names no state: it must be "Machine.STATE"')
@@ -84,3 +89,39 @@ def _in_state(arrangement: Arrangement, place: str) -> Callable[[Arrangement], b
         return machine is not None and machine.state_name == state
 
     return holds
+
+
+class SensorScript:
+    """An observer that posts each (time in ms, slot, message) of a script at its time.
+
+    Times count from the first round that it observes. A message is posted before the first ringlet
+    of the first round at its time or later, so a script works with `run`, `round` and `run_until`.
+    Raise `ScriptError` for a time before 0, and `SlotTypeError` for a message of another type than
+    its slot's.
+    """
+
+    def __init__(self, board: Board, script: Iterable[tuple[float, Slot[Any], Any]]):
+        self._board = board
+        self._left = sorted(script, key=itemgetter(0))
+        self._begin_ns: int | None = None
+        for time_ms, slot, message in self._left:
+            if not time_ms >= 0:
+                raise ScriptError(f"{slot.name} at {time_ms} ms: a script begins at 0 ms")
+            if type(message) is not slot.type:
+                raise wrong_type(slot.name, slot.type, message)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every message was posted."""
+        return not self._left
+
+    def __call__(self, event: Event) -> None:
+        """Take an event."""
+        if not isinstance(event, RoundBegin):
+            return
+        if self._begin_ns is None:
+            self._begin_ns = event.time_ns
+        passed_ns = event.time_ns - self._begin_ns
+        while self._left and self._left[0][0] * 1e6 <= passed_ns:
+            _, slot, message = self._left.pop(0)
+            self._board.add_message(slot, message)

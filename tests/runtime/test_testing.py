@@ -43,7 +43,7 @@ from llfsm.runtime.testing import (
     run_until,
     states_of,
 )
-from llfsm.runtime.testing.source import source_of
+from llfsm.runtime.testing.search import source_of
 from llfsm.whiteboard import Message, Slot, SlotTypeError, Whiteboard
 from llfsm.whiteboard.messages import turtlesim
 
@@ -408,11 +408,11 @@ def test_a_play_ends_with_its_machines():
 
 
 def test_machines_that_cannot_be_made_again():
-    with pytest.raises(ScriptError, match=r"Spinner is no machine class .* needs a new machine"):
+    with pytest.raises(ScriptError, match="Spinner is neither .* play needs new machines"):
         play([Spinner()], [], invariant=lambda _: True)  # type: ignore[list-item]
-    with pytest.raises(ScriptError, match="Spinner is no machine class"):
+    with pytest.raises(ScriptError, match="Spinner is neither a machine class"):
         check_invariant(Spinner(), invariant=lambda _: True)  # type: ignore[arg-type]
-    with pytest.raises(ScriptError, match="made 1, which is no machine"):
+    with pytest.raises(ScriptError, match="returned 1, which is not a machine"):
         play(lambda: 1, [], invariant=lambda _: True)  # type: ignore[arg-type, return-value]
     with pytest.raises(ScriptError, match="a step waits -1 ms"):
         play(Spinner, [Step(-1)], invariant=lambda _: True)

@@ -1,4 +1,4 @@
-"""A script of what happens to machines, played with an eye on an invariant."""
+"""Play a script of messages to machines and check an invariant after every ringlet."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..engine.events import Event, RoundEnd, Turn
 from ..engine.loading import Factory
 from ..engine.machine import Machine
 from .errors import InvariantError, ScriptError
-from .standing import name_of, standing
+from .states import current_states, name_of
 
 __all__ = ["Invariant", "Step", "factories", "play"]
 
 Invariant: TypeAlias = Callable[[Arrangement], object]
-"""What must hold after every ringlet: it returns False or raises `AssertionError` if not."""
+"""Holds after a ringlet unless it returns False or raises `AssertionError`."""
 
 
 class Step(NamedTuple):
@@ -33,12 +33,12 @@ class Step(NamedTuple):
 def play(
     machines: Factory | Iterable[Factory], script: Iterable[Step], *, invariant: Invariant
 ) -> Arrangement:
-    """Play `script` to new machines on a new board, and check `invariant` after every ringlet.
+    """Play `script` to new machines on a new board, check `invariant` after every ringlet.
 
-    `machines` are classes, or functions that make machines. Those that accept stay loaded, so
-    that the invariant can look at them; when all accept or are suspended, the rest of the script
-    is left out. Return the arrangement. Raise `InvariantError`, or what else the invariant
-    raises, and `ExecutionError` if a machine's code does.
+    `machines` are classes, or functions that return machines. Accepting machines stay loaded, so
+    that the invariant can examine them; when all machines accept or are suspended, the rest of the
+    script is skipped. Return the arrangement. Raise `InvariantError` or any other error of the
+    invariant, and `ExecutionError` for one of a machine's code.
     """
     clock, made = ManualClock(), [_make(factory) for factory in factories(machines)]
     board = Whiteboard.local()
@@ -62,7 +62,7 @@ def play(
 
 
 def factories(machines: Factory | Iterable[Factory]) -> list[Factory]:
-    """Return `machines` as a list; raise `ScriptError` for what makes no new machine."""
+    """Return `machines` as a list; raise `ScriptError` for anything that is not callable."""
     if isinstance(machines, Machine):
         machines = [machines]
     found = [machines] if callable(machines) else list(machines)
@@ -70,8 +70,8 @@ def factories(machines: Factory | Iterable[Factory]) -> list[Factory]:
         if not callable(factory):
             what = factory.name if isinstance(factory, Machine) else repr(factory)
             raise ScriptError(
-                f"{what} is no machine class or function that makes one; every play needs a new "
-                f"machine: give the class, or lambda: Class(variable=value)"
+                f"{what} is neither a machine class nor a function that returns a machine; every "
+                f"play needs new machines: give the class, or lambda: Class(variable=value)"
             )
     return found
 
@@ -79,12 +79,14 @@ def factories(machines: Factory | Iterable[Factory]) -> list[Factory]:
 def _make(factory: Factory) -> Machine:
     made: object = factory()
     if not isinstance(made, Machine):
-        raise ScriptError(f"{name_of(factory, 'the function')} made {made!r}, which is no machine")
+        raise ScriptError(
+            f"{name_of(factory, 'the function')} returned {made!r}, which is not a machine"
+        )
     return made
 
 
 class _Watch:
-    """Check the invariant when a ringlet is over: at the next turn, or at the round's end."""
+    """Check the invariant after each ringlet: at the next turn, or at the end of the round."""
 
     def __init__(self, arrangement: Arrangement, invariant: Invariant):
         self._arrangement = arrangement
@@ -110,5 +112,5 @@ class _Watch:
         raise InvariantError(
             f"{name_of(self._invariant, 'the invariant')} does not hold in round {turn.round}, at "
             f"{turn.time_ns / 1e6:g} ms, after the ringlet of {turn.machine} in {turn.state}{said}"
-            f"{standing(arrangement, arrangement.machines)}"
+            f"{current_states(arrangement, arrangement.machines)}"
         ) from cause

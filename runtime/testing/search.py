@@ -1,29 +1,95 @@
-"""A script as Python text, to be pasted into a test."""
+"""Search for the shortest script that violates an invariant, and write it as Python text."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.slots import DEFAULT_CAPACITY
 
 from ..engine.loading import Factory
-from .replay import Invariant, Step
-from .standing import name_of
+from .errors import HypothesisMissingError, NotDeterministicError
+from .play import Invariant, Step, factories, play
+from .states import name_of
 
-__all__ = ["source_of"]
+if TYPE_CHECKING:
+    from hypothesis.strategies import SearchStrategy
+
+__all__ = ["check_invariant", "source_of"]
 
 _KIT = "llfsm.runtime.testing"
+
+
+def check_invariant(
+    machines: Factory | Iterable[Factory],
+    *,
+    invariant: Invariant,
+    sensors: Mapping[Slot[Any], SearchStrategy[Any]] | None = None,
+    rounds: int = 30,
+    max_wait_ms: int = 2000,
+    tries: int = 200,
+) -> None:
+    """Play random scripts as `play` does; raise the error of the shortest one that fails.
+
+    A script has up to `rounds` steps; before each of them 0 to `max_wait_ms` milliseconds pass,
+    and each slot of `sensors` may get a message drawn from its hypothesis strategy. `tries`
+    scripts are played, the same ones in every call. The note of the error is Python text that
+    plays the script. Raise `NotDeterministicError` if the script does not fail again, and
+    `HypothesisMissingError` without hypothesis.
+    """
+    try:
+        import hypothesis
+        from hypothesis import errors, strategies
+    except ImportError as error:
+        raise HypothesisMissingError(
+            "check_invariant needs hypothesis: pip install hypothesis"
+        ) from error
+    made = factories(machines)
+
+    def fails(script: list[Step]) -> bool:
+        try:
+            play(made, script, invariant=invariant)
+        except Exception:  # whatever it is, the same script raises it again below
+            return True
+        return False
+
+    messages = strategies.fixed_dictionaries({}, optional=dict(sensors or {}))
+    step = strategies.builds(Step, strategies.integers(0, max_wait_ms), messages)
+    settings = hypothesis.settings(
+        max_examples=tries,
+        database=None,
+        derandomize=True,
+        phases=[hypothesis.Phase.generate, hypothesis.Phase.shrink],
+    )
+    try:
+        script = hypothesis.find(strategies.lists(step, max_size=rounds), fails, settings=settings)
+    except errors.NoSuchExample:
+        return
+    except errors.Flaky as error:
+        raise _not_deterministic() from error
+    try:
+        play(made, script, invariant=invariant)
+    except Exception as error:
+        error.add_note(f"To play it again:\n\n{source_of(made, script, invariant)}")
+        raise
+    raise _not_deterministic()
+
+
+def _not_deterministic() -> NotDeterministicError:
+    return NotDeterministicError(
+        "a script that failed did not fail again: a machine or the invariant depends on more than "
+        "its sensors and clock, as on time.time(), random or a class variable"
+    )
 
 
 def source_of(machines: Iterable[Factory], script: Iterable[Step], invariant: Invariant) -> str:
     """Return Python text that plays `script`.
 
-    It imports what has a name in a module; what is local to a function goes by its name there,
-    and a lambda by the name of the argument that it was.
+    The text imports every object that is an attribute of a module. It calls an object local to a
+    function by its name there, and a lambda by the name of its argument.
     """
     text = _Text()
     listed = ", ".join(text.named(factory, "machine") for factory in machines)
@@ -36,7 +102,7 @@ def source_of(machines: Iterable[Factory], script: Iterable[Step], invariant: In
 
 
 class _Text:
-    """Write values as Python, and collect what must be imported for it."""
+    """Write values as Python and collect the imports that they need."""
 
     def __init__(self) -> None:
         self._homes = {"Slot": "llfsm.whiteboard", "Step": _KIT, "play": _KIT}
@@ -52,7 +118,7 @@ class _Text:
         return "\n".join(lines)
 
     def imported(self, module: str, name: str) -> str:
-        """Import `name`, and return how to call it: with its module if another one has it, too."""
+        """Import `name`; return it, qualified by its module if another module has the same name."""
         first = name.partition(".")[0]
         if self._homes.setdefault(first, module) == module:
             self._names.add((module, first))
