@@ -408,7 +408,7 @@ def test_a_play_ends_with_its_machines():
 
 
 def test_machines_that_cannot_be_made_again():
-    with pytest.raises(ScriptError, match="Spinner is neither .* play needs new machines"):
+    with pytest.raises(ScriptError, match=r"Spinner is neither .* play needs new machines"):
         play([Spinner()], [], invariant=lambda _: True)  # type: ignore[list-item]
     with pytest.raises(ScriptError, match="Spinner is neither a machine class"):
         check_invariant(Spinner(), invariant=lambda _: True)  # type: ignore[arg-type]
