@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from .errors import GuFileError, GuFormatError
 
-__all__ = ["DEFAULT_PATH", "MESSAGE_SIZE", "TYPES", "GuWhiteboard", "Mark"]
+__all__ = ["DEFAULT_PATH", "MESSAGE_SIZE", "TYPES", "GuWhiteboard", "RingPosition"]
 
 DEFAULT_PATH = "/tmp/whiteboard"
 TYPES = 512
@@ -44,7 +44,7 @@ class _File(ctypes.LittleEndianStructure):
     )
 
 
-class Mark(NamedTuple):
+class RingPosition(NamedTuple):
     """Where a type stands: it changes with every message added."""
 
     generation: int
@@ -110,11 +110,11 @@ class GuWhiteboard:
         except OSError:
             return False
 
-    def mark(self, number: int) -> Mark:
+    def position(self, number: int) -> RingPosition:
         """Tell where a type stands."""
-        return Mark(self._file.indexes[number], self._file.event_counters[number])
+        return RingPosition(self._file.indexes[number], self._file.event_counters[number])
 
-    def read(self, number: int, size: int) -> tuple[bytes, Mark] | None:
+    def read(self, number: int, size: int) -> tuple[bytes, RingPosition] | None:
         """Copy the current message's first bytes, whole, and tell where the type stood with it.
 
         None if its writer was so fast that no copy was whole: the next look may be luckier.
@@ -123,19 +123,19 @@ class GuWhiteboard:
             counter = self._file.event_counters[number]
             generation = self._file.indexes[number]
             data = bytes(self._bytes(number, generation, size))
-            after = self.mark(number)
+            after = self.position(number)
             if (after.counter - counter) % 2**16 <= 1:
-                return data, after if after[0] == generation else Mark(generation, counter)
+                return data, after if after[0] == generation else RingPosition(generation, counter)
         return None
 
-    def add(self, number: int, data: bytes) -> Mark:
+    def add(self, number: int, data: bytes) -> RingPosition:
         """Add a message; bytes beyond its end keep what they were. Return where the type stands."""
-        generation, counter = self.mark(number)
+        generation, counter = self.position(number)
         generation = (generation + 1) % _GENERATIONS
         self._bytes(number, generation, len(data))[:] = data
         self._file.indexes[number] = generation
         self._file.event_counters[number] = counter + 1
-        return Mark(generation, (counter + 1) % 2**16)
+        return RingPosition(generation, (counter + 1) % 2**16)
 
     def _bytes(self, number: int, generation: int, size: int) -> memoryview:
         generation = generation if generation < _GENERATIONS else 0  # as others read a wrong one

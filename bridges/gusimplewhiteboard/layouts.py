@@ -20,13 +20,13 @@ from .errors import LayoutError, MisfitError
 from .file import MESSAGE_SIZE
 from .structures import StructureLayout, is_structure, raw, text_of
 
-__all__ = ["Layout", "StructLayout", "find_layout"]
+__all__ = ["MessageLayout", "StructLayout", "find_layout"]
 
 _VALUE = re.compile(r"(\d*)([a-zA-Z?])")
 _CODES = {"boolean": "?", "integer": "bBhHiIlLqQnN", "number": "efd", "string": "sc"}
 
 
-class Layout(Protocol):
+class MessageLayout(Protocol):
     """What turns messages into bytes, and bytes into what a message is made of."""
 
     size: int
@@ -38,14 +38,14 @@ class Layout(Protocol):
         """Return the fields, nested messages as dicts; raise :class:`.MisfitError`."""
 
 
-def find_layout(text: str, schema: Schema, fields: Sequence[str] | None = None) -> Layout:
+def find_layout(text: str, schema: Schema, fields: Sequence[str] | None = None) -> MessageLayout:
     """Return the layout that `text` names, a format or ``module:Structure``, for a schema.
 
     `fields` are the message's, as ``linear.x``, in the order of a format's values; by default all.
     Raise :class:`.LayoutError`.
     """
     module, colon, name = text.partition(":")
-    layout: Layout
+    layout: MessageLayout
     if not colon:
         layout = StructLayout(text, schema, fields)
     elif fields is not None:

@@ -13,8 +13,8 @@ from llfsm.whiteboard.errors import name_fields
 from llfsm.whiteboard.schema import from_plain
 
 from .errors import GuFileError, MisfitError
-from .file import GuWhiteboard, Mark
-from .layouts import Layout
+from .file import GuWhiteboard, RingPosition
+from .layouts import MessageLayout
 
 __all__ = ["Direction", "Relay", "run"]
 
@@ -37,7 +37,7 @@ class Relay:
         number: int,
         board: Board,
         slot: Slot[Message],
-        layout: Layout,
+        layout: MessageLayout,
         direction: Direction = "both",
     ) -> None:
         self._foreign = foreign
@@ -49,10 +49,10 @@ class Relay:
         self._inwards = direction in ("in", "both")
         self._outwards = direction in ("out", "both")
         self._count = 0  # of the slot's latest message that is here from there, or there from here
-        self._mark = Mark(0, 0)  # likewise
+        self._mark = RingPosition(0, 0)  # likewise
         self._uncounted = self._mark
         if direction == "both" and self._bound.count:
-            self._mark = foreign.mark(number)
+            self._mark = foreign.position(number)
         self._refusing = False
         self.relayed_in = self.relayed_out = self.refused = 0
 
@@ -73,7 +73,7 @@ class Relay:
             self._refusing = True
 
     def _step_in(self) -> None:
-        mark = self._foreign.mark(self._number)
+        mark = self._foreign.position(self._number)
         if mark == self._mark:
             return
         if mark.counter == self._mark.counter and mark != self._uncounted:

@@ -1,9 +1,10 @@
 """Recordings of a whiteboard and its machines, as MCAP files that Foxglove and PlotJuggler open.
 
-Read in this order: :mod:`.exact` (messages as JSON, without loss), :mod:`.writer`, :mod:`.index`
-and :mod:`.reader` (the file), :mod:`.receiver` and :mod:`.recorder` (from a board into a file),
-:mod:`.replay` (back onto a board), :mod:`.rerun` (the machines once more, compared with what they
-did), :mod:`.playback` (on a page).
+Read in this order: :mod:`.json_codec` (messages as JSON, without loss), :mod:`.writer`,
+:mod:`.mcap_file`, :mod:`.index` and :mod:`.reader` (the file), :mod:`.journal_recorder` and
+:mod:`.board_recorder` (from a board into a file), :mod:`.board_replay` (back onto a board),
+:mod:`.rerun` (the machines once more, compared with what they did), :mod:`.recorded_history` and
+:mod:`.recorded_source` (on a page).
 """
 
 from importlib.util import find_spec

@@ -2,14 +2,15 @@
 
 ::
 
-    FsmError
-    ├── RecordingError             a recording cannot be made or used as asked
-    │   ├── RecordingFileError         the file cannot be read or written, or is no recording
-    │   ├── McapMissingError           the library is not installed (also an ImportError)
-    │   ├── NoEventsError              it holds no events from machines' start: nothing to rerun
-    │   └── OtherMachinesError         the machines given are not those recorded
-    └── (AssertionError)
-        └── RerunError                 machines do something else than they did (no FsmError)
+    LlfsmError
+    └── RecordingError             a recording cannot be made or used as requested
+        ├── RecordingFileError         the file cannot be read or written, or is not a recording
+        ├── McapMissingError           the library is not installed (also an ImportError)
+        ├── NoEventsError              it has no events from the machines' start: nothing to rerun
+        └── OtherMachinesError         the machines given are not those recorded
+
+    AssertionError
+    └── RerunError                 machines act differently from the recording
 """
 
 from __future__ import annotations
@@ -27,24 +28,24 @@ __all__ = [
 
 
 class RecordingError(LlfsmError):
-    """Say why a recording cannot be made or used as asked."""
+    """A recording cannot be made or used as requested."""
 
 
 class RecordingFileError(RecordingError):
-    """Say which file cannot be read or written, or is no recording, and why."""
+    """A file cannot be read or written, or is not a recording."""
 
 
 class McapMissingError(RecordingError, ImportError):
-    """Say that the library for MCAP files is not installed, and how to install it."""
+    """The library for MCAP files is not installed."""
 
 
 class NoEventsError(RecordingError):
-    """Say that a recording holds no events from machines' start, and how to make one that does."""
+    """A recording has no events from the machines' start."""
 
 
 class OtherMachinesError(RecordingError):
-    """Name the machines that were recorded, and those that were given instead."""
+    """The machines given are not those that were recorded."""
 
 
 class RerunError(AssertionError):
-    """Show the first thing that machines do differently from what was recorded of them."""
+    """Machines act differently from the recording; the message shows the first difference."""

@@ -1,6 +1,6 @@
-"""A recording, complete or cut short: its slots, its journals, and what was when.
+"""A recording, complete or cut short: its slots, its journals, and their history.
 
-It is read where it is looked at, and never as a whole.
+Only the parts that are looked at are read, never the whole file.
 """
 
 from __future__ import annotations
@@ -22,36 +22,37 @@ from llfsm.whiteboard.messages.llfsm import DEFINITIONS, definition_slot
 from llfsm.whiteboard.poller import class_of
 
 from .errors import RecordingFileError
-from .exact import Codec
-from .index import Index, Record
+from .index import Index
+from .json_codec import JsonCodec
+from .mcap_file import McapFile, MessageRecord
 from .writer import ABOUT, ARRANGEMENT, COUNT, EVENTS, WRAP, WRITER
 
-__all__ = ["Moment", "Recorded", "RecordedJournal", "RecordedSlot", "Recording"]
+__all__ = ["RecordedJournal", "RecordedMessage", "RecordedSlot", "Recording", "TimelineItem"]
 
 
-class Recorded(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A message of a slot, undecoded."""
 
     stamp_ns: int
     """When it was added, on the clock of the whiteboard."""
     seen_ns: int
-    """When it was recorded: later only if it was there before the recording began."""
+    """When it was recorded; later than `stamp_ns` only if it was added before the recording."""
     count: int  # type: ignore[assignment]  # hides tuple.count, as in a Sample
     writer: int
     data: bytes
 
 
 class RecordedSlot:
-    """A slot of which messages were recorded."""
+    """A slot with recorded messages."""
 
     def __init__(self, slot: Slot[Any]):
         self.slot = slot
         self.channels: list[int] = []
-        self.attached: list[Recorded] = []  # in place of channels
-        self._codec = Codec(slot)
+        self.attached: list[RecordedMessage] = []  # instead of channels
+        self._codec = JsonCodec(slot)
 
-    def sample(self, recorded: Recorded) -> Sample[Message]:
-        """Return a message as the whiteboard gave it; raise ``ValueError`` if it is none."""
+    def sample(self, recorded: RecordedMessage) -> Sample[Message]:
+        """Return a message as it was on the whiteboard; raise ``ValueError`` if it is invalid."""
         message = self._codec.decode(recorded.data)
         return Sample(message, recorded.count, recorded.stamp_ns, recorded.writer)
 
@@ -59,7 +60,7 @@ class RecordedSlot:
 class RecordedJournal(NamedTuple):
     """The journal of an arrangement.
 
-    `whole` if it begins with its machines; else what they had learnt before is not known.
+    `whole` if it begins when the machines do; else what they read before is unknown.
     """
 
     channel: int
@@ -67,66 +68,67 @@ class RecordedJournal(NamedTuple):
     begin_ns: int
     whole: bool
     about: Mapping[str, str]
-    """The metadata of the arrangement: machines, plan and folder, as far as they are known."""
+    """The metadata of the arrangement: machines, plan and folder, as far as they were recorded."""
 
 
-class Moment(NamedTuple):
-    """What was recorded at a moment: a message of a slot, or an entry of a journal, undecoded."""
+class TimelineItem(NamedTuple):
+    """What was recorded at a time: a message of a slot, or an entry of a journal, undecoded."""
 
     now_ns: int
     slot: RecordedSlot | None
-    recorded: Recorded | None
-    entry: Record | None
+    recorded: RecordedMessage | None
+    entry: MessageRecord | None
 
 
 class Recording:
-    """Read a recording; raise :class:`.RecordingFileError` if it is none."""
+    """Read a recording; raise :class:`.RecordingFileError` if the file is not a valid one."""
 
     def __init__(self, path: Path):
         self.path = path
         self.slots: dict[str, RecordedSlot] = {}
         self.journals: list[RecordedJournal] = []
-        self._index = Index(path)
-        about = [told.metadata for told in self._index.metadata if told.name == ABOUT]
+        self._file = McapFile(path)
+        self._index = Index(self._file)
+        about = [each.metadata for each in self._file.metadata if each.name == ABOUT]
         try:
             self.about: Mapping[str, str] = about[0]
-            """What the recorder says of itself: board, host, version."""
+            """The recorder's board, host and version."""
             self._offset_ns = int(self.about["offset_ns"])
             self._begin_ns = int(self.about["begin_ns"])
         except LookupError as error:
-            raise self._wrong("is no recording of llfsm") from error
+            raise self._wrong("is not a recording of llfsm") from error
         self._of: dict[int, tuple[RecordedSlot, int, int]] = {}  # channel -> slot, writer, wraps
         self._arrangements = {
-            told.metadata.get("session", ""): told.metadata
-            for told in self._index.metadata
-            if told.name == ARRANGEMENT
+            each.metadata.get("session", ""): each.metadata
+            for each in self._file.metadata
+            if each.name == ARRANGEMENT
         }
         try:
-            for attachment in self._index.attachments:
+            for attachment in self._file.attachments:
                 self._attach(attachment)
-            for channel in self._index.channels.values():
+            for channel in self._file.channels.values():
                 self._add(channel)
         except (LookupError, ValueError, WhiteboardError) as error:
-            raise self._wrong(f"has a channel or attachment that is none: {error}") from error
+            raise self._wrong(f"has an invalid channel or attachment: {error}") from error
 
     @property
     def complete(self) -> bool:
-        """False for one that was cut short or is damaged: it has what can be read."""
-        return self._index.complete
+        """False for a file that was cut short or is damaged: the rest is missing here."""
+        return self._file.complete
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """When it begins and ends, on the clock of the whiteboard."""
+        """Its beginning and end, on the clock of the whiteboard."""
         end_ns = self._index.end_ns - self._offset_ns
         attached = (each.seen_ns for slot in self.slots.values() for each in slot.attached)
         return self._begin_ns, max(self._begin_ns, end_ns, *attached)
 
     def messages(
         self, slots: Collection[str] | None = None, from_ns: int = 0
-    ) -> Iterator[tuple[RecordedSlot, Recorded]]:
-        """Return the messages of these slots, or of all, in the order in which they were seen.
+    ) -> Iterator[tuple[RecordedSlot, RecordedMessage]]:
+        """Return the messages of these slots, or of all, in the order in which they were recorded.
 
-        `from_ns` is the moment since when.
+        Leave out those recorded before `from_ns`.
         """
         for moment in self.timeline(slots, from_ns, events=False):
             if moment.recorded is not None and moment.slot is not None:
@@ -134,14 +136,14 @@ class Recording:
 
     def timeline(
         self, slots: Collection[str] | None = None, from_ns: int = 0, *, events: bool = True
-    ) -> Iterator[Moment]:
-        """Return messages and what journals say, in the order of time."""
+    ) -> Iterator[TimelineItem]:
+        """Return messages and, with `events`, entries of journals, ordered by time."""
         names = self.slots.keys() if slots is None else self.slots.keys() & {*slots}
         channels = {number for name in names for number in self.slots[name].channels}
         if events:
             channels |= {journal.channel for journal in self.journals}
         attached = [
-            Moment(recorded.seen_ns, self.slots[name], recorded, None)
+            TimelineItem(recorded.seen_ns, self.slots[name], recorded, None)
             for name in names
             for recorded in self.slots[name].attached
             if recorded.seen_ns >= from_ns
@@ -151,7 +153,7 @@ class Recording:
         yield from merge(attached, map(self._moment, found), key=attrgetter("now_ns"))
 
     def entries(self, journal: RecordedJournal) -> Iterator[Entry]:
-        """Return what a journal says; where something is missing, that it is `Lost`."""
+        """Return the entries of a journal, with an entry `Lost` wherever some are missing."""
         after = 0
         for number in self._index.chunks:
             if self._index.has(number, (journal.channel,)):
@@ -161,8 +163,8 @@ class Recording:
                     after = record.sequence + 1
                     yield self.entry(record)
 
-    def latest(self, slot: RecordedSlot, now_ns: int) -> Recorded | None:
-        """Return the message that a slot had at a moment; None before its first."""
+    def latest(self, slot: RecordedSlot, now_ns: int) -> RecordedMessage | None:
+        """Return the message that a slot held at a moment; None before its first."""
         found = [recorded for recorded in slot.attached if recorded.seen_ns <= now_ns]
         for channel in slot.channels:
             record = self._index.latest(channel, now_ns + self._offset_ns)
@@ -170,7 +172,7 @@ class Recording:
                 found.append(self._recorded(record))
         return max(found, key=attrgetter("count"), default=None)
 
-    def history(self, number: int, slots: Collection[str]) -> Iterator[Moment]:
+    def history(self, number: int, slots: Collection[str]) -> Iterator[TimelineItem]:
         """Return the messages of these slots, and all entries, of one of the `chunks`."""
         channels = [n for name in slots for n in self.slots[name].channels]
         channels += [journal.channel for journal in self.journals]
@@ -181,19 +183,20 @@ class Recording:
 
     @property
     def chunks(self) -> range:
-        """The parts of the file, in the order in which it was written."""
+        """The numbers of the file's chunks, in the order in which they were written."""
         return self._index.chunks
 
     def _add(self, channel: Channel) -> None:
         about = channel.metadata
         if channel.topic == EVENTS:
             begin_ns = int(about["session"].partition("-")[2])
-            said = self._arrangements.get(about["session"], {})
+            made_from = self._arrangements.get(about["session"], {})
             whole = about["whole"] == "yes"
-            journal = RecordedJournal(channel.id, int(about["writer"]), begin_ns, whole, said)
+            process = int(about["writer"])
+            journal = RecordedJournal(channel.id, process, begin_ns, whole, made_from)
             self.journals.append(journal)
             return
-        schema = self._index.schemas[channel.schema_id]
+        schema = self._file.schemas[channel.schema_id]
         slot = self.slots.get(channel.topic)
         if slot is None:
             plain = msgspec.json.decode(schema.data, type=dict[str, Any])
@@ -215,11 +218,11 @@ class Recording:
         stamp_ns = attachment.create_time - self._offset_ns
         seen_ns = attachment.log_time - self._offset_ns
         data = msgspec.json.encode(plain)
-        slot.attached.append(Recorded(stamp_ns, seen_ns, count, writer, data))
+        slot.attached.append(RecordedMessage(stamp_ns, seen_ns, count, writer, data))
 
-    def _recorded(self, record: Record) -> Recorded:
+    def _recorded(self, record: MessageRecord) -> RecordedMessage:
         _, writer, wraps = self._of[record.channel]
-        return Recorded(
+        return RecordedMessage(
             record.published_ns - self._offset_ns,
             record.log_ns - self._offset_ns,
             wraps * WRAP + record.sequence,
@@ -227,13 +230,13 @@ class Recording:
             record.data,
         )
 
-    def _moment(self, record: Record) -> Moment:
+    def _moment(self, record: MessageRecord) -> TimelineItem:
         now_ns = record.log_ns - self._offset_ns
         if record.channel not in self._of:
-            return Moment(now_ns, None, None, record)
-        return Moment(now_ns, self._of[record.channel][0], self._recorded(record), None)
+            return TimelineItem(now_ns, None, None, record)
+        return TimelineItem(now_ns, self._of[record.channel][0], self._recorded(record), None)
 
-    def entry(self, record: Record) -> Entry:
+    def entry(self, record: MessageRecord) -> Entry:
         """Return an entry of a journal."""
         try:
             entry = msgspec.json.decode(record.data, type=dict[str, Any])
@@ -243,7 +246,7 @@ class Recording:
             if entry.get("message") is not None:
                 entry["message"] = a2b_base64(entry["message"], strict_mode=True)
         except (ValueError, TypeError) as error:
-            raise self._wrong(f"has an event that is none: {error}") from error
+            raise self._wrong(f"has an invalid event: {error}") from error
         return entry
 
     def _wrong(self, what: str) -> RecordingFileError:

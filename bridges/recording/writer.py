@@ -1,15 +1,15 @@
-"""The file of a recording, under way: what was written is readable whenever the process dies.
+"""The file of a recording in progress: what was written can be read whenever the process dies.
 
-Messages are compressed in chunks; a chunk is ended, and handed to the system, after a second at
-the latest. Nothing is synced to the disk, so that only a crash of the whole host may take more.
+Messages are compressed in chunks; a chunk is closed and handed to the system after at most one
+second. Nothing is synced to the disk, so only a crash of the whole host can lose more.
 
-A slot has a channel for each process that writes to it, all of the slot's name: `writer` in its
-metadata is the process, the sequence of a message is its count (modulo 2**32, `wraps` says how
-often). Times are those of the whiteboard plus `offset_ns`, which makes them the time of the day; a
-message that was on the board before was logged when the recording began, and published when it
-was added.
+A slot has a channel for each process that writes to it, with the slot's name as topic: `writer` in
+its metadata is the process, the sequence of a message is its count modulo 2**32, and `wraps` is the
+number of wrap-arounds. Times are those of the whiteboard plus `offset_ns`, which makes them
+wall-clock times. A message that was on the board before the recording has the beginning of the
+recording as log time, and the time at which it was added as publish time.
 
-What arrangements and machines consist of is metadata and attachments: tools list these.
+Arrangements and machine definitions are metadata and attachments, which MCAP tools list.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
 
 from .errors import RecordingFileError
-from .exact import Codec
+from .json_codec import JsonCodec
 
 __all__ = [
     "ABOUT",
@@ -43,15 +43,15 @@ __all__ = [
 ]
 
 EVENTS = "llfsm/events"
-"""The topic of what the journals of arrangements say; each has a channel."""
+"""The topic of the journals of arrangements; each journal has a channel."""
 ABOUT = "llfsm/recording"
 ARRANGEMENT = "llfsm/arrangement"
 STATISTICS = "llfsm/statistics"
 COUNT, WRITER = "$count", "$writer"
-"""Members of an attachment besides a definition's fields, of which no name begins with a `$`."""
+"""Members of an attachment besides a definition's fields, whose names cannot begin with a `$`."""
 
 WRAP = 1 << 32
-"""A file counts modulo this."""
+"""Sequences in a file are counts modulo this."""
 _FLUSH_NS = 1_000_000_000
 _CHUNK = 1 << 20  # bytes, before compression
 _EVENT_SCHEMA = {
@@ -63,7 +63,7 @@ _EVENT_SCHEMA = {
 
 
 class RecordingWriter:
-    """Write a recording; leaving the ``with`` block completes it.
+    """Write a recording; leaving the ``with`` block completes the file.
 
     Raise :class:`.RecordingFileError` if the file cannot be made or written to.
     """
@@ -77,13 +77,13 @@ class RecordingWriter:
         self._writer = Writer(cast("IO[bytes]", self._file), chunk_size=_CHUNK)
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._channels: dict[tuple[str, int, int], int] = {}
-        self._codecs: dict[str, Codec] = {}
+        self._codecs: dict[str, JsonCodec] = {}
         self._seen: dict[str, tuple[int, int, int]] = {}  # first count, last count, number
         self._journals: dict[int, tuple[int, int]] = {}  # latest time, number of entries
         self.events = 0
-        """How many events of machines were written."""
+        """The number of events of machines that were written."""
         self.lost = 0
-        """How often some were lost."""
+        """The number of gaps where events were lost."""
         self._writer.start(profile="llfsm")
         times = {"offset_ns": str(self._offset_ns), "begin_ns": str(self.begin_ns)}
         self.add_metadata(ABOUT, {**about, **times})
@@ -96,11 +96,11 @@ class RecordingWriter:
 
     @property
     def size(self) -> int:
-        """Bytes in the file so far, without the chunk under way."""
+        """Bytes in the file so far, without the open chunk."""
         return self._file.tell()
 
     def add(self, slot: Slot[Any], sample: Sample[Message], *, new: bool = False) -> None:
-        """Write a message of a slot; of a `new` one all since the first are expected."""
+        """Write a message of a slot; of a `new` one, messages are missed from the first on."""
         first, _, number = self._seen.get(slot.name, (1 if new else sample.count, 0, 0))
         self._seen[slot.name] = first, sample.count, number + 1
         published_ns = sample.stamp_ns + self._offset_ns
@@ -116,7 +116,7 @@ class RecordingWriter:
         self._writer.add_message(channel, logged_ns, data, published_ns, sequence)
 
     def add_journal(self, about: Mapping[str, str]) -> int:
-        """Begin the journal of an arrangement, and return the number by which it is written to."""
+        """Begin the journal of an arrangement, and return its number for `add_entry`."""
         schema = self._schema("llfsm/Event", msgspec.json.encode(_EVENT_SCHEMA))
         channel = self._writer.register_channel(EVENTS, MessageEncoding.JSON, schema, {**about})
         self._journals[channel] = self.begin_ns, 0
@@ -133,21 +133,21 @@ class RecordingWriter:
         self.events += "reads" in entry
 
     def add_lost(self, journal: int) -> None:
-        """Write that entries of a journal are missing here."""
+        """Mark a gap: entries of a journal are missing here."""
         self.lost += 1
         self.add_entry(journal, {"event": "Lost"})
 
     def add_metadata(self, name: str, about: Mapping[str, str]) -> None:
-        """Write metadata, which is in the file at once."""
+        """Write metadata, and hand it to the system at once."""
         self._writer.add_metadata(name, {**about})
         self._file.flush()
 
     def flush(self) -> None:
-        """Make sure that what was written is not lost if the process dies."""
+        """Close the chunk: what was written is not lost if the process dies."""
         self._writer.flush()
 
     def flush_if_due(self) -> None:
-        """Do that if it was not done for a second."""
+        """Flush if the last flush was a second ago."""
         now_ns = time.monotonic_ns()
         if now_ns - self._flushed_ns >= _FLUSH_NS:
             self._flushed_ns = now_ns
@@ -155,11 +155,11 @@ class RecordingWriter:
 
     @property
     def messages(self) -> int:
-        """How many messages of slots were written."""
+        """The number of messages of slots that were written."""
         return sum(number for _, _, number in self._seen.values())
 
     def missed(self) -> dict[str, int]:
-        """Return how many messages of each slot came and went without being seen."""
+        """Return how many messages of each slot were replaced before they were read."""
         return {
             name: last - first + 1 - number for name, (first, last, number) in self._seen.items()
         }
@@ -174,7 +174,7 @@ class RecordingWriter:
                 for name, missed in self.missed().items()
             }
             if self._journals:
-                counts[EVENTS] = f"{self.events} recorded, {self.lost} times some were lost"
+                counts[EVENTS] = f"{self.events} recorded, {self.lost} gaps"
             self._writer.flush()
             self._writer.add_metadata(STATISTICS, counts)
             self._writer.finish()
@@ -185,14 +185,14 @@ class RecordingWriter:
     def _attach(
         self, slot: Slot[Any], sample: Sample[Message], published_ns: int, logged_ns: int
     ) -> None:
-        codec = self._codecs.setdefault(slot.name, Codec(slot))
+        codec = self._codecs.setdefault(slot.name, JsonCodec(slot))
         plain = msgspec.json.decode(codec.encode(sample.message))
         data = msgspec.json.encode({**plain, COUNT: sample.count, WRITER: sample.writer})
         self._writer.add_attachment(published_ns, logged_ns, slot.name, "application/json", data)
         self._file.flush()
 
     def _add_channel(self, slot: Slot[Any], writer: int, wraps: int) -> int:
-        self._codecs.setdefault(slot.name, Codec(slot))
+        self._codecs.setdefault(slot.name, JsonCodec(slot))
         schema = self._schema(slot.type_name, msgspec.json.encode(slot.schema))
         metadata = {"writer": str(writer), "capacity": str(slot.capacity), "wraps": str(wraps)}
         channel = self._writer.register_channel(slot.name, MessageEncoding.JSON, schema, metadata)
@@ -208,7 +208,7 @@ class RecordingWriter:
 
 
 class _File:
-    """What the library writes to: an error names the file."""
+    """The file that the library writes to; errors name the file."""
 
     def __init__(self, path: Path):
         self._path = path

@@ -1,1 +1,1 @@
-"""A page in the browser on which a whiteboard and its machines are alive."""
+"""A live page of a whiteboard and its machines, in the browser."""

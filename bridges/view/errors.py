@@ -1,7 +1,10 @@
-"""What can go wrong with a page.
+"""The errors of the page.
 
-ViewError
-└── RequestError    what a page has asked for cannot be done
+::
+
+    LlfsmError
+    └── ViewError
+        └── RequestError    a request of a page cannot be met
 """
 
 from llfsm.errors import LlfsmError
@@ -10,8 +13,8 @@ __all__ = ["RequestError", "ViewError"]
 
 
 class ViewError(LlfsmError):
-    """Everything that showing a whiteboard raises."""
+    """The base of the errors of showing a whiteboard."""
 
 
 class RequestError(ViewError):
-    """What a page has asked for cannot be done; the page shows why."""
+    """A request of a page cannot be met; the page shows the message."""

@@ -12,8 +12,8 @@ from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import VIEWER, MachineStatus, Viewer
 from llfsm.whiteboard.poller import BoardPoller
 
-from .history import History
-from .source import Change, Look, Source
+from .page_source import Change, PageSource, Snapshot
+from .state_history import StateHistory
 
 __all__ = ["LiveSource"]
 
@@ -22,7 +22,7 @@ _DISCOVERY_S = 0.4  # between two searches for new slots
 _VIEW_NS = 500_000_000  # between two messages that somebody looks
 
 
-class LiveSource(Source):
+class LiveSource(PageSource):
     """Poll the board of a name; the board may be removed and made again."""
 
     def __init__(self, name: str) -> None:
@@ -33,9 +33,9 @@ class LiveSource(Source):
         self._epoch = 0
         self._trouble = ""
         self._open_ns = self._view_ns = 0  # when that is due
-        self._history = History()
+        self._history = StateHistory()
 
-    def look(self) -> Look:
+    def snapshot(self) -> Snapshot:
         """Return the state of everything; never raise because of what a board holds."""
         now_ns = time.monotonic_ns()
         samples: dict[str, Sample[Message]] = {}
@@ -57,8 +57,8 @@ class LiveSource(Source):
             self.close()
         if self._board is not None:
             self._trouble = ""
-            self._history.note(samples, now_ns, self.is_live)
-        return Look(now_ns, self._epoch, self._slots, samples, problems, self._trouble)
+            self._history.add(samples, now_ns, self.is_live)
+        return Snapshot(now_ns, self._epoch, self._slots, samples, problems, self._trouble)
 
     def is_live(self, sample: Sample[MachineStatus]) -> bool:
         """Return whether a machine is loaded by a process that lives."""
@@ -95,5 +95,5 @@ class LiveSource(Source):
                 return
             self._poller = BoardPoller(self._board, discovery_s=_DISCOVERY_S)
             self._epoch += 1
-            self._history = History()
+            self._history = StateHistory()
             self._view_ns = 0

@@ -13,10 +13,10 @@ from uuid import uuid4
 import pytest
 from click.testing import CliRunner
 
+from llfsm.bridges.recording.board_recorder import BoardRecorder
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.recorder import BoardRecorder
 from llfsm.bridges.recording.writer import RecordingWriter
-from llfsm.bridges.view.feed import Feed
+from llfsm.bridges.view.frames import FrameEncoder
 from llfsm.bridges.view.live import LiveSource
 from llfsm.cli.root import main
 from llfsm.runtime.presence.remote import Directory
@@ -168,12 +168,12 @@ def test_commands_tell_of_them_and_go_on(board: Whiteboard) -> None:
 
 def test_the_page_shows_them_beside_the_others(board: Whiteboard) -> None:
     source = LiveSource(board.name)
-    look = source.look()
+    look = source.snapshot()
     assert not look.trouble
     assert look.samples["good"].message.data == 7  # type: ignore[attr-defined]
     for name, (_, why) in SCHEMAS.items():
         assert why in look.problems.get(shown(name), "")
-    assert Feed(source).frame(look, beat=True)
+    assert FrameEncoder(source).encode(look, beat=True)
     source.close()
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import click
 
+from llfsm.bridges.recording.board_recorder import BoardRecorder
+from llfsm.bridges.recording.board_recorder import record as record_until
 from llfsm.bridges.recording.errors import RecordingError
-from llfsm.bridges.recording.receiver import JournalReceiver
-from llfsm.bridges.recording.recorder import BoardRecorder
-from llfsm.bridges.recording.recorder import record as record_until
+from llfsm.bridges.recording.journal_recorder import JournalRecorder
 from llfsm.bridges.recording.writer import EVENTS, RecordingWriter
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.whiteboard import (
@@ -124,10 +124,10 @@ def _opened(name: str) -> Iterator[Whiteboard]:
             raise
 
 
-def _receiver(board: Whiteboard, writer: RecordingWriter) -> JournalReceiver | None:
+def _receiver(board: Whiteboard, writer: RecordingWriter) -> JournalRecorder | None:
     """Return the receiver of the machines' events, or print why there cannot be one."""
     try:
-        receiver = JournalReceiver(board, writer)
+        receiver = JournalRecorder(board, writer)
     except BoardClosedError:
         raise
     except WhiteboardError as error:  # a full board can be recorded all the same

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 
+from llfsm.bridges.recording.board_replay import BoardReplay
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.replay import Replay
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.schema import to_plain
@@ -61,7 +61,7 @@ def replay(
     recording = _open(file, from_s)
     signals: list[str] = []  # that asked this process to end
     with stop_on_signals(signals.append), Whiteboard(board) as wb:
-        player = Replay(recording, wb, slots)
+        player = BoardReplay(recording, wb, slots)
 
         def is_over() -> bool:
             return bool(signals) or not wb.alive
@@ -83,7 +83,7 @@ def _open(file: Path, from_s: float) -> Recording:
     return recording
 
 
-def _step(player: Replay, from_s: float, is_over: Callable[[], bool]) -> None:
+def _step(player: BoardReplay, from_s: float, is_over: Callable[[], bool]) -> None:
     for step in player.steps(from_s=from_s):
         click.echo(f"{step.now_ns / 1e9:.6f} s  {step.text}".rstrip())
         for slot, message in step.posted:

@@ -15,7 +15,7 @@ from types import FrameType
 
 import click
 
-from llfsm.bridges.view.source import Source
+from llfsm.bridges.view.page_source import PageSource
 
 from .options import board_option, end_with_input, until_eof_option
 
@@ -74,18 +74,18 @@ def view(
     serve(source, host=host, port=port, open_page=not no_open, control=control, token=token)
 
 
-def _source(recording: Path | None, board: str) -> Source:
+def _source(recording: Path | None, board: str) -> PageSource:
     if recording is None:
         from llfsm.bridges.view.live import LiveSource
 
         return LiveSource(board)
-    from llfsm.bridges.recording.playback import RecordedSource
+    from llfsm.bridges.recording.recorded_source import RecordedSource
 
     return RecordedSource(recording)
 
 
 def serve(
-    source: Source,
+    source: PageSource,
     *,
     host: str,
     port: int,
@@ -97,8 +97,8 @@ def serve(
     try:
         import uvicorn
 
-        from llfsm.bridges.view.guard import is_loopback
-        from llfsm.bridges.view.server import make_app
+        from llfsm.bridges.view.access import is_loopback
+        from llfsm.bridges.view.app import make_app
     except ModuleNotFoundError as error:
         raise click.ClickException(
             f"the page needs {error.name}; install it with: pip install 'llfsm[view]'"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from llfsm.bridges.gusimplewhiteboard import GuFileError, GuFormatError, GuWhiteboard
-from llfsm.bridges.gusimplewhiteboard.file import Mark
+from llfsm.bridges.gusimplewhiteboard.file import RingPosition
 
 Native = Callable[..., str]
 SIZE = 263712
@@ -19,19 +19,19 @@ MAGIC_AT = 263696
 
 
 def test_a_message_of_theirs_is_read(foreign: GuWhiteboard, native: Native) -> None:
-    assert foreign.mark(511) == Mark(0, 0)
+    assert foreign.position(511) == RingPosition(0, 0)
     for count in range(1, 10):
         native("add", 511, count, -count)
         data, mark = foreign.read(511, 16)
         assert struct.unpack("<2d", data) == (count, -count)
-        assert mark == foreign.mark(511) == Mark(count % 4, count)
-    assert foreign.mark(510) == foreign.mark(0) == Mark(0, 0)
+        assert mark == foreign.position(511) == RingPosition(count % 4, count)
+    assert foreign.position(510) == foreign.position(0) == RingPosition(0, 0)
 
 
 def test_they_read_a_message_of_ours(foreign: GuWhiteboard, native: Native) -> None:
     for count in range(1, 10):
         mark = foreign.add(7, struct.pack("<3d", count, 0.5, -1))
-        assert mark == foreign.mark(7)
+        assert mark == foreign.position(7)
         assert native("get", 7, 3) == f"{count} 0.5 -1 of {count}\n"
 
 
@@ -57,8 +57,8 @@ def test_the_counter_wraps(foreign: GuWhiteboard, path: Path) -> None:
     with path.open("r+b") as file:
         file.seek(516 + 2 * 9)
         file.write(b"\xff\xff")
-    assert foreign.add(9, b"x") == Mark(1, 0) == foreign.mark(9)
-    assert foreign.read(9, 1) == (b"x", Mark(1, 0))
+    assert foreign.add(9, b"x") == RingPosition(1, 0) == foreign.position(9)
+    assert foreign.read(9, 1) == (b"x", RingPosition(1, 0))
 
 
 def test_a_wrong_generation_is_read_as_the_first(foreign: GuWhiteboard, path: Path) -> None:
@@ -67,7 +67,7 @@ def test_a_wrong_generation_is_read_as_the_first(foreign: GuWhiteboard, path: Pa
         file.write(b"\xff")
         file.seek(1552 + 9 * 4 * 128)
         file.write(b"first")
-    assert foreign.read(9, 5) == (b"first", Mark(255, 0))
+    assert foreign.read(9, 5) == (b"first", RingPosition(255, 0))
 
 
 def test_no_copy_is_torn(
@@ -91,7 +91,7 @@ def test_no_copy_is_torn(
     found = foreign.read(5, 128)
     assert found is not None
     assert len(set(struct.unpack("<16Q", found[0]))) == 1
-    assert found[1] == foreign.mark(5)
+    assert found[1] == foreign.position(5)
 
 
 def test_a_copy_is_refused_if_the_writer_may_have_come_round(
@@ -112,8 +112,8 @@ def test_a_copy_is_refused_if_the_writer_may_have_come_round(
 
     monkeypatch.setattr(foreign, "_bytes", slow_copy)
     data, mark = foreign.read(5, 5)
-    assert (data, mark) == (b"other", Mark((1 + 4) % 4, 5))
-    assert foreign.mark(5) == Mark((1 + 5) % 4, 6)
+    assert (data, mark) == (b"other", RingPosition((1 + 4) % 4, 5))
+    assert foreign.position(5) == RingPosition((1 + 5) % 4, 6)
 
 
 def test_a_read_gives_up_at_last(foreign: GuWhiteboard, monkeypatch: pytest.MonkeyPatch) -> None:

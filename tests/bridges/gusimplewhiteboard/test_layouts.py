@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.gusimplewhiteboard import LayoutError, MisfitError, find_layout
-from llfsm.bridges.gusimplewhiteboard.layouts import Layout
+from llfsm.bridges.gusimplewhiteboard.layouts import MessageLayout
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Point, Twist, Vector3
 from llfsm.whiteboard.messages.types import Int16, UInt8
@@ -99,7 +99,7 @@ def here(structure: type) -> str:
     return f"{__name__}:{structure.__name__}"
 
 
-def back(layout: Layout, slot: Slot[Any], message: Message) -> Message:
+def back(layout: MessageLayout, slot: Slot[Any], message: Message) -> Message:
     plain = from_plain(layout.decode(layout.encode(message)), slot.schema)
     return msgspec.convert(plain, slot.type)  # type: ignore[no-any-return]
 

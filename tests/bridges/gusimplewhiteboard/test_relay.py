@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from llfsm.bridges.gusimplewhiteboard import GuFileError, GuWhiteboard, Relay, find_layout
-from llfsm.bridges.gusimplewhiteboard.file import Mark
+from llfsm.bridges.gusimplewhiteboard.file import RingPosition
 from llfsm.bridges.gusimplewhiteboard.relay import Direction, run
 from llfsm.whiteboard import Board, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Vector3
@@ -44,7 +44,7 @@ def test_nothing_is_made_of_nothing(
     for direction in ("in", "out", "both"):
         relay(direction).step()
     assert board[VECTOR].count == 0
-    assert foreign.mark(12) == Mark(0, 0)
+    assert foreign.position(12) == RingPosition(0, 0)
 
 
 def test_in(
@@ -59,7 +59,7 @@ def test_in(
         assert board[VECTOR].count == count
     board.add_message(VECTOR, Vector3(9.0))
     relay_in.step()
-    assert foreign.mark(12).counter == relay_in.relayed_in == 5
+    assert foreign.position(12).counter == relay_in.relayed_in == 5
     assert relay_in.relayed_out == 0
 
 
@@ -86,12 +86,12 @@ def test_both_without_an_echo(
         native("add", 12, count, 0, 0)
         for _ in range(5):
             both.step()
-        assert (board[VECTOR].count, foreign.mark(12).counter) == (count, count)
+        assert (board[VECTOR].count, foreign.position(12).counter) == (count, count)
         assert board.get_message(VECTOR) == Vector3(float(count))
         board.add_message(VECTOR, Vector3(count + 1.0))
         for _ in range(5):
             both.step()
-        assert (board[VECTOR].count, foreign.mark(12).counter) == (count + 1, count + 1)
+        assert (board[VECTOR].count, foreign.position(12).counter) == (count + 1, count + 1)
         assert theirs(foreign) == Vector3(count + 1.0)
     assert (both.relayed_in, both.relayed_out) == (10, 10)
 
@@ -198,7 +198,7 @@ def test_a_misfit_outwards_is_refused_and_told_once(
         for _ in range(2):
             relay.step()
     assert (relay.refused, relay.relayed_out, len(caplog.records)) == (3, 0, 1)
-    assert foreign.mark(1) == Mark(0, 0)
+    assert foreign.position(1) == RingPosition(0, 0)
     board.add_message(VECTOR, Vector3(0.5))
     relay.step()
     assert relay.relayed_out == 1

@@ -13,7 +13,7 @@ from uuid import uuid4
 
 import pytest
 
-from llfsm.bridges.recording.reader import Recorded, Recording
+from llfsm.bridges.recording.reader import RecordedMessage, Recording
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot, Whiteboard
@@ -97,7 +97,7 @@ def keep_journal(
         writer.add_entry(journal, entry)
 
 
-def messages_of(recording: Recording, slot: str) -> list[Recorded]:
+def messages_of(recording: Recording, slot: str) -> list[RecordedMessage]:
     return [recorded for _, recorded in recording.messages([slot])]
 
 

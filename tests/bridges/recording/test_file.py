@@ -145,12 +145,14 @@ def other_tool(path: Path) -> None:
     [
         (lambda path: None, "cannot be read: No such file or directory"),
         (Path.mkdir, "cannot be read: Is a directory"),
-        (Path.touch, "is no recording of llfsm"),
-        (lambda path: path.write_text("hello\n" * 100), "is no recording of llfsm"),
-        (other_tool, "is no recording of llfsm"),
+        (Path.touch, "is not a recording of llfsm"),
+        (lambda path: path.write_text("hello\n" * 100), "is not a recording of llfsm"),
+        (other_tool, "is not a recording of llfsm"),
     ],
 )
-def test_what_is_no_recording_is_said_to_be_none(file: Path, make: Any, why: str) -> None:
+def test_a_file_that_is_not_a_recording_is_an_error_that_names_it(
+    file: Path, make: Any, why: str
+) -> None:
     make(file)
     with pytest.raises(RecordingFileError, match=f"^{file}: {why}$"):
         Recording(file)
@@ -241,7 +243,7 @@ def test_definitions_are_attachments_and_come_back_as_messages(file: Path) -> No
 def test_an_attachment_of_ours_that_is_none_is_told(file: Path, data: bytes) -> None:
     with RecordingWriter(file, {}) as writer:
         writer._writer.add_attachment(1, 1, "llfsm/definition/x", "application/json", data)
-    with pytest.raises(RecordingFileError, match="has a channel or attachment that is none"):
+    with pytest.raises(RecordingFileError, match="has an invalid channel or attachment"):
         Recording(file)
 
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.recording.index import _HELD
-from llfsm.bridges.recording.reader import Recorded, Recording
+from llfsm.bridges.recording.index import CACHED_CHUNKS
+from llfsm.bridges.recording.mcap_file import McapFile
+from llfsm.bridges.recording.reader import RecordedMessage, Recording
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.messages.llfsm import MachineDefinition, definition_slot
@@ -57,7 +58,7 @@ def record(file: Path, script: Script) -> tuple[int, list[tuple[str, Any]]]:
     return begin_ns, written
 
 
-def plain(recorded: Recorded | None) -> Any:
+def plain(recorded: RecordedMessage | None) -> Any:
     return recorded and (recorded.seen_ns, recorded.stamp_ns, recorded.count, recorded.writer)
 
 
@@ -117,12 +118,12 @@ def test_no_more_of_a_file_is_in_memory_than_is_looked_at(file: Path, cut: int) 
             for slot in recording.slots.values():
                 recording.latest(slot, begin_ns + (end_ns - begin_ns) * part // 10)
         assert sum(1 for _ in recording.messages()) > number - 40
-        assert tracemalloc.get_traced_memory()[1] < 2 * (_HELD + 4) * 1_100_000
+        assert tracemalloc.get_traced_memory()[1] < 2 * (CACHED_CHUNKS + 4) * 1_100_000
     finally:
         tracemalloc.stop()
 
 
-def test_a_damaged_chunk_is_left_out_and_told_of_once(
+def test_a_damaged_chunk_is_left_out_with_one_warning(
     file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with RecordingWriter(file, {}) as writer:
@@ -132,8 +133,8 @@ def test_a_damaged_chunk_is_left_out_and_told_of_once(
             if count % 10 == 0:
                 writer.flush()
     whole = file.read_bytes()
-    parts = Recording(file)._index._parts
-    middle = (parts[1].offset + parts[2].offset) // 2 - 40
+    chunks = McapFile(file).chunks
+    middle = (chunks[1].offset + chunks[2].offset) // 2 - 40
     file.write_bytes(whole[:middle] + bytes([whole[middle] ^ 0x55]) + whole[middle + 1 :])
     recording = Recording(file)
     assert recording.complete

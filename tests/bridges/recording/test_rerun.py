@@ -425,7 +425,7 @@ POSTED = {"machine": "m", "actuator": "a", "slot": "s", "count": 1}
 def test_an_event_that_is_none_is_told(file: Path, entry: Entry) -> None:
     with RecordingWriter(file, {}) as writer:
         keep_journal(writer, [entry])
-    with pytest.raises(RecordingFileError, match="has an event that is none"):
+    with pytest.raises(RecordingFileError, match="has an invalid event"):
         entries_in(Recording(file))
 
 
@@ -482,7 +482,7 @@ def board_type(_: Whiteboard) -> Any:
     [
         (lambda file: write(file, []), [], "holds no events of machines"),
         (lambda file: keep(patrol(), file), [], "has no plan of its machines"),
-        (lambda file: file.write_text("?"), [], "is no recording of llfsm"),
+        (lambda file: file.write_text("?"), [], "is not a recording of llfsm"),
     ],
 )
 def test_wrong_use_is_one_line(

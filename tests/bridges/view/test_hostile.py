@@ -105,7 +105,9 @@ def test_what_cannot_be_shown_says_so_and_the_rest_goes_on(
         page.locator("[data-slot='odd/type'] button", has_text="Schema").click()
         expect(page.locator("#sheet pre")).to_contain_text('"properties": 7')
         page.keyboard.press("Escape")
-        expect(page.locator("[data-machine=NoLayout] .place")).to_contain_text("has not told")
+        expect(page.locator("[data-machine=NoLayout] .place")).to_contain_text(
+            "has not published a definition"
+        )
         expect(page.locator("[data-machine=NoLayout] .now")).to_have_text("somewhere")
         expect(page.locator("[data-machine=Broken] .place")).to_contain_text("no states")
         expect(page.locator("[data-slot=lamp] .short")).to_have_text("data false")

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.view.history import History
 from llfsm.bridges.view.live import LiveSource
+from llfsm.bridges.view.state_history import StateHistory
 from llfsm.runtime import Arrangement, Machine, State
 from llfsm.whiteboard import Sample, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name
@@ -46,7 +46,7 @@ def source(board: str) -> Iterator[LiveSource]:
 
 
 def test_it_waits_for_a_board_and_notices_its_end(board: str, source: LiveSource) -> None:
-    look = source.look()
+    look = source.snapshot()
     assert "no whiteboard" in look.trouble
     assert board in look.trouble
     assert source.board() is None
@@ -54,14 +54,14 @@ def test_it_waits_for_a_board_and_notices_its_end(board: str, source: LiveSource
     for value in (True, False):
         with Whiteboard(board) as wb:
             wb.add_message(LAMP, Bool(value))
-            wait_for(lambda: "lamp" in source.look().samples, "the slot was seen")
-            look = source.look()
+            wait_for(lambda: "lamp" in source.snapshot().samples, "the slot was seen")
+            look = source.snapshot()
             assert look.trouble == ""
             assert look.samples["lamp"].message.data is value  # type: ignore[attr-defined]
             epochs.append(look.epoch)
             wb.remove()
-        assert "was removed" in source.look().trouble
-        assert source.look().samples == {}
+        assert "was removed" in source.snapshot().trouble
+        assert source.snapshot().samples == {}
     assert epochs[0] < epochs[1]
 
 
@@ -70,7 +70,7 @@ def test_looking_makes_nothing_but_the_sign_that_somebody_looks(
 ) -> None:
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
-        source.look()
+        source.snapshot()
         assert [info.name for info in wb.slots()] == ["lamp", VIEWER.name]
         viewer = wb.get_message(VIEWER)
         assert viewer is not None
@@ -82,19 +82,19 @@ def test_the_slots_are_the_same_object_while_there_is_no_new_one(
 ) -> None:
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
-        wait_for(lambda: len(source.look().slots) == 2, "both slots were seen")
-        assert source.look().slots is source.look().slots
+        wait_for(lambda: len(source.snapshot().slots) == 2, "both slots were seen")
+        assert source.snapshot().slots is source.snapshot().slots
 
 
 def test_the_history_is_of_the_states_that_were_seen() -> None:
-    history, pid = History(), os.getpid()
+    history, pid = StateHistory(), os.getpid()
 
     def note(now_ms: int, state: str, *, in_ms: int, suspended: bool = False) -> None:
         status = MachineStatus(
             state, suspended, in_state_s=in_ms / 1e3, pid=pid, born=born(pid), host=host_name()
         )
         sample = Sample(status, 1, now_ms * 1_000_000, pid)
-        history.note({status_slot("M").name: sample}, now_ms * 1_000_000, lambda _: alive)
+        history.add({status_slot("M").name: sample}, now_ms * 1_000_000, lambda _: alive)
 
     alive = True
     note(1000, "a", in_ms=400)
@@ -152,7 +152,7 @@ def test_machines_tell_their_variables_to_whoever_looks(board: str, source: Live
         seen = []
 
         def look(_: object) -> None:
-            seen.append(source.look())
+            seen.append(source.snapshot())
             if any(name.startswith("llfsm/variables/") for name in seen[-1].samples):
                 arrangement.stop()
 
@@ -168,16 +168,16 @@ def test_a_damaged_board_is_trouble_until_it_is_whole(board: str, source: LiveSo
         with wb.path.open("r+b") as file:  # where its second slot is
             file.seek(SLOTS + 8)
             file.write(b"\xff" * 8)
-        assert "cannot be read" in source.look().trouble
+        assert "cannot be read" in source.snapshot().trouble
         wb.remove()
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
-        wait_for(lambda: "lamp" in source.look().samples, "the new board was seen")
-        assert source.look().trouble == ""
+        wait_for(lambda: "lamp" in source.snapshot().samples, "the new board was seen")
+        assert source.snapshot().trouble == ""
 
 
 def test_states_that_nobody_saw_are_not_pretended() -> None:
-    history, pid = History(), os.getpid()
+    history, pid = StateHistory(), os.getpid()
     stamps = iter(range(1, 100))
 
     def note(state: str, source: str, entered_ms: int, transition: int = 0) -> tuple[str, bool]:
@@ -191,7 +191,7 @@ def test_states_that_nobody_saw_are_not_pretended() -> None:
             host=host_name(),
         )
         now_ns = next(stamps) * 100_000_000
-        history.note({"llfsm/machine/M": Sample(status, 1, now_ns, 1)}, now_ns, lambda _: True)
+        history.add({"llfsm/machine/M": Sample(status, 1, now_ns, 1)}, now_ns, lambda _: True)
         last = history.changes["M"][-1]
         return last.state, last.skipped
 
@@ -212,6 +212,6 @@ def test_what_is_on_its_way_to_a_recorder_is_not_shown(board: str, source: LiveS
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
         wb.add_message(journal_slot(0), JournalPart(1, 2, 3, True, 0, data=bytes(100_000)))
-        assert "lamp" in source.look().samples
-        assert [*source.look().slots] == ["lamp"]
+        assert "lamp" in source.snapshot().samples
+        assert [*source.snapshot().slots] == ["lamp"]
         wb.remove()

@@ -12,9 +12,14 @@ from typing import get_args
 import click
 import msgspec
 
-from llfsm.bridges.gusimplewhiteboard.configuration import Plan, PlannedRelay, check_plan, read_plan
 from llfsm.bridges.gusimplewhiteboard.file import DEFAULT_PATH, GuWhiteboard
 from llfsm.bridges.gusimplewhiteboard.relay import Direction, Relay, run
+from llfsm.bridges.gusimplewhiteboard.relay_configuration import (
+    ConfiguredRelay,
+    RelayConfiguration,
+    check_configuration,
+    read_configuration,
+)
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.whiteboard import Whiteboard
@@ -62,9 +67,9 @@ def gusimplewhiteboard(
     llfsm bridge gusimplewhiteboard robot.toml
     """
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
-    plan = Plan() if plan_file is None else read_plan(plan_file)
+    plan = RelayConfiguration() if plan_file is None else read_configuration(plan_file)
     relays = [
-        PlannedRelay(number=number, slot=slot, type=kind, layout=layout, direction=direction)
+        ConfiguredRelay(number=number, slot=slot, type=kind, layout=layout, direction=direction)
         for direction, told in zip(get_args(Direction), (in_, out, both), strict=True)
         for number, slot, kind, layout in told
     ]
@@ -73,13 +78,13 @@ def gusimplewhiteboard(
     if not plan.relays:
         raise click.UsageError("nothing to relay: a [[relay]] in FILE.toml, or --in, --out, --both")
     try:
-        check_plan(plan)
+        check_configuration(plan)
     except ConfigurationError as error:
         raise click.UsageError(str(error)) from error
     _relay(plan)
 
 
-def _relay(plan: Plan) -> None:
+def _relay(plan: RelayConfiguration) -> None:
     over = threading.Event()
     with closing(GuWhiteboard(plan.file)) as foreign, Whiteboard(plan.board) as board:
         relays = [

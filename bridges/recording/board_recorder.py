@@ -18,13 +18,12 @@ from llfsm.whiteboard import BoardClosedError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import RECORDER, VARIABLES, VIEWER, Viewer
 from llfsm.whiteboard.poller import BoardPoller, is_data
 
-from .receiver import JournalReceiver
+from .journal_recorder import JournalRecorder
 from .writer import RecordingWriter
 
 __all__ = ["BoardRecorder", "record"]
 
 _POLL_S: Final = 0.001  # a slot holds its latest message only: slower polling misses more
-_PATIENCE_S: Final = 5.0  # for machines to end after their board was removed
 _DISCOVERY_S: Final = 0.1  # between two searches for new slots
 _VIEW_NS: Final = 500_000_000  # between two messages that ask for the machines' variables
 
@@ -85,15 +84,20 @@ class BoardRecorder:
 
 def record(
     board: BoardRecorder,
-    journals: JournalReceiver | None,
+    journals: JournalRecorder | None,
     writer: RecordingWriter,
     is_over: Callable[[], bool],
+    *,
+    patience_s: float = 5.0,
 ) -> None:
-    """Record until `is_over`, or the board is removed and the journals on it have ended."""
+    """Record until `is_over`, or the board is removed and the journals on it have ended.
+
+    Those that have not ended `patience_s` seconds after the removal are cut short.
+    """
     last, until = False, inf
     while not last:
         if until == inf and not board.alive:
-            until = time.monotonic() + _PATIENCE_S
+            until = time.monotonic() + patience_s
         last = is_over() or (
             until < inf and (journals is None or journals.idle or time.monotonic() > until)
         )

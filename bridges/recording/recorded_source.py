@@ -1,4 +1,4 @@
-"""A recording as a page's source: everything as it was at the moment that the slider shows."""
+"""A recording as a page's source: the state of everything at the moment that the slider shows."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from llfsm.whiteboard import Message, Sample
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import MachineStatus
 
-from ..view.source import Change, Look, Player, Source
-from .past import SILENT_NS, Past
+from ..view.page_source import Change, PageSource, Player, Snapshot
 from .reader import Recording
+from .recorded_history import SILENT_NS, RecordedHistory
 
 __all__ = ["RecordedPlayer", "RecordedSource"]
 
 
 class RecordedPlayer(Player):
-    """The moment at which a recording is looked at: it stands still until it is told to play."""
+    """The moment of a recording that is shown; it does not move until `play` is called."""
 
     def __init__(self, span_ns: tuple[int, int], clock: Clock):
         self.span_ns = span_ns
         self.known_ns = span_ns[0]
         self.epoch = 0
-        """Another number after each leap."""
+        """A new number after each seek."""
         self._clock = clock
-        self._from_ns = span_ns[0]  # where it was when it last was told something
+        self._from_ns = span_ns[0]  # the moment at the latest call
         self._since_ns = clock.now_ns()
 
     def now_ns(self) -> int:
-        """Return the moment; at the end, pause."""
+        """Return the moment shown; pause at the end."""
         passed_ns = self._clock.now_ns() - self._since_ns
         now_ns = self._from_ns + round(passed_ns * self.speed)
         if now_ns >= self.span_ns[1]:
@@ -45,7 +45,7 @@ class RecordedPlayer(Player):
         self._stay(max(now_ns, self.span_ns[0]))
 
     def play(self, speed: float) -> None:
-        """Let time pass from here, or from the beginning if it is at the end."""
+        """Play from here, or from the beginning if it is at the end."""
         if speed and self.now_ns() == self.span_ns[1]:
             self.seek(self.span_ns[0])
         self._stay(self.now_ns())
@@ -55,23 +55,23 @@ class RecordedPlayer(Player):
         self._from_ns, self._since_ns = now_ns, self._clock.now_ns()
 
 
-class RecordedSource(Source):
-    """Show a recording; raise `RecordingFileError` if it is none."""
+class RecordedSource(PageSource):
+    """Show a recording; raise `RecordingFileError` if the file is not a valid one."""
 
     def __init__(self, path: Path, clock: Clock | None = None):
         self._recording = recording = Recording(path)
         self.title = path.name
         self.player: RecordedPlayer = RecordedPlayer(recording.span_ns, clock or MonotonicClock())
-        self._samples: dict[str, Sample[Message]] = {}  # the latest that were looked at
+        self._samples: dict[str, Sample[Message]] = {}  # of the latest snapshot
         self._now_ns = recording.span_ns[0]
-        self._past = Past(recording)
+        self._past = RecordedHistory(recording)
         self._slots = {
             name: SlotInfo(name, each.slot.type_name, each.slot.schema, each.slot.capacity)
             for name, each in recording.slots.items()
         }
 
-    def look(self) -> Look:
-        """Return how everything was."""
+    def snapshot(self) -> Snapshot:
+        """Return the state of everything at the moment shown."""
         self._now_ns = now_ns = self.player.now_ns()
         samples: dict[str, Sample[Message]] = {}
         problems: dict[str, str] = {}
@@ -85,19 +85,19 @@ class RecordedSource(Source):
             try:
                 samples[name] = slot.sample(recorded)
             except ValueError as error:
-                problems[name] = f"message {recorded.count} in the file is none: {error}"
+                problems[name] = f"message {recorded.count} in the file is invalid: {error}"
         self._samples = samples
-        return Look(now_ns, self.player.epoch, self._slots, samples, problems)
+        return Snapshot(now_ns, self.player.epoch, self._slots, samples, problems)
 
     def is_live(self, sample: Sample[MachineStatus]) -> bool:
-        """Tell whether a machine was loaded, and told of itself no long time before."""
+        """Return whether a machine was loaded and its latest status was recent."""
         return sample.message.loaded and self._now_ns - sample.stamp_ns <= SILENT_NS
 
     def history(self) -> Mapping[str, Sequence[Change]]:
-        """Return the states that each machine was in, as far as they are read, and read on."""
+        """Read on, and return the states of each machine as far as they are read."""
         changes = self._past.read()
         self.player.known_ns = self._past.known_ns
         return changes
 
     def close(self) -> None:
-        """Do nothing: the file is open only while something in it is read."""
+        """Do nothing: the file is open only while it is read."""

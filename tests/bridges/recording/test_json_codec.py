@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from llfsm.bridges.recording.exact import EXACT, Codec
+from llfsm.bridges.recording.json_codec import EXACT, JsonCodec
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
@@ -85,7 +85,7 @@ def strict(text: bytes) -> Any:
 @given(messages)
 @settings(deadline=None)
 def test_every_message_comes_back_bit_for_bit(message: All) -> None:
-    codec = Codec(Slot("x", All))
+    codec = JsonCodec(Slot("x", All))
     text = codec.encode(message)
     assert bits(codec.decode(text)) == bits(message)
     plain = strict(text)
@@ -95,14 +95,14 @@ def test_every_message_comes_back_bit_for_bit(message: All) -> None:
 @pytest.mark.parametrize("real", [math.nan, math.inf, -math.inf])
 def test_what_json_has_no_number_for_stands_beside_it(real: float) -> None:
     message = Twist(linear=Vector3(x=real))
-    text = Codec(Slot("x", Twist)).encode(message)
+    text = JsonCodec(Slot("x", Twist)).encode(message)
     assert strict(text)["linear"] == {"x": None, "y": 0.0, "z": 0.0}
     assert strict(text)[EXACT]
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_ordinary_messages_are_what_the_schema_says_and_no_more(real: float) -> None:
-    text = Codec(Slot("x", Twist)).encode(Twist(linear=Vector3(x=real)))
+    text = JsonCodec(Slot("x", Twist)).encode(Twist(linear=Vector3(x=real)))
     assert strict(text) == {
         "linear": {"x": real, "y": 0.0, "z": 0.0},
         "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
@@ -114,4 +114,4 @@ def test_ordinary_messages_are_what_the_schema_says_and_no_more(real: float) -> 
 )
 def test_what_is_no_message_is_a_value_error(text: bytes) -> None:
     with pytest.raises(ValueError):  # noqa: PT011  of several libraries
-        Codec(Slot("x", Twist)).decode(text)
+        JsonCodec(Slot("x", Twist)).decode(text)

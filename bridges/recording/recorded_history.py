@@ -1,7 +1,7 @@
-"""The states that machines were in, all through a recording, read a little at a time.
+"""The states of machines throughout a recording, read a little at a time.
 
-The events of machines tell each of their states, however short; where there are none, their
-statuses tell those that were seen.
+The events of machines contain each of their states, however short. Where there are no events, the
+machines' published statuses contain the states that were seen.
 """
 
 from __future__ import annotations
@@ -15,53 +15,53 @@ from llfsm.runtime.presence.remote import SILENT_S
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, status_slot
 
-from ..view.history import Track
-from ..view.source import Change
+from ..view.page_source import Change
+from ..view.state_history import Track
 from .errors import RecordingFileError
-from .reader import Moment, RecordedJournal, Recording
+from .reader import RecordedJournal, Recording, TimelineItem
 
-__all__ = ["SILENT_NS", "Past"]
+__all__ = ["SILENT_NS", "RecordedHistory"]
 
 SILENT_NS: Final = round(SILENT_S * 1e9)
-_READ_NS: Final = 10_000_000  # for which is read at a time, or longer for one chunk
-_MOST: Final = 50_000  # changes of a machine that are kept
-_TELLING: Final = (b'"event":"RoundEnd"', b'"event":"Eval"', b'"event":"End"', b'"event":"Lost"')
-_BEGINNING: Final = 24  # bytes of an entry that say what it is
+_READ_NS: Final = 10_000_000  # of reading at a time, or more for one chunk
+_MOST_CHANGES: Final = 50_000  # of a machine
+_RELEVANT: Final = (b'"event":"RoundEnd"', b'"event":"Eval"', b'"event":"End"', b'"event":"Lost"')
+_KIND_BYTES: Final = 24  # at the beginning of an entry, which contain its kind
 
 
-class _PastTrack(Track):
-    """The states of one machine, by its events while there are any."""
+class _RecordedTrack(Track):
+    """The states of one machine, from its events while there are any."""
 
     def __init__(self) -> None:
         super().__init__()
         self.process = 0
-        self.told_ns = 0
-        self.fired = "", 0
+        self.latest_ns = 0
+        self.fired = "", 0  # the state and number of a transition since the last round
 
     def add(self, change: Change) -> None:
-        """Add a change, unless there are too many: then nothing is known any more."""
-        if len(self.changes) < _MOST:
+        """Add a change; after too many, the states are unknown."""
+        if len(self.changes) < _MOST_CHANGES:
             super().add(change)
         elif self.changes[-1].state:
             super().add(Change(change.stamp_ns, "", False))
 
     def status(self, sample: Sample[MachineStatus], *, by_events: bool) -> None:
-        """Add what a status says, unless events do."""
+        """Add the state of a published status, unless events provide it."""
         status = sample.message
         if by_events and status.loaded:
-            self.told_ns, self.process = sample.stamp_ns, status.pid
+            self.latest_ns, self.process = sample.stamp_ns, status.pid
             return
-        if self.told_ns and sample.stamp_ns - self.told_ns > SILENT_NS:
-            self.lose(self.told_ns + SILENT_NS)
-        self.told_ns, self.process = sample.stamp_ns, status.pid
+        if self.latest_ns and sample.stamp_ns - self.latest_ns > SILENT_NS:
+            self.lose(self.latest_ns + SILENT_NS)
+        self.latest_ns, self.process = sample.stamp_ns, status.pid
         if status.loaded:
-            self.tell(sample)
+            self.update(sample)
         else:
             self.lose(sample.stamp_ns)
 
-    def stand(self, now_ns: int, state: str, suspended: bool) -> None:
-        """Add what an event says."""
-        self.told_ns = max(self.told_ns, now_ns)
+    def enter(self, now_ns: int, state: str, suspended: bool) -> None:
+        """Add the state that an event reports."""
+        self.latest_ns = max(self.latest_ns, now_ns)
         source, number = self.fired if not suspended else ("", 0)
         self.fired = "", 0
         last = self.changes[-1] if self.changes else Change(0, "", False)
@@ -69,24 +69,24 @@ class _PastTrack(Track):
             self.add(Change(now_ns, state, suspended, source, number))
 
 
-class Past:
-    """Read what each machine was in; each `read` goes on a little, up to the end."""
+class RecordedHistory:
+    """Read the states of each machine; each `read` continues a little, up to the end."""
 
     def __init__(self, recording: Recording):
         self.changes: dict[str, Sequence[Change]] = {}
         self._recording = recording
-        self._tracks: dict[str, _PastTrack] = {}
+        self._tracks: dict[str, _RecordedTrack] = {}
         self._journals = {journal.channel: journal for journal in recording.journals}
-        # Since when the events of a process are known.
-        self._telling = {each.process: each.begin_ns for each in reversed(recording.journals)}
+        # The time from which the events of a process are recorded.
+        self._events_ns = {each.process: each.begin_ns for each in reversed(recording.journals)}
         self._slots = [n for n, each in recording.slots.items() if each.slot.type is MachineStatus]
-        self._found: dict[tuple[int, str], _PastTrack] = {}
+        self._found: dict[tuple[int, str], _RecordedTrack] = {}
         self._next = 0
         self.known_ns = recording.span_ns[0]
-        """Up to when it is known."""
+        """The time up to which the states are known."""
 
     def read(self) -> Mapping[str, Sequence[Change]]:
-        """Read on for a moment, and return what is known."""
+        """Read on for a moment, and return the changes known so far."""
         until_ns = time.monotonic_ns() + _READ_NS
         while self._next < len(self._recording.chunks):
             for moment in self._recording.history(self._next, self._slots):
@@ -102,44 +102,44 @@ class Past:
     def _end(self) -> None:
         self.known_ns = end_ns = self._recording.span_ns[1]
         for track in self._tracks.values():
-            if end_ns - track.told_ns > SILENT_NS:
-                track.lose(track.told_ns + SILENT_NS)
+            if end_ns - track.latest_ns > SILENT_NS:
+                track.lose(track.latest_ns + SILENT_NS)
 
-    def _take(self, moment: Moment) -> None:
+    def _take(self, moment: TimelineItem) -> None:
         if moment.entry is not None:
-            begins = moment.entry.data[:_BEGINNING]
-            if any(each in begins for each in _TELLING):
+            kind = moment.entry.data[:_KIND_BYTES]
+            if any(each in kind for each in _RELEVANT):
                 journal = self._journals[moment.entry.channel]
-                self._telling.setdefault(journal.process, journal.begin_ns)
+                self._events_ns.setdefault(journal.process, journal.begin_ns)
                 with suppress(RecordingFileError, ValueError, TypeError, LookupError):
-                    self._hear(journal, moment.now_ns, self._recording.entry(moment.entry))
+                    self._take_entry(journal, moment.now_ns, self._recording.entry(moment.entry))
         elif moment.slot is not None and moment.recorded is not None:
             with suppress(ValueError):
                 sample = cast("Sample[MachineStatus]", moment.slot.sample(moment.recorded))
-                begun_ns = self._telling.get(sample.message.pid)
+                begun_ns = self._events_ns.get(sample.message.pid)
                 track = self._track(moment.slot.slot.name.removeprefix(MACHINES))
                 by_events = begun_ns is not None and begun_ns <= sample.stamp_ns
                 track.status(sample, by_events=by_events)
 
-    def _hear(self, journal: RecordedJournal, now_ns: int, entry: Mapping[str, Any]) -> None:
+    def _take_entry(self, journal: RecordedJournal, now_ns: int, entry: Mapping[str, Any]) -> None:
         match entry:
             case {"event": "Eval", "value": True, "machine": machine}:
                 track = self._of(journal, machine)
                 track.fired = entry["state"], entry["transition"]
                 if not track.changes:  # it has left its first state before its first round was over
                     track.add(Change(now_ns, entry["state"], False))
-            case {"event": "RoundEnd", "machines": news}:
-                for name, *standing in news:
+            case {"event": "RoundEnd", "machines": machines}:
+                for name, *status in machines:
                     track = self._of(journal, name)
-                    if standing:
-                        track.stand(now_ns, standing[1], bool(standing[2]))
+                    if status:
+                        track.enter(now_ns, status[1], bool(status[2]))
                     else:
                         track.lose(now_ns)
             case {"event": "End" | "Lost"}:
-                self._telling.pop(journal.process, None)
+                self._events_ns.pop(journal.process, None)
 
-    def _of(self, journal: RecordedJournal, machine: str) -> _PastTrack:
-        """Return the track of a machine that events tell of; its slot may have another number."""
+    def _of(self, journal: RecordedJournal, machine: str) -> _RecordedTrack:
+        """Return the track of a machine in events; its slot's name may have a number."""
         key = journal.process, machine
         if key not in self._found:
             name = status_slot(machine).name.removeprefix(MACHINES)
@@ -150,9 +150,9 @@ class Past:
             self._found[key] = track
         return self._found[key]
 
-    def _track(self, name: str) -> _PastTrack:
+    def _track(self, name: str) -> _RecordedTrack:
         track = self._tracks.get(name)
         if track is None:
-            track = self._tracks[name] = _PastTrack()
+            track = self._tracks[name] = _RecordedTrack()
             self.changes[name] = track.changes
         return track

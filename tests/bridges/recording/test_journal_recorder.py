@@ -14,17 +14,18 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Attachment, Metadata
 from mcap.stream_reader import StreamReader
 
-from llfsm.bridges.recording import recorder
+from llfsm.bridges.recording.board_recorder import BoardRecorder, record
+from llfsm.bridges.recording.journal_recorder import JournalRecorder
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.receiver import JournalReceiver
 from llfsm.bridges.recording.rerun import Rerun, whole_journals
 from llfsm.bridges.recording.writer import ARRANGEMENT, RecordingWriter
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.journal.handover import Handover, find_recorder
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.whiteboard import BoardFullError, Whiteboard
+from llfsm.whiteboard import BoardFullError, BoundSlot, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born
+from llfsm.whiteboard.message import M
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
 from llfsm.whiteboard.shared import remove_board
 from waiting import wait_for
@@ -68,7 +69,7 @@ def test_it_may_be_there_before_the_board(llfsm: Any, board: Whiteboard, file: P
     machine = run(llfsm, board, "RosPingPong")
     wait_for(lambda: has_events(file, "Turn", 5), "events")
     end(machine)
-    assert "ran before" not in end(recorder)
+    assert "running before" not in end(recorder)
     remove_board(board.name)
     assert end_of(llfsm("rerun", file))[0] == 0
 
@@ -87,7 +88,7 @@ def test_machines_that_start_later_run_again(llfsm: Any, board: Whiteboard, file
     end(third)
     said = end(recorder)
     assert " events of machines" in said
-    assert "ran before" not in said
+    assert "running before" not in said
     journals = whole_journals(Recording(file))
     assert [journal.about["machines"] for journal in journals] == [
         "RosPingPong, TurtleSuspendResume",
@@ -113,7 +114,7 @@ def test_of_machines_that_ran_before_the_events_are_there_and_it_says_what_is_mi
     recorder = start(llfsm, board)
     wait_for(lambda: has_events(file, "RoundEnd", 20), "events")
     said = end(recorder)
-    assert f"RosPingPong (process {machine.pid}) ran before: its events are recorded" in said
+    assert f"RosPingPong (process {machine.pid}) was running before the recording: its" in said
     (journal,) = Recording(file).journals
     assert not journal.whole
     status, said = end_of(llfsm("rerun", file))
@@ -187,7 +188,7 @@ def test_what_was_lost_is_in_the_file_and_ends_the_comparison(
 ) -> None:
     clock = ManualClock()
     with RecordingWriter(file, {}) as writer:
-        receiver = JournalReceiver(board, writer)
+        receiver = JournalRecorder(board, writer)
         arrangement = arrange(board, clock, limit=2_000)
         for number in range(100):
             clock.advance(ms=11)
@@ -224,18 +225,16 @@ GARBAGE = [
 
 
 @pytest.mark.parametrize("data", GARBAGE)
-def test_what_is_no_journal_is_told_and_the_others_go_on(
+def test_an_invalid_journal_is_one_warning_and_the_others_go_on(
     board: Whiteboard, file: Path, data: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     clock = ManualClock()
     with RecordingWriter(file, {}) as writer:
-        receiver = JournalReceiver(board, writer)
+        bad = [board[journal_slot(number)] for number in range(8)][-1]
+        receiver = JournalRecorder(board, writer)
         arrangement = arrange(board, clock)
-        bad = board[journal_slot(7)]
         pid = os.getpid()
         receiver.poll()
-        while len(receiver._slots) < 8:
-            receiver._listen()
         bad.add(JournalPart(pid, born(pid), 1, True, 0))
         receiver.poll()
         bad.add(JournalPart(pid, born(pid), 1, True, 1, data=data))
@@ -247,7 +246,7 @@ def test_what_is_no_journal_is_told_and_the_others_go_on(
     recording = Recording(file)
     good = next(j for j in recording.journals if j.about.get("machines") == "Blink")
     assert sum(e["event"] == "Turn" for e in recording.entries(good)) >= 8
-    assert caplog.text.count("writes no journal") == 1
+    assert caplog.text.count("writes an invalid journal") == 1
 
 
 def test_parts_for_somebody_before_are_taken_and_left_out(board: Whiteboard, file: Path) -> None:
@@ -255,7 +254,7 @@ def test_parts_for_somebody_before_are_taken_and_left_out(board: Whiteboard, fil
     slot = board[journal_slot(0)]
     slot.add(JournalPart(pid, born(pid), 5, True, 0))
     with RecordingWriter(file, {}) as writer:
-        receiver = JournalReceiver(board, writer)
+        receiver = JournalRecorder(board, writer)
         slot.add(JournalPart(pid, born(pid), 5, True, 1, data=b"????"))
         receiver.poll()
         recorder = find_recorder(board)
@@ -295,18 +294,17 @@ def test_an_old_recorder_is_replaced(board: Whiteboard, file: Path) -> None:
     board.add_message(journal_slot(0), JournalPart(1, 2, 3, True, 0))
     board.add_message(RECORDER, Recorder(os.getpid(), 1))  # a process of that number has died
     with RecordingWriter(file, {}) as writer:
-        receiver = JournalReceiver(board, writer)
+        receiver = JournalRecorder(board, writer)
         assert not receiver.other
-        assert JournalReceiver(board, writer).other == os.getpid()
+        assert JournalRecorder(board, writer).other == os.getpid()
         receiver.close()
 
 
 def test_it_waits_for_the_machines_of_a_board_that_is_gone_but_not_for_ever(
-    board: Whiteboard, file: Path, monkeypatch: pytest.MonkeyPatch
+    board: Whiteboard, file: Path
 ) -> None:
-    monkeypatch.setattr(recorder, "_PATIENCE_S", 0.2)
     with RecordingWriter(file, {}) as writer:
-        receiver = JournalReceiver(board, writer)
+        receiver = JournalRecorder(board, writer)
         clock = ManualClock()
         arrangement = arrange(board, clock)  # which will never end
 
@@ -317,25 +315,26 @@ def test_it_waits_for_the_machines_of_a_board_that_is_gone_but_not_for_ever(
                 board.path.unlink()
             return False
 
-        recorder.record(recorder.BoardRecorder(board, writer), receiver, writer, is_over)
+        record(BoardRecorder(board, writer), receiver, writer, is_over, patience_s=0.2)
         assert receiver.journals == 1
         assert not receiver.idle
         receiver.close()
 
 
-def test_a_board_without_room_for_more_is_told_once(
-    board: Whiteboard,
-    file: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    with RecordingWriter(file, {}) as writer:
-        receiver = JournalReceiver(board, writer)
+class NoRoom(Whiteboard):
+    """A board with room for one journal's slot."""
 
-        def full() -> None:
+    def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
+        if slot.name == journal_slot(1).name:
             raise BoardFullError("no room")
+        return super()._bind(slot)
 
-        monkeypatch.setattr(receiver, "_listen", full)
+
+def test_a_board_without_room_for_more_is_one_warning(
+    board: Whiteboard, file: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with NoRoom(board.name) as full, RecordingWriter(file, {}) as writer:
+        receiver = JournalRecorder(full, writer)
         clock = ManualClock()
         arrangement = arrange(board, clock)
         for _ in range(5):

@@ -12,10 +12,10 @@ import msgspec
 import pytest
 
 from llfsm.bridges.recording.errors import RecordingFileError
-from llfsm.bridges.recording.exact import Codec
-from llfsm.bridges.recording.playback import RecordedSource
+from llfsm.bridges.recording.json_codec import JsonCodec
+from llfsm.bridges.recording.recorded_source import RecordedSource
 from llfsm.bridges.recording.writer import RecordingWriter
-from llfsm.bridges.view.source import Change
+from llfsm.bridges.view.page_source import Change
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.journal.entries import Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
@@ -55,7 +55,7 @@ def source(file: Path, clock: ManualClock) -> RecordedSource:
 def numbers(source: RecordedSource) -> dict[str, int]:
     return {
         name: sample.message.number
-        for name, sample in source.look().samples.items()
+        for name, sample in source.snapshot().samples.items()
         if name != STATUS.name
     }
 
@@ -64,7 +64,7 @@ def test_it_stands_still_at_the_beginning(source: RecordedSource, clock: ManualC
     assert numbers(source) == {READING.name: 0}
     clock.advance(s=5)
     assert numbers(source) == {READING.name: 0}
-    assert [*source.look().slots] == [READING.name, STATUS.name, OTHER.name]
+    assert [*source.snapshot().slots] == [READING.name, STATUS.name, OTHER.name]
     assert source.title == "run.mcap"
     assert source.board() is None
 
@@ -72,10 +72,10 @@ def test_it_stands_still_at_the_beginning(source: RecordedSource, clock: ManualC
 def test_a_leap_shows_that_moment_and_a_new_epoch(source: RecordedSource) -> None:
     first_ns, last_ns = source.player.span_ns
     assert last_ns - first_ns == 3000 * MS
-    epochs = {source.look().epoch}
+    epochs = {source.snapshot().epoch}
     for ms in (1550, 0, 2999, 1000):
         source.player.seek(first_ns + ms * MS)
-        look = source.look()
+        look = source.snapshot()
         assert look.now_ns == first_ns + ms * MS
         assert look.samples[READING.name].count == ms // 100 + 1
         assert (OTHER.name in look.samples) == (ms >= 1000)
@@ -96,21 +96,21 @@ def test_it_plays_as_fast_as_told_and_pauses_at_the_end(
     player.play(0)
     clock.advance(s=9)
     assert numbers(source)[READING.name] == 15
-    epoch = source.look().epoch
+    epoch = source.snapshot().epoch
     player.play(100)
     clock.advance(s=1)
     assert numbers(source)[READING.name] == 30
     assert player.speed == 0
-    assert source.look().epoch == epoch
+    assert source.snapshot().epoch == epoch
     player.play(1)  # from the beginning again
     assert numbers(source)[READING.name] == 0
-    assert source.look().epoch != epoch
+    assert source.snapshot().epoch != epoch
 
 
 def test_a_sample_is_what_the_board_had(source: RecordedSource) -> None:
     first_ns = source.player.span_ns[0]
     source.player.seek(first_ns + 350 * MS)
-    sample = source.look().samples[READING.name]
+    sample = source.snapshot().samples[READING.name]
     assert sample[1:] == (4, first_ns + 300 * MS, 7)
     assert msgspec.structs.astuple(sample.message) == msgspec.structs.astuple(Reading(3))
 
@@ -131,7 +131,7 @@ def test_a_machine_lives_until_it_was_silent_for_a_second(
     source: RecordedSource, ms: int, live: bool
 ) -> None:
     source.player.seek(source.player.span_ns[0] + ms * MS)
-    assert source.is_live(source.look().samples[STATUS.name]) is live
+    assert source.is_live(source.snapshot().samples[STATUS.name]) is live
 
 
 def test_a_machine_that_dies_is_gone_in_history(file: Path) -> None:
@@ -153,9 +153,9 @@ def test_a_machine_that_dies_is_gone_in_history(file: Path) -> None:
     found = [((c.stamp_ns - begin_ns) // MS, c.state) for c in source.history()["Patrol"]]
     assert found == [(0, "a"), (1200, ""), (2000, "b"), (2500, ""), (2600, "a"), (3600, "")]
     source.player.seek(begin_ns + 3500 * MS)
-    assert source.is_live(source.look().samples[STATUS.name])
+    assert source.is_live(source.snapshot().samples[STATUS.name])
     source.player.seek(begin_ns + 3700 * MS)
-    assert not source.is_live(source.look().samples[STATUS.name])
+    assert not source.is_live(source.snapshot().samples[STATUS.name])
 
 
 def test_a_message_that_is_none_is_a_problem_of_its_slot(
@@ -164,8 +164,8 @@ def test_a_message_that_is_none_is_a_problem_of_its_slot(
     with RecordingWriter(file, {}) as writer:
         writer.add(READING, Sample(Reading(1), 1, writer.begin_ns, 1))
     source = RecordedSource(file)
-    monkeypatch.setattr(Codec, "decode", lambda _, text: msgspec.json.decode(text[:-1]))
-    look = source.look()
+    monkeypatch.setattr(JsonCodec, "decode", lambda _, text: msgspec.json.decode(text[:-1]))
+    look = source.snapshot()
     assert not look.samples
     assert "message 1" in look.problems[READING.name]
 
@@ -190,7 +190,7 @@ def test_the_command_says_what_is_no_recording(llfsm: Any, file: Path) -> None:
     file.write_text("?")
     assert end_of(llfsm("view", file.name, "--no-open")) == (
         1,
-        "Error: run.mcap: is no recording of llfsm\n",
+        "Error: run.mcap: is not a recording of llfsm\n",
     )
 
 

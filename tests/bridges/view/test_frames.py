@@ -1,4 +1,4 @@
-"""What a page is told: with every frame it knows what the look knew, and nothing comes twice."""
+"""With each frame a page knows what is in the snapshot, and nothing is sent twice."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.view.feed import Feed
-from llfsm.bridges.view.source import Change, Look, Source
+from llfsm.bridges.view.frames import FrameEncoder
+from llfsm.bridges.view.page_source import Change, PageSource, Snapshot
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
@@ -20,8 +20,8 @@ class Number(Message):
     value: float
 
 
-class Fake(Source):
-    """Tell what a test says."""
+class Fake(PageSource):
+    """A source whose history and machines the test sets."""
 
     title = "fake"
 
@@ -29,7 +29,7 @@ class Fake(Source):
         self.live = True
         self.changes: dict[str, list[Change]] = {}
 
-    def look(self) -> Look:
+    def snapshot(self) -> Snapshot:
         raise NotImplementedError
 
     def close(self) -> None:
@@ -46,7 +46,9 @@ def _info(slot: Slot[Any]) -> SlotInfo:
     return SlotInfo(slot.name, slot.type_name, slot.schema, slot.capacity)
 
 
-def _look(samples: Mapping[str, Sample[Any]], now_ns: int = 0, epoch: int = 1, **more: Any) -> Look:
+def _snapshot(
+    samples: Mapping[str, Sample[Any]], now_ns: int = 0, epoch: int = 1, **more: Any
+) -> Snapshot:
     slots = {
         name: _info(
             status_slot(name.rpartition("/")[2])
@@ -55,11 +57,11 @@ def _look(samples: Mapping[str, Sample[Any]], now_ns: int = 0, epoch: int = 1, *
         )
         for name, sample in samples.items()
     }
-    return Look(now_ns, epoch, slots, samples, **more)
+    return Snapshot(now_ns, epoch, slots, samples, **more)
 
 
-def _frame(feed: Feed, look: Look) -> Any:
-    frame = feed.frame(look, beat=False)
+def _frame(encoder: FrameEncoder, snapshot: Snapshot) -> Any:
+    frame = encoder.encode(snapshot, beat=False)
     return None if frame is None else json.loads(frame)
 
 
@@ -89,45 +91,45 @@ boards = st.dictionaries(st.sampled_from("abcde"), st.integers(1, 4), max_size=5
 
 @given(st.lists(st.tuples(boards, st.integers(1, 2))))
 def test_a_page_that_has_each_frame_knows_what_is_on_the_board(
-    looks: list[tuple[dict[str, int], int]],
+    snapshots: list[tuple[dict[str, int], int]],
 ) -> None:
-    feed, page = Feed(Fake()), _Page()
-    for now_ns, (counts, epoch) in enumerate(looks):
+    encoder, page = FrameEncoder(Fake()), _Page()
+    for now_ns, (counts, epoch) in enumerate(snapshots):
         samples = {
             name: Sample(Number(count + epoch / 10), count, now_ns, 1)
             for name, count in counts.items()
         }
-        page.take(_frame(feed, _look(samples, now_ns, epoch)))
+        page.take(_frame(encoder, _snapshot(samples, now_ns, epoch)))
         assert page.values == {name: (count, count + epoch / 10) for name, count in counts.items()}
 
 
-def test_what_has_not_changed_is_not_told_again() -> None:
-    feed = Feed(Fake())
-    look = _look({"a": Sample(Number(1.0), 1, 0, 7)})
-    assert {"slots", "samples", "reset", "speed"} <= _frame(feed, look).keys()
-    assert _frame(feed, look) is None
-    beat = feed.frame(look, beat=True)
+def test_what_has_not_changed_is_not_sent_again() -> None:
+    encoder = FrameEncoder(Fake())
+    snapshot = _snapshot({"a": Sample(Number(1.0), 1, 0, 7)})
+    assert {"slots", "samples", "reset", "speed"} <= _frame(encoder, snapshot).keys()
+    assert _frame(encoder, snapshot) is None
+    beat = encoder.encode(snapshot, beat=True)
     assert beat is not None
     assert json.loads(beat) == {"now": 0.0}
-    later = look._replace(samples={"a": Sample(Number(2.0), 2, 5_000_000_000, 8)})
-    assert _frame(feed, later) == {"now": 0.0, "samples": [[0, 2, 5.0, 8, [2.0]]]}
+    later = snapshot._replace(samples={"a": Sample(Number(2.0), 2, 5_000_000_000, 8)})
+    assert _frame(encoder, later) == {"now": 0.0, "samples": [[0, 2, 5.0, 8, [2.0]]]}
 
 
 def test_in_trouble_what_was_there_stays() -> None:
-    feed = Feed(Fake())
-    _frame(feed, _look({"a": Sample(Number(1.0), 1, 0, 7)}))
-    frame = _frame(feed, Look(1, 1, {}, {}, trouble="the board is gone"))
+    encoder = FrameEncoder(Fake())
+    _frame(encoder, _snapshot({"a": Sample(Number(1.0), 1, 0, 7)}))
+    frame = _frame(encoder, Snapshot(1, 1, {}, {}, trouble="the board is gone"))
     assert frame.keys() == {"now", "trouble"}
 
 
 def test_a_machine_is_running_suspended_silent_or_ended() -> None:
     source = Fake()
-    feed = Feed(source)
+    encoder = FrameEncoder(source)
     name = status_slot("M").name
 
     def told(now_s: float, status: MachineStatus) -> Any:
         sample = Sample(status, round(now_s * 10) + 1, 0, 1)
-        frame = _frame(feed, _look({name: sample}, round(now_s * 1e9)))
+        frame = _frame(encoder, _snapshot({name: sample}, round(now_s * 1e9)))
         return frame["machines"]["M"]["condition"]
 
     assert told(0, MachineStatus("a")) == "running"
@@ -137,12 +139,12 @@ def test_a_machine_is_running_suspended_silent_or_ended() -> None:
     assert told(1.6, MachineStatus("a")) == "ended"
 
 
-def test_history_is_told_once_in_order_even_if_its_beginning_was_forgotten() -> None:
+def test_history_is_sent_once_in_order_even_if_its_beginning_was_forgotten() -> None:
     source = Fake()
-    feed = Feed(source)
-    look = _look({})
+    encoder = FrameEncoder(source)
+    snapshot = _snapshot({})
     source.changes["M"] = [Change(1, "a", False), Change(2, "b", False)]
-    assert [c[1] for c in _frame(feed, look)["history"]["M"]] == ["a", "b"]
-    assert _frame(feed, look) is None
+    assert [c[1] for c in _frame(encoder, snapshot)["history"]["M"]] == ["a", "b"]
+    assert _frame(encoder, snapshot) is None
     source.changes["M"] = [Change(2, "b", False), Change(3, "c", True)]
-    assert _frame(feed, look)["history"] == {"M": [[3e-9, "c", True, "", 0, False]]}
+    assert _frame(encoder, snapshot)["history"] == {"M": [[3e-9, "c", True, "", 0, False]]}

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from llfsm.bridges.recording.board_replay import BoardReplay
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.replay import Replay
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.engine.environment import Environment
@@ -61,7 +61,7 @@ def fields(message: Message) -> tuple[Any, ...]:
 def test_every_message_comes_in_its_time(file: Path, speed: float) -> None:
     clock = ManualClock()
     spy = Spy(clock.now_ns)
-    Replay(record(file, MESSAGES), spy).play(never, speed=speed, clock=clock)
+    BoardReplay(record(file, MESSAGES), spy).play(never, speed=speed, clock=clock)
     assert plain(spy.added) == [
         (int(ms / speed), slot.name, fields(message)) for slot, message, ms in MESSAGES
     ]
@@ -70,7 +70,7 @@ def test_every_message_comes_in_its_time(file: Path, speed: float) -> None:
 def test_from_a_time_on_the_board_is_as_it_was_then(file: Path) -> None:
     clock = ManualClock()
     spy = Spy(clock.now_ns)
-    Replay(record(file, MESSAGES), spy).play(never, from_s=0.32, clock=clock)
+    BoardReplay(record(file, MESSAGES), spy).play(never, from_s=0.32, clock=clock)
     found = [(ms, slot, values[0]) for ms, slot, values in plain(spy.added)]
     assert found[:3] == [(0, OTHER.name, -2), (0, READING.name, 3), (30, OTHER.name, -3)] or (
         found[:3] == [(0, READING.name, 3), (0, OTHER.name, -2), (30, OTHER.name, -3)]
@@ -83,7 +83,7 @@ def test_from_a_time_on_the_board_is_as_it_was_then(file: Path) -> None:
 def test_it_ends_when_asked(file: Path) -> None:
     clock = ManualClock()
     spy = Spy(clock.now_ns)
-    Replay(record(file, MESSAGES), spy).play(lambda: clock.now_ns() >= 200 * MS, clock=clock)
+    BoardReplay(record(file, MESSAGES), spy).play(lambda: clock.now_ns() >= 200 * MS, clock=clock)
     assert [ns // MS for ns, _, _ in spy.added] == [0, 50, 100, 150]
 
 
@@ -110,7 +110,7 @@ def test_whatever_was_recorded_comes_back_equal(
     timed = [(slot, message, i) for i, (slot, message) in enumerate(messages)]
     spy = Spy()
     recording = record(tmp_path_factory.mktemp("replay") / "run.mcap", timed)
-    Replay(recording, spy).play(never, clock=ManualClock())
+    BoardReplay(recording, spy).play(never, clock=ManualClock())
     assert [(slot, fields(message)) for _, slot, message in spy.added] == [
         (slot.name, fields(message)) for slot, message in messages
     ]
@@ -121,16 +121,16 @@ def test_live_machines_are_asked_for_nothing_unless_that_is_named(file: Path) ->
     asking = [(BELL, Bell("Patrol"), 1), (suspend, MachineRequest("suspend"), 2)]
     recording = record(file, [*asking, (READING, Reading(), 3)])
     spy = Spy()
-    Replay(recording, spy).play(never, clock=ManualClock())
+    BoardReplay(recording, spy).play(never, clock=ManualClock())
     assert [slot for _, slot, _ in spy.added] == [READING.name]
     spy = Spy()
-    Replay(recording, spy, ["llfsm/*"]).play(never, clock=ManualClock())
+    BoardReplay(recording, spy, ["llfsm/*"]).play(never, clock=ManualClock())
     assert [slot for _, slot, _ in spy.added] == [BELL.name, suspend.name]
 
 
 def test_only_slots_that_match_a_pattern(file: Path) -> None:
     spy = Spy()
-    replay = Replay(record(file, MESSAGES), spy, ["*/oth*", "nobody"])
+    replay = BoardReplay(record(file, MESSAGES), spy, ["*/oth*", "nobody"])
     replay.play(never, clock=ManualClock())
     assert {slot for _, slot, _ in spy.added} == {OTHER.name}
     assert [info.name for info in spy.slots()] == [OTHER.name]
@@ -141,7 +141,7 @@ def test_a_slot_of_another_type_is_refused_before_anything_is_posted(file: Path)
     spy.add_message(Slot(OTHER.name, Bool), Bool(data=True))
     spy.added.clear()
     with pytest.raises(SlotTypeError, match="robot/other"):
-        Replay(record(file, MESSAGES), spy)
+        BoardReplay(record(file, MESSAGES), spy)
     assert not spy.added
 
 
@@ -168,7 +168,7 @@ def test_a_step_posts_what_belongs_to_one_ringlet(file: Path) -> None:
                 clock.advance(ms=10)
         keep_journal(writer, (entry for data in written for entry in entries_of(data)))
     spy = Spy()
-    steps = list(Replay(Recording(file), spy).steps())
+    steps = list(BoardReplay(Recording(file), spy).steps())
     assert [(step.text, [m.number for _, m in step.posted]) for step in steps] == [
         ("round 1: Stay in here", []),
         ("round 2: Stay in here", [11]),
@@ -178,7 +178,7 @@ def test_a_step_posts_what_belongs_to_one_ringlet(file: Path) -> None:
 
 def test_without_events_a_step_is_a_message(file: Path) -> None:
     spy = Spy()
-    steps = Replay(record(file, MESSAGES), spy).steps()
+    steps = BoardReplay(record(file, MESSAGES), spy).steps()
     for number, (slot, _, ms) in enumerate(MESSAGES, 1):
         step = next(steps)
         assert (step.now_ns, step.posted[0].slot, len(spy.added)) == (ms * MS, slot.name, number)

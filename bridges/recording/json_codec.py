@@ -1,9 +1,9 @@
-"""A slot's messages as JSON for every tool, and back without any loss.
+"""A slot's messages as JSON that any tool can read, and back without loss.
 
-The JSON object is what the slot's schema says: `bytes` are base64, integers have all their digits.
-JSON has no number for NaN and the infinities, which are written as null, and cannot tell the
-members of some unions apart. Only an object for which that matters has a member `$msgpack` more:
-the message as on the whiteboard, MessagePack in base64. No field's name can begin with a `$`.
+The JSON object follows the slot's schema: `bytes` are base64, integers keep all their digits. JSON
+has no number for NaN and the infinities, which are written as null, and does not distinguish the
+members of some unions. An object that would be ambiguous has an additional member `$msgpack`: the
+message as on the whiteboard, MessagePack in base64. No field's name can begin with a `$`.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import msgspec
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.schema import from_plain, to_plain
 
-__all__ = ["EXACT", "Codec"]
+__all__ = ["EXACT", "JsonCodec"]
 
 EXACT = "$msgpack"
 
 
-class Codec:
-    """Write and read the messages of one slot."""
+class JsonCodec:
+    """Encode and decode the messages of one slot."""
 
     def __init__(self, slot: Slot[Any]):
         self.slot = slot
@@ -39,14 +39,14 @@ class Codec:
         return text
 
     def decode(self, text: bytes) -> Message:
-        """Return the message; raise ``ValueError`` if the text is none of this slot."""
+        """Return the message; raise ``ValueError`` if the text is not a message of this slot."""
         plain = msgspec.json.decode(text)
         if not isinstance(plain, dict):
-            raise ValueError("no JSON object")
+            raise ValueError("not a JSON object")
         return self.message(plain)
 
     def message(self, plain: dict[str, Any]) -> Message:
-        """Return the message of a decoded object; raise ``ValueError`` if it is none."""
+        """Return the message of a decoded object; raise ``ValueError`` if it is invalid."""
         if EXACT in plain:
             message = self.slot.decoder.decode(a2b_base64(plain[EXACT]))
         else:
@@ -57,6 +57,6 @@ class Codec:
     def _is_exact(self, plain: Any, text: bytes, message: Message) -> bool:
         try:
             back = self.decode(text)
-        except ValueError:  # as of null where a number must be
+        except ValueError:  # for example null where a number is required
             return False
         return back == message and to_plain(back) == plain

@@ -1,4 +1,4 @@
-"""From a recording back onto a whiteboard, in time or step by step."""
+"""From a recording back onto a whiteboard, in real time or step by step."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from llfsm.whiteboard import Board, BoundSlot, Message
 from llfsm.whiteboard.messages.llfsm import BELL, VIEWER, request_slot
 
 from .errors import RecordingFileError
-from .reader import Recorded, RecordedSlot, Recording
+from .reader import RecordedMessage, RecordedSlot, Recording
 
-__all__ = ["Posted", "Replay", "Step"]
+__all__ = ["BoardReplay", "Posted", "ReplayStep"]
 
-_NAP_NS: Final = 50_000_000  # a wait is cut into these, to notice that an end is asked for
-_ASKING: Final = (BELL.name, VIEWER.name, request_slot("*").name)
+_SLICE_NS: Final = 50_000_000  # a wait is cut into these, to notice a request to end
+_REQUESTS: Final = (BELL.name, VIEWER.name, request_slot("*").name)
 
 
 class Posted(NamedTuple):
-    """A message that was posted again."""
+    """A message that was replayed."""
 
     slot: str
     message: Message
 
 
-class Step(NamedTuple):
-    """A ringlet of a machine with what was posted up to its end, or just a message."""
+class ReplayStep(NamedTuple):
+    """A ringlet of a machine with the messages posted up to its end, or a single message."""
 
     now_ns: int
-    """Since the recording began."""
+    """Time since the beginning of the recording."""
     text: str
-    """Whose ringlet, in which round and state; empty in a recording without events."""
+    """The ringlet's machine, round and state; empty in a recording without events."""
     posted: Sequence[Posted]
 
 
-class Replay:
-    """Post the messages of a recording to a board, in the order in which they were seen.
+class BoardReplay:
+    """Post the messages of a recording to a board, in the order in which they were recorded.
 
-    Of the slots only those that match one of `patterns`, if there are any; without patterns all but
-    those by which live machines are asked for something. Raise :class:`.SlotTypeError` if the board
-    has a slot with messages of another type.
+    With `patterns`, only slots that match one of them are replayed; without, all but the slots of
+    requests to machines. Raise :class:`.SlotTypeError` if the board has a slot with messages of
+    another type.
     """
 
     def __init__(self, recording: Recording, board: Board, patterns: Sequence[str] = ()):
@@ -61,9 +61,9 @@ class Replay:
         from_s: float = 0.0,
         clock: Clock | None = None,
     ) -> None:
-        """Post from second `from_s` to the end, `speed` times as fast, or until `is_over`.
+        """Post from second `from_s` to the end, at `speed` times real time, or until `is_over`.
 
-        What was on the board then is posted at once.
+        The messages that were on the board at that second are posted first.
         """
         clock = clock or MonotonicClock()
         first_ns = self._begin_ns + round(from_s * 1e9)
@@ -76,18 +76,18 @@ class Replay:
             self._post(slot, recorded)
         _wait(clock, start_ns + round((self._end_ns - first_ns) / speed), is_over)
 
-    def steps(self, *, from_s: float = 0.0) -> Iterator[Step]:
-        """Post what belongs to a ringlet a step, and each message that belongs to none."""
+    def steps(self, *, from_s: float = 0.0) -> Iterator[ReplayStep]:
+        """Post in steps: the messages of a ringlet, or a message outside of any ringlet."""
         first_ns = self._begin_ns + round(from_s * 1e9)
         self._catch_up(first_ns)
-        turn: Step | None = None  # under way
+        turn: ReplayStep | None = None  # the one in progress
         posted: list[Posted] = []  # in it
         for moment in self._recording.timeline(self._slots.keys(), first_ns):
             since_ns = moment.now_ns - self._begin_ns
             if moment.slot is not None and moment.recorded is not None:
                 each = self._post(moment.slot, moment.recorded)
                 if turn is None:
-                    yield Step(since_ns, "", [each])
+                    yield ReplayStep(since_ns, "", [each])
                 else:
                     posted.append(each)
             elif moment.entry is not None:
@@ -97,25 +97,25 @@ class Replay:
                     turn, posted = None, []
                 if entry["event"] == "Turn":
                     text = f"round {entry['round']}: {entry['machine']} in {entry['state']}"
-                    turn = Step(since_ns, text, ())
+                    turn = ReplayStep(since_ns, text, ())
         if turn is not None:
             yield turn._replace(posted=posted)
 
     def _catch_up(self, first_ns: int) -> None:
-        """Post the message that each slot had at a moment."""
+        """Post the message that each slot held at a moment."""
         for name in self._slots:
             slot = self._recording.slots[name]
             latest = self._recording.latest(slot, first_ns - 1)
             if latest is not None:
                 self._post(slot, latest)
 
-    def _post(self, slot: RecordedSlot, recorded: Recorded) -> Posted:
+    def _post(self, slot: RecordedSlot, recorded: RecordedMessage) -> Posted:
         name = slot.slot.name
         try:
             message = slot.sample(recorded).message
         except ValueError as error:
             raise RecordingFileError(
-                f"{self._recording.path}: message {recorded.count} of {name!r} is none: {error}"
+                f"{self._recording.path}: message {recorded.count} of {name!r} is invalid: {error}"
             ) from error
         self._slots[name].add(message)
         return Posted(name, message)
@@ -124,14 +124,14 @@ class Replay:
 def _wanted(name: str, patterns: Sequence[str]) -> bool:
     if patterns:
         return any(fnmatchcase(name, pattern) for pattern in patterns)
-    return not any(fnmatchcase(name, pattern) for pattern in _ASKING)
+    return not any(fnmatchcase(name, pattern) for pattern in _REQUESTS)
 
 
 def _wait(clock: Clock, due_ns: int, is_over: Callable[[], bool]) -> bool:
-    """Wait for a moment; return False if it is over before."""
+    """Wait until `due_ns`; return False if `is_over` becomes true before."""
     while not is_over():
         now_ns = clock.now_ns()
         if now_ns >= due_ns:
             return True
-        clock.sleep_until_ns(min(due_ns, now_ns + _NAP_NS))
+        clock.sleep_until_ns(min(due_ns, now_ns + _SLICE_NS))
     return False

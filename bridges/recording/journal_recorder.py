@@ -1,4 +1,4 @@
-"""The journals of a board's arrangements, taken as their processes hand them over."""
+"""The journals of a board's arrangements, received from their processes over the board."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from llfsm.whiteboard.messages.llfsm import (
 
 from .writer import ARRANGEMENT, RecordingWriter
 
-__all__ = ["JournalReceiver"]
+__all__ = ["JournalRecorder"]
 
-_MOST: Final = 1 << 27  # bytes of entries that a process can have written at once
+_LARGEST: Final = 1 << 27  # bytes of a batch of entries: a longer one is nonsense
 
 
-class JournalReceiver:
-    """Say on a board that its machines are recorded, and write what they hand over.
+class JournalRecorder:
+    """Announce on a board that its machines are recorded, and write their journals.
 
-    `other` is the process that does so already; then this one is of no use.
+    `other` is the process that records them already, or 0. If there is one, this recorder is idle.
     """
 
     def __init__(self, board: Whiteboard, writer: RecordingWriter):
@@ -39,16 +39,16 @@ class JournalReceiver:
         self._writer = writer
         self._recorder = board[RECORDER]
         self._slots: list[BoundSlot[JournalPart]] = []
-        self._taken: list[int] = []
-        self._journals: dict[int, _Incoming] = {}
+        self._taken: list[int] = []  # the count up to which each was read
+        self._journals: dict[int, _IncomingJournal] = {}
         self._full = False
         self.journals = 0
-        """How many were begun."""
+        """How many journals were begun."""
         pid = os.getpid()
         self._me = Recorder(pid, born(pid))
         names = {info.name for info in board.slots()}
         while f"{JOURNALS}{len(self._slots)}" in names or not self._slots:
-            self._listen()  # what stands there was for somebody before us
+            self._add_slot()  # what it holds was meant for an earlier recorder
         self.other = self._claim()
 
     def _claim(self) -> int:
@@ -59,15 +59,15 @@ class JournalReceiver:
             if self._recorder.add_after(self._with_taken(), count):
                 return 0
 
-    def _listen(self) -> None:
+    def _add_slot(self) -> None:
         slot = self._board[journal_slot(len(self._slots))]
         self._slots.append(slot)
         self._taken.append(slot.count)
 
-    def _listen_ahead(self) -> None:
-        """Listen to one slot more than are in use, so that the next journal is seen at once."""
+    def _add_spare_slot(self) -> None:
+        """Read one slot more than are in use, so that the next journal is seen at once."""
         try:
-            self._listen()
+            self._add_slot()
         except BoardClosedError:
             raise
         except WhiteboardError as error:
@@ -86,7 +86,7 @@ class JournalReceiver:
                 self._take(number, slot)
         if new:
             if self._taken[-1] and not self._full:
-                self._listen_ahead()
+                self._add_spare_slot()
             self._recorder.add(self._with_taken())
 
     @property
@@ -95,7 +95,7 @@ class JournalReceiver:
         return all(journal.over for journal in self._journals.values())
 
     def close(self) -> None:
-        """Say that nobody records any more, and complete what was begun."""
+        """Announce that recording has ended, and complete the journals."""
         for journal in self._journals.values():
             journal.close()
         try:
@@ -119,17 +119,17 @@ class JournalReceiver:
         self._taken[number] = sample.count
         part, journal = sample.message, self._journals.get(number)
         if journal is None or not journal.is_of(part):
-            if part.number or part.over:  # of one that was begun for somebody before us
+            if part.number or part.over:  # of a journal begun for an earlier recorder
                 return
             if journal is not None:
                 journal.close()
-            self._journals[number] = journal = _Incoming(part, self._writer)
+            self._journals[number] = journal = _IncomingJournal(part, self._writer)
             self.journals += 1
         journal.take(part)
 
 
-class _Incoming:
-    """A journal that comes in parts."""
+class _IncomingJournal:
+    """A journal that arrives in parts."""
 
     def __init__(self, first: JournalPart, writer: RecordingWriter):
         self._first = first
@@ -139,7 +139,7 @@ class _Incoming:
         self._ended = False
         self._machines: list[str] = []
         self._made: dict[str, str] = {}
-        self._is_told = False
+        self._is_described = False
         about = {
             "session": f"{first.pid}-{first.session}",
             "writer": str(first.pid),
@@ -149,16 +149,16 @@ class _Incoming:
         self._channel = writer.add_journal(about)
 
     def is_of(self, part: JournalPart) -> bool:
-        """Tell whether a part belongs to it."""
+        """Return whether a part belongs to it."""
         return (part.pid, part.session) == (self._first.pid, self._first.session)
 
     @property
     def over(self) -> bool:
-        """Whether nothing comes any more."""
+        """Whether no more parts can arrive."""
         return self._ended or not lives(self._first.pid, self._first.born)
 
     def take(self, part: JournalPart) -> None:
-        """Write what is in a part."""
+        """Write the entries of a part."""
         if self._ended:
             return
         if part.number != self._next:
@@ -170,20 +170,20 @@ class _Incoming:
             for entry in self._entries():
                 self._write(entry)
         except (ValueError, LookupError, TypeError) as error:  # also msgspec's
-            logger().warning("process %d writes no journal: %s", self._first.pid, error)
+            logger().warning("process %d writes an invalid journal: %s", self._first.pid, error)
             self._ended = True
         if part.over:
             self.close()
 
     def close(self) -> None:
-        """Tell of it if that was not done."""
+        """End it; describe its arrangement in the file if that was not done."""
         self._ended = True
-        self._tell()
+        self._describe()
 
     def _entries(self) -> Iterator[Entry]:
         while len(self._left) >= 4:
             end = 4 + int.from_bytes(self._left[:4], "little")
-            if end > _MOST:
+            if end > _LARGEST:
                 raise ValueError(f"{end} bytes at once")
             if len(self._left) < end:
                 return
@@ -202,20 +202,20 @@ class _Incoming:
         if kind == "Loaded":
             self._machines.append(str(entry["machine"]))
         elif "reads" in entry:
-            self._tell()
+            self._describe()
         self._writer.add_entry(self._channel, entry)
 
-    def _tell(self) -> None:
-        """Write what is known of the arrangement, now that its machines are loaded."""
-        if self._is_told:
+    def _describe(self) -> None:
+        """Write the metadata of the arrangement, once its machines are loaded."""
+        if self._is_described:
             return
-        self._is_told = True
+        self._is_described = True
         machines = ", ".join(self._machines)
         self._writer.add_metadata(ARRANGEMENT, {**self._about, "machines": machines, **self._made})
         if not self._first.whole:
             logger().warning(
-                "%s (process %d) ran before: its events are recorded from now on, "
-                "and cannot be run again",
+                "%s (process %d) was running before the recording: its events are recorded from "
+                "now on and cannot be rerun",
                 machines or "an arrangement",
                 self._first.pid,
             )

@@ -15,15 +15,15 @@ from llfsm.whiteboard.text import message_class
 
 from .errors import LayoutError
 from .file import DEFAULT_PATH, TYPES
-from .layouts import Layout, find_layout
+from .layouts import MessageLayout, find_layout
 from .relay import Direction
 
-__all__ = ["Plan", "PlannedRelay", "check_plan", "read_plan"]
+__all__ = ["ConfiguredRelay", "RelayConfiguration", "check_configuration", "read_configuration"]
 
 _BLAMED = {LayoutError: "layout", SlotNotFoundError: "type", SlotNameError: "slot"}
 
 
-class PlannedRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ConfiguredRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A number of the gusimplewhiteboard and a slot, with the slot's type.
 
     `layout` is a struct format or ``module:Structure``, `fields` are the message's in the order of
@@ -37,7 +37,7 @@ class PlannedRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     fields: tuple[str, ...] | None = None
     direction: Direction = "both"
 
-    def resolve(self) -> tuple[Slot[Message], Layout]:
+    def resolve(self) -> tuple[Slot[Message], MessageLayout]:
         """Return its slot and layout, with modules from the current folder, too.
 
         Raise :class:`.SlotNameError`, :class:`.SlotNotFoundError` (of the type) or
@@ -49,21 +49,21 @@ class PlannedRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         return slot, find_layout(self.layout, slot.schema, self.fields)
 
 
-class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RelayConfiguration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The file of a gusimplewhiteboard, a whiteboard, and what is relayed between them."""
 
-    relays: tuple[PlannedRelay, ...] = msgspec.field(name="relay", default=())
+    relays: tuple[ConfiguredRelay, ...] = msgspec.field(name="relay", default=())
     file: str = DEFAULT_PATH
     board: str | None = None
     period_ms: Annotated[float, msgspec.Meta(gt=0)] = 5.0
 
 
-def read_plan(file: Path) -> Plan:
+def read_configuration(file: Path) -> RelayConfiguration:
     """Read a TOML file; raise :class:`.ConfigurationError` with the line of what is wrong."""
-    return read_toml(file, Plan, check_plan)
+    return read_toml(file, RelayConfiguration, check_configuration)
 
 
-def check_plan(plan: Plan) -> None:
+def check_configuration(plan: RelayConfiguration) -> None:
     """Raise :class:`.ConfigurationError` for what the types cannot say."""
     for key in ("number", "slot"):
         seen = set()

@@ -1,4 +1,4 @@
-"""The page's files, its stream of frames, and its requests, as one application."""
+"""The web application: the page's files, its stream of frames, and its requests."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MachineDefinition
 
+from .access import AccessMiddleware
+from .broadcaster import Broadcaster
+from .diagram_data import SECTIONS, diagram_data
 from .errors import RequestError
-from .feed import Feed
-from .guard import Guard
-from .hub import Hub
-from .picture import SECTIONS, picture
-from .requests import Seen, decode, perform
-from .source import Source
+from .frames import FrameEncoder
+from .page_requests import FrameShown, decode, perform
+from .page_source import PageSource
 
 __all__ = ["make_app"]
 
@@ -36,26 +36,28 @@ _TYPES: Final = {
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
 }
-_UNSEEN = 2  # frames that a page may be sent before it says that it has shown one
-_BEAT_S = 0.5  # an idle page is told the time so often, and so notices a server that is gone
+_UNSEEN = 2  # frames sent to a page before it confirms that it has shown one
+_BEAT_S = 0.5  # between frames to an idle page, by which it notices a server that is gone
 
 
-def make_app(source: Source, *, host: str, port: int, token: str | None, control: bool) -> Guard:
-    """Return the application that shows `source` to whoever may see it."""
+def make_app(
+    source: PageSource, *, host: str, port: int, token: str | None, control: bool
+) -> AccessMiddleware:
+    """Return the application that shows `source`, behind its access control."""
     files = {path.name: path.read_bytes() for path in _ASSETS.iterdir() if path.suffix in _TYPES}
-    hub: Hub | None = None
+    broadcaster: Broadcaster | None = None
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
-        nonlocal hub
-        hub = Hub(source)  # here, as it belongs to the loop that runs
+        nonlocal broadcaster
+        broadcaster = Broadcaster(source)  # here, because it belongs to the running loop
         yield
         source.close()
 
     async def asset(request: HttpRequest) -> Response:
         name = request.path_params.get("name", "index.html")
-        if name not in files:  # whatever it is: no other file is ever read
-            return _json({"problem": f"there is no {name}"}, 404)
+        if name not in files:  # no other file is ever read
+            return _json({"problem": f"no such file: {name}"}, 404)
         return Response(files[name], media_type=_TYPES[Path(name).suffix])
 
     async def about(_: HttpRequest) -> Response:
@@ -66,22 +68,22 @@ def make_app(source: Source, *, host: str, port: int, token: str | None, control
     async def diagram(request: HttpRequest) -> Response:
         name = request.query_params.get("machine", "")
         sections = request.query_params.get("sections", "auto")
-        look = source.look() if hub is None or hub.look is None else hub.look
-        sample = look.samples.get(DEFINITIONS + name)
+        latest = None if broadcaster is None else broadcaster.snapshot
+        sample = (latest or source.snapshot()).samples.get(DEFINITIONS + name)
         try:
             if sample is None or not isinstance(sample.message, MachineDefinition):
-                raise RequestError(f"{name}: its process has not told what it consists of")
+                raise RequestError(f"{name}: its process has not published a definition")
             shown = SECTIONS.get(sections)
-            drawn = await run_in_threadpool(picture, sample.message, name, shown)
+            drawn = await run_in_threadpool(diagram_data, sample.message, name, shown)
         except RequestError as error:
             return _json({"problem": str(error)})
         return _json(drawn)
 
     async def live(socket: WebSocket) -> None:
-        assert hub is not None
+        assert broadcaster is not None
         await socket.accept()
-        async with hub:
-            await _serve(socket, hub, source, control)
+        async with broadcaster:
+            await _serve(socket, broadcaster, source, control)
 
     app = Starlette(
         routes=[
@@ -93,11 +95,11 @@ def make_app(source: Source, *, host: str, port: int, token: str | None, control
         ],
         lifespan=life,
     )
-    return Guard(app, host=host, port=port, token=token, is_open=_is_open)
+    return AccessMiddleware(app, host=host, port=port, token=token, is_open=_is_open)
 
 
 def _is_open(path: str) -> bool:
-    """Tell whether a path is one of the page's own files, which are no secret."""
+    """Return whether a path is one of the page's own files, which are not secret."""
     return path == "/" or path.startswith("/assets/")
 
 
@@ -105,29 +107,31 @@ def _json(content: Any, status: int = 200) -> Response:
     return Response(msgspec.json.encode(content), status, media_type="application/json")
 
 
-async def _serve(socket: WebSocket, hub: Hub, source: Source, control: bool) -> None:
-    """Tell a page of every look that it has time for, and do what it asks, until it goes."""
+async def _serve(
+    socket: WebSocket, broadcaster: Broadcaster, source: PageSource, control: bool
+) -> None:
+    """Send a page every frame that it has time for, and carry out its requests, until it closes."""
     room = asyncio.BoundedSemaphore(_UNSEEN)
 
-    async def tell() -> None:
-        feed, serial, told_s = Feed(source), 0, 0.0
+    async def send() -> None:
+        encoder, serial, sent_s = FrameEncoder(source), 0, 0.0
         while True:
             await room.acquire()
             frame = None
             while frame is None:
-                serial, look = await hub.next(serial)
-                frame = feed.frame(look, beat=time.monotonic() - told_s > _BEAT_S)
-            told_s = time.monotonic()
+                serial, snapshot = await broadcaster.next(serial)
+                frame = encoder.encode(snapshot, beat=time.monotonic() - sent_s > _BEAT_S)
+            sent_s = time.monotonic()
             await socket.send_text(frame.decode())
 
-    async def listen() -> None:
+    async def receive() -> None:
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
             await _answer(socket, message.get("text") or "", room, source, control)
 
-    tasks = {asyncio.create_task(tell()), asyncio.create_task(listen())}
+    tasks = {asyncio.create_task(send()), asyncio.create_task(receive())}
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         with suppress(WebSocketDisconnect):
@@ -139,13 +143,13 @@ async def _serve(socket: WebSocket, hub: Hub, source: Source, control: bool) -> 
 
 
 async def _answer(
-    socket: WebSocket, text: str, room: asyncio.BoundedSemaphore, source: Source, control: bool
+    socket: WebSocket, text: str, room: asyncio.BoundedSemaphore, source: PageSource, control: bool
 ) -> None:
     number: int | None = None
     try:
         request = decode(text)
-        if isinstance(request, Seen):
-            with suppress(ValueError):  # it has said so more often than it was sent one
+        if isinstance(request, FrameShown):
+            with suppress(ValueError):  # it confirms more frames than it was sent
                 room.release()
             return
         number = request.id

@@ -1,4 +1,4 @@
-"""What a page may ask for: a machine's suspension and the like, a message, a moment."""
+"""The requests of a page: control a machine, post a message, move in a recording."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from llfsm.whiteboard.shared import Whiteboard
 from llfsm.whiteboard.text import parse_message
 
 from .errors import RequestError
-from .source import Source
+from .page_source import PageSource
 
-__all__ = ["Request", "decode", "perform"]
+__all__ = ["PageRequest", "decode", "perform"]
 
 
-class Ask(msgspec.Struct, tag="ask"):
-    """Ask something of a machine."""
+class AskMachine(msgspec.Struct, tag="ask"):
+    """Suspend, resume, restart or stop a machine."""
 
     id: int
     machine: str
     action: Action
 
 
-class Post(msgspec.Struct, tag="post"):
+class PostMessage(msgspec.Struct, tag="post"):
     """Add a message to a slot; fields left out are zero."""
 
     id: int
@@ -44,41 +44,43 @@ class Seek(msgspec.Struct, tag="seek"):
 
 
 class Play(msgspec.Struct, tag="play"):
-    """Let a recording's time pass so many times as fast."""
+    """Play a recording at so many times real time; 0 pauses."""
 
     id: int
     speed: float
 
 
-class Seen(msgspec.Struct, tag="seen"):
-    """The page has shown a frame: it may be sent another one."""
+class FrameShown(msgspec.Struct, tag="seen"):
+    """The page has shown a frame and can take another one."""
 
 
-Request = Ask | Post | Seek | Play | Seen
+PageRequest = AskMachine | PostMessage | Seek | Play | FrameShown
 
-_decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(Request)
+_decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(PageRequest)
 
 
-def decode(text: str) -> Request:
-    """Return what a page asks for, or raise `RequestError`."""
+def decode(text: str) -> PageRequest:
+    """Return a request of a page, or raise `RequestError`."""
     try:
-        request: Request = _decoder.decode(text)
+        request: PageRequest = _decoder.decode(text)
     except ValueError as error:  # also msgspec's, which is one
-        raise RequestError(f"this request is not understood: {error}") from error
+        raise RequestError(f"invalid request: {error}") from error
     return request
 
 
-def perform(request: Ask | Post | Seek | Play, source: Source, *, control: bool) -> str:
-    """Do it and return what was done, or raise `RequestError`."""
+def perform(
+    request: AskMachine | PostMessage | Seek | Play, source: PageSource, *, control: bool
+) -> str:
+    """Carry out a request and return a text that confirms it, or raise `RequestError`."""
     if isinstance(request, Seek | Play):
         return _move(request, source)
     board = source.board()
     if not control:
         raise RequestError("this page only shows; start it with: llfsm view --control")
     if board is None:
-        raise RequestError("there is no live whiteboard to control")
+        raise RequestError("no live whiteboard to control")
     try:
-        if isinstance(request, Post):
+        if isinstance(request, PostMessage):
             assert isinstance(board, Whiteboard)
             slot = board.find(request.slot)
             count = board.add_message(slot, parse_message(slot, bytes(request.message)))
@@ -90,10 +92,10 @@ def perform(request: Ask | Post | Seek | Play, source: Source, *, control: bool)
     return f"{request.machine}: asked to {request.action}"
 
 
-def _move(request: Seek | Play, source: Source) -> str:
+def _move(request: Seek | Play, source: PageSource) -> str:
     player = source.player
     if player is None:
-        raise RequestError("a live whiteboard has no other time than now")
+        raise RequestError("a live whiteboard has no time slider")
     if isinstance(request, Play):
         if not 0 <= request.speed <= 1000:
             raise RequestError(f"a speed of {request.speed} is not in 0 to 1000")

@@ -15,7 +15,7 @@ from llfsm.whiteboard.messages.llfsm import MachineDefinition
 
 from .errors import RequestError
 
-__all__ = ["SECTIONS", "Sections", "picture"]
+__all__ = ["SECTIONS", "Sections", "diagram_data"]
 
 Sections = Literal["auto", "shown", "hidden"]
 
@@ -23,8 +23,10 @@ SECTIONS: dict[str, bool | None] = {"auto": None, "shown": True, "hidden": False
 
 
 @lru_cache(maxsize=256)
-def picture(definition: MachineDefinition, title: str, sections: bool | None) -> dict[str, Any]:
-    """Return what `llfsm draw` would draw: boxes, curves and lines of text with their places.
+def diagram_data(
+    definition: MachineDefinition, title: str, sections: bool | None
+) -> dict[str, Any]:
+    """Return what `llfsm draw` draws: boxes, curves and lines of text with their positions.
 
     Raise `RequestError` if the definition cannot be drawn.
     """

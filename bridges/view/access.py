@@ -1,13 +1,13 @@
-"""Who may talk to the server: what is checked of every request before anything else sees it.
+"""Access control: checks on every request before the application sees it.
 
-A page of any web site that this user has open can send requests to an address of this host. So:
+Any web site that this user has open can send requests to an address of this host. Therefore:
 
-* a request's Host must be the address listened at; a name that somebody has made to mean this
-  host (DNS rebinding) is refused. Only where a token is asked for does the name not matter.
-* a WebSocket's Origin, and any other request's that has one, must be that same host: ours.
-* where there is a token, everything but the page's own files needs it.
+* A request's Host must be the address of the server; any other name that resolves to this host (DNS
+  rebinding) is refused. With a token, any name is accepted.
+* The Origin of a WebSocket, and of any other request that has one, must be that host.
+* With a token, everything but the page's own files requires it.
 
-Every answer forbids the page to load or run anything that does not come from here.
+The headers of every response forbid the page to load or run anything from elsewhere.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["Guard", "is_loopback"]
+__all__ = ["AccessMiddleware", "is_loopback"]
 
 _HEADERS = {
     "Content-Security-Policy": (
@@ -37,7 +37,7 @@ _HEADERS = {
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether only processes of this host reach the address."""
+    """Return whether only processes of this host can reach the address."""
     import ipaddress
 
     try:
@@ -46,10 +46,10 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-class Guard:
-    """Refuse what must not be served; hand on the rest.
+class AccessMiddleware:
+    """Refuse requests that must not be served; pass on the others.
 
-    `is_open` tells of a path whether it needs no token.
+    `is_open` returns whether a path needs no token.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Guard:
         self._is_open = is_open
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or have it answered."""
+        """Pass a request on, or refuse it."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -92,17 +92,17 @@ class Guard:
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
         if self._token is None and host.lower() not in self._hosts:
-            return HTTPStatus.FORBIDDEN, f"this server is not called {host!r}"
+            return HTTPStatus.FORBIDDEN, f"this server is not {host!r}"
         if origin is None:
             if scope["type"] == "websocket":
-                return HTTPStatus.FORBIDDEN, "a WebSocket must tell its Origin"
+                return HTTPStatus.FORBIDDEN, "a WebSocket needs an Origin"
         elif origin.lower() != f"http://{host.lower()}":
-            return HTTPStatus.FORBIDDEN, f"pages of {origin!r} are not served"
+            return HTTPStatus.FORBIDDEN, f"pages of {origin!r} have no access"
         if self._token is not None and not self._is_open(scope["path"]):
             given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
             if not secrets.compare_digest(given.encode(), self._token.encode()):
                 return (
                     HTTPStatus.UNAUTHORIZED,
-                    "open the address that `llfsm view` has printed: it holds the token",
+                    "open the address that `llfsm view` printed: it contains the token",
                 )
         return None

@@ -1,0 +1,218 @@
+"""What is in an MCAP file, and where, without reading its messages.
+
+A complete file ends with an index. One that was cut short has none: it is gone through once, from
+record to record, reading their heads only.
+
+This is the one module that uses what the mcap library does not document: it has no way to read a
+chunk by its place, or what is left of a damaged file. It assumes
+
+* that :class:`ReadDataStream` reads from any binary file, and every record has a ``read`` that
+  takes one, set to the byte after the record's head;
+* that :func:`get_chunk_data_stream` returns a chunk's records, checked, and their length;
+* that a footer has :data:`FOOTER_SIZE` bytes with its head.
+
+A new minor version of mcap may break these; a test for each names the one that no longer holds.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Final, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE, SeekingReader
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
+from mcap.stream_reader import MAGIC_SIZE, get_chunk_data_stream, read_magic
+
+from llfsm.runtime.engine.failure import logger
+
+from .errors import RecordingFileError
+
+__all__ = ["ChunkEntry", "McapFile", "MessageRecord"]
+
+_HEAD: Final = struct.Struct("<BQ")  # of every record: its kind and its length
+_MESSAGE: Final = struct.Struct("<HIQQ")
+_CHUNK: Final = struct.Struct("<QQ")
+_CHANNEL: Final = struct.Struct("<H")
+_FOOTER: Final = struct.Struct("<QQI")
+
+
+class MessageRecord(NamedTuple):
+    """A message in the file. Records are ordered by time."""
+
+    log_ns: int
+    published_ns: int
+    sequence: int
+    channel: int
+    data: bytes
+
+
+class ChunkEntry(NamedTuple):
+    """A chunk: its place in the file, its first and last time, and its messages' channels."""
+
+    offset: int
+    start_ns: int
+    end_ns: int
+    channels: tuple[int, ...]
+
+
+class McapFile:
+    """The contents of a file; it is open only while something is read.
+
+    Raise :class:`.RecordingFileError` if it cannot be read.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.complete = True
+        """False for a file that was cut short or is damaged."""
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.metadata: list[Metadata] = []
+        self.attachments: list[Attachment] = []
+        self.chunks: list[ChunkEntry] = []
+        """In the order in which they were written."""
+        self._sets: dict[tuple[int, ...], tuple[int, ...]] = {}  # most chunks have the same ones
+        self._damaged: set[int] = set()
+        try:
+            with path.open("rb") as file:
+                self._size = os.fstat(file.fileno()).st_size
+                if not self._read_summary(file):
+                    self.complete = False
+                    self._scan(file)
+        except OSError as error:
+            raise RecordingFileError(f"{path}: cannot be read: {error.strerror}") from error
+
+    def messages(self, number: int) -> dict[int, list[MessageRecord]]:
+        """Return a chunk's messages by channel; if it is damaged none, and log a warning once."""
+        found: dict[int, list[MessageRecord]] = {}
+        try:
+            with self.path.open("rb") as file:
+                self._walk(self._at(file, self.chunks[number].offset, Opcode.CHUNK), found)
+        except Exception as error:  # whatever the libraries raise for bytes that are not theirs
+            self.complete = False
+            if number not in self._damaged:
+                self._damaged.add(number)
+                logger().warning("%s: a part of it is damaged and left out: %s", self.path, error)
+            return {}
+        return found
+
+    def _walk(self, chunk: ReadDataStream, found: dict[int, list[MessageRecord]]) -> None:
+        stream, length = get_chunk_data_stream(Chunk.read(chunk), validate_crc=True)
+        data, at = stream.read(length), 0
+        while at < length:
+            kind, size = _HEAD.unpack_from(data, at)
+            at += _HEAD.size
+            if kind == Opcode.MESSAGE:
+                channel, sequence, log_ns, published_ns = _MESSAGE.unpack_from(data, at)
+                message = data[at + _MESSAGE.size : at + size]
+                record = MessageRecord(log_ns, published_ns, sequence, channel, message)
+                found.setdefault(channel, []).append(record)
+            elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._define(kind, ReadDataStream(BytesIO(data[at : at + size])))
+            at += size
+
+    def _define(self, kind: int, stream: ReadDataStream) -> None:
+        if kind == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self.schemas.setdefault(schema.id, schema)
+        else:
+            channel = Channel.read(stream)
+            self.channels.setdefault(channel.id, channel)
+
+    def _at(self, file: IO[bytes], offset: int, kind: int) -> ReadDataStream:
+        """Return a stream at the body of a record of that kind, or raise ``ValueError``."""
+        file.seek(offset)
+        found, length = _HEAD.unpack(file.read(_HEAD.size))
+        if found != kind or offset + _HEAD.size + length > self._size:
+            raise ValueError(f"no record of kind {kind} at byte {offset}")
+        return ReadDataStream(file)
+
+    def _add(self, offset: int, start_ns: int, end_ns: int, channels: Sequence[int]) -> None:
+        known = self._sets.setdefault(tuple(channels), tuple(channels))
+        self.chunks.append(ChunkEntry(offset, start_ns, end_ns, known))
+
+    def _read_summary(self, file: IO[bytes]) -> bool:
+        """Read the index at the end; return False if there is none."""
+        try:
+            self._check_summary(file)
+            file.seek(0)
+            summary = SeekingReader(file).get_summary()
+            if summary is None:
+                return False
+            for entry in summary.metadata_indexes:
+                self.metadata.append(Metadata.read(self._at(file, entry.offset, Opcode.METADATA)))
+            for index in summary.attachment_indexes:
+                stream = self._at(file, index.offset, Opcode.ATTACHMENT)
+                self.attachments.append(Attachment.read(stream))
+        except OSError:
+            raise
+        except Exception:  # whatever the library raises for a file that is cut short or damaged
+            self.metadata.clear()
+            self.attachments.clear()
+            return False
+        self.schemas, self.channels = summary.schemas, summary.channels
+        for chunk in summary.chunk_indexes:
+            times = chunk.message_start_time, chunk.message_end_time
+            self._add(chunk.chunk_start_offset, *times, [*chunk.message_index_offsets])
+        return True
+
+    def _check_summary(self, file: IO[bytes]) -> None:
+        file.seek(max(0, self._size - FOOTER_SIZE - MAGIC_SIZE))
+        start, _, checksum = _FOOTER.unpack_from(file.read(FOOTER_SIZE), _HEAD.size)
+        if not 0 < start < self._size:
+            raise ValueError("there is no index")
+        file.seek(start)
+        if zlib.crc32(file.read(self._size - MAGIC_SIZE - 4 - start)) != checksum:
+            raise ValueError("the index is damaged")
+
+    def _scan(self, file: IO[bytes]) -> None:
+        """Go from record to record, as far as they are whole."""
+        try:
+            file.seek(0)
+            read_magic(ReadDataStream(file))
+            self._step_through(file)
+        except OSError:
+            raise
+        except Exception:  # as before: what was found so far is all there is
+            pass
+        for number, chunk in enumerate(self.chunks):
+            last = number + 1 == len(self.chunks)  # its own index may be cut
+            if last or not self.channels.keys() >= {*chunk.channels}:
+                channels = tuple(self.messages(number))
+                self.chunks[number] = chunk._replace(channels=channels if last else chunk.channels)
+
+    def _step_through(self, file: IO[bytes]) -> None:
+        offset = MAGIC_SIZE
+        while True:
+            file.seek(offset)
+            head = file.read(_HEAD.size)
+            if len(head) < _HEAD.size:
+                return
+            kind, length = _HEAD.unpack(head)
+            after = offset + _HEAD.size + length
+            if after > self._size or kind == Opcode.DATA_END:
+                return
+            self._step(kind, offset, ReadDataStream(file))
+            offset = after
+
+    def _step(self, kind: int, offset: int, stream: ReadDataStream) -> None:
+        if kind == Opcode.CHUNK:
+            start_ns, end_ns = _CHUNK.unpack(stream.read(_CHUNK.size))
+            self._add(offset, start_ns, end_ns, ())
+        elif kind == Opcode.MESSAGE_INDEX and self.chunks:
+            chunk = self.chunks.pop()
+            (channel,) = _CHANNEL.unpack(stream.read(_CHANNEL.size))
+            self._add(chunk.offset, chunk.start_ns, chunk.end_ns, (*chunk.channels, channel))
+        elif kind == Opcode.METADATA:
+            self.metadata.append(Metadata.read(stream))
+        elif kind == Opcode.ATTACHMENT:
+            self.attachments.append(Attachment.read(stream))
+        elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._define(kind, stream)
