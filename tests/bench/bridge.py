@@ -24,7 +24,7 @@ from statistics import median
 from struct import unpack_from
 from typing import Any, NamedTuple
 
-from measure import Side
+from measure import Side, wait_for
 from table import HEAD, Row, Score
 
 from llfsm.bridges.ros2.router import open_router
@@ -131,6 +131,7 @@ def hear(place: Place) -> None:
     _ready()
     before = time.process_time_ns()
     sys.stdin.readline()
+    wait_for(lambda: latencies)
     used = time.process_time_ns() - before
     print(json.dumps([median(latencies), used / len(latencies)]), flush=True)
     del subscribers
@@ -191,6 +192,8 @@ def measure(place: Place, sender: str, bridge: str | None, *, hearing: bool) -> 
         _go(talker)
         talker.wait()
         time.sleep(0.2)  # for what is still on its way; no process knows that it was the last
+        if reader:
+            wait_for(lambda: reader.latencies)
         used = _cpu_ns(between) - before if between else 0.0
         if hearer:
             _go(hearer)
@@ -204,7 +207,7 @@ class _Reader:
 
     def __init__(self, board: Whiteboard) -> None:
         self._over = threading.Event()
-        self._latencies: list[float] = []
+        self.latencies: list[float] = []
         self._thread = threading.Thread(target=self._look, args=(_slots(board),), daemon=True)
         self._thread.start()
 
@@ -215,24 +218,25 @@ class _Reader:
                 sample = slot.sample()
                 if sample is not None and sample.count != seen[n]:
                     seen[n] = sample.count
-                    self._latencies.append(sample.stamp_ns - sample.message.linear.x)
+                    self.latencies.append(sample.stamp_ns - sample.message.linear.x)
 
     def median(self) -> float:
         self._over.set()
         self._thread.join()
-        return median(self._latencies)
+        return median(self.latencies)
 
 
 def rows(rounds: int, seconds: float) -> Iterator[Row]:
-    """Measure all three ways in turns; the first round is thrown away."""
+    """Measure all three ways in turns; before several rounds, one more is thrown away."""
     name = f"bench-bridge-{os.getpid()}"
+    warm = 1 if rounds > 1 else 0
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     raw: list[Round] = []
     into: list[Round] = []
     out: list[Round] = []
     router = open_router([endpoint])
     try:
-        for _ in range(rounds + 1):
+        for _ in range(rounds + warm):
             place = Place(endpoint, name, seconds)
             raw.append(measure(place, "talk", None, hearing=True))
             into.append(measure(place, "talk", "--from-ros", hearing=False))
@@ -243,10 +247,10 @@ def rows(rounds: int, seconds: float) -> Iterator[Row]:
                 remove_board(name)
     finally:
         router.close()
-    _, *raw = raw
-    for what, ours in (("topic to slot, p50", into[1:]), ("slot to topic, p50", out[1:])):
+    raw, into, out = raw[warm:], into[warm:], out[warm:]
+    for what, ours in (("topic to slot, p50", into), ("slot to topic, p50", out)):
         yield _row(what, [r.latency for r in ours], [r.latency for r in raw], ADDED, 1.0)
-    yield _row("topic to slot, CPU", [r.cpu for r in into[1:]], [r.cpu for r in raw], CPU, 1.4)
+    yield _row("topic to slot, CPU", [r.cpu for r in into], [r.cpu for r in raw], CPU, 1.4)
 
 
 def _row(what: str, ours: list[float], its: list[float], score: Score, promised: float) -> Row:

@@ -15,7 +15,20 @@ from dataclasses import dataclass
 from timeit import Timer
 from typing import NamedTuple, TypeAlias
 
-__all__ = ["Meter", "Pace", "Sampler", "Side", "Subject", "in_turns", "process", "statement"]
+__all__ = [
+    "Meter",
+    "Pace",
+    "Sampler",
+    "Side",
+    "Subject",
+    "in_turns",
+    "process",
+    "statement",
+    "wait_for",
+]
+
+_PAUSE_S = 0.02  # so that each message is alone, and no slot changes as often as it may leave
+_PATIENCE_S = 30.0
 
 Sampler: TypeAlias = Callable[[], float]
 """Takes one sample: nanoseconds, or bytes."""
@@ -89,6 +102,15 @@ def process(who: str, *command: str) -> Meter:
         return time.perf_counter_ns() - begin_ns
 
     return Meter(who, " ".join(command[1:]), sample)
+
+
+def wait_for(arrived: Callable[[], object]) -> None:
+    """Wait for a message, looking so rarely that this is not in its way."""
+    begin = time.monotonic()
+    while not arrived():
+        time.sleep(_PAUSE_S)
+        if time.monotonic() - begin > _PATIENCE_S:
+            raise TimeoutError("a message did not arrive")
 
 
 def in_turns(meters: list[Meter], times: int) -> list[Side]:

@@ -19,12 +19,11 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
+from measure import wait_for
+
 from llfsm.whiteboard import Message, Slot, Whiteboard
 
 __all__ = ["beside", "samplers"]
-
-_PAUSE_S = 0.02  # so that each message is alone, and no slot changes as often as it may leave
-_PATIENCE_S = 10.0
 
 
 class Bulk(Message):
@@ -77,15 +76,6 @@ def _daemon(folder: str, *options: str) -> AbstractContextManager[None]:
     return _process(*command, folder, *options)
 
 
-def _wait(arrived: Callable[[], bool]) -> None:
-    """Wait for something, without being in the way of it."""
-    begin = time.monotonic()
-    while not arrived():
-        time.sleep(_PAUSE_S)
-        if time.monotonic() - begin > _PATIENCE_S:
-            raise TimeoutError("a message did not arrive")
-
-
 @contextmanager
 def _mirrored() -> Iterator[Callable[[], float]]:
     with ExitStack() as stack:
@@ -98,12 +88,12 @@ def _mirrored() -> Iterator[Callable[[], float]]:
         stack.enter_context(_daemon(folders[0], "--listen", endpoint))
         stack.enter_context(_daemon(folders[1], "--listen", _endpoint(), "--connect", endpoint))
         begins, arrives = here[_BULK], there[_BULK]
-        _wait(lambda: arrives.count > 0)
+        wait_for(lambda: arrives.count > 0)
 
         def sample() -> float:
             before, begin_ns = arrives.count, time.monotonic_ns()
             begins.add(Bulk(before))
-            _wait(lambda: arrives.count > before)
+            wait_for(lambda: arrives.count > before)
             arrived = arrives.sample()
             assert arrived is not None
             return arrived.stamp_ns - begin_ns
@@ -140,12 +130,14 @@ def _raw() -> Iterator[Callable[[], float]]:
             head = number.to_bytes(8, "little")
             begin_ns = time.monotonic_ns()
             publisher.put(head + bytes(248))
-            _wait(lambda: shown[:8] == head)
+            wait_for(lambda: shown[:8] == head)
             return int.from_bytes(shown[8:], "little") - begin_ns
 
-        while shown[:8] == bytes(8):  # until they have met
+        def met() -> bool:
             publisher.put(b"\xff" * 8)
-            time.sleep(_PAUSE_S)
+            return shown[:8] != bytes(8)
+
+        wait_for(met)
         yield sample
 
 

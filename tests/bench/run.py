@@ -143,20 +143,31 @@ def _mirror(pace: Pace) -> Iterator[Row]:
 
 
 def _page(pace: Pace) -> Iterator[Row]:
-    """Show 500 slots at 50 Hz and 50 machines in a browser, if there is one."""
-    figures: dict[str, float] = {}
-    if shutil.which("chromium") and importlib.util.find_spec("playwright"):
-        script = str(Path(__file__).with_name("view.py"))
-        command = [sys.executable, script, "--seconds", str(pace.page_s)]
-        figures = json.loads(subprocess.check_output(command, stderr=subprocess.DEVNULL))
+    """Show 500 slots at 50 Hz and 50 machines in a browser, if one is installed."""
+    figures, why = _page_figures(pace)
 
     def side(who: str, name: str, times: float = 1.0) -> Side:
         return Side(who, "view.py", [figures[name] * times] if figures else [])
 
-    yield Row("a page, frames drawn", [side("llfsm", "frames")], FRAMES, 20)
-    yield Row("  its server, part of a core", [side("llfsm", "server", 100)], PERCENT, 25)
+    yield Row("a page, frames drawn", [side("llfsm", "frames")], FRAMES, 20, why)
+    yield Row("  its server, part of a core", [side("llfsm", "server", 100)], PERCENT, 25, why)
     sides = [side("llfsm", "cost_with", 1e3), side("without a page", "cost_without", 1e3)]
-    yield Row("  a ringlet meanwhile", sides, SLOWER, None)
+    yield Row("  a ringlet meanwhile", sides, SLOWER, None, why)
+
+
+def _page_figures(pace: Pace) -> tuple[dict[str, float], str | None]:
+    """Return what view.py measured, or why it could not."""
+    if not shutil.which("chromium"):
+        return {}, "it needs Chromium: sudo apt-get install -y chromium"
+    if not importlib.util.find_spec("playwright"):
+        return {}, "it needs playwright: pip install 'llfsm[bench]'"
+    script = str(Path(__file__).with_name("view.py"))
+    command = [sys.executable, script, "--seconds", str(pace.page_s)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        return {}, " ".join(["view.py failed:", *done.stderr.splitlines()[-1:]])
+    figures: dict[str, float] = json.loads(done.stdout)
+    return figures, None
 
 
 def _times_kept(what: str, seconds: float) -> dict[str, float]:
@@ -208,6 +219,9 @@ def main() -> int:
     print()
     if missing:
         print(f"not installed: {', '.join(missing)}; see pip install 'llfsm[bench]'")
+    for row in measured:
+        if row.unmeasured:
+            print(f"not measured: {row.what.strip()}; {row.unmeasured}")
     if options.quick:
         print("a quick run: too short to judge")
     else:

@@ -58,10 +58,11 @@ class Row(NamedTuple):
     sides: list[Side]
     score: Score
     promised: float | None
+    unmeasured: str | None = None  # why there are no samples of ours, if there are none
 
     @property
     def value(self) -> float | None:
-        """What is judged, or None if the peer is not installed."""
+        """What is judged, or None if one of the sides was not measured."""
         samples = [side.samples for side in self.sides]
         return self.score.of(*samples) if all(samples) else None
 
@@ -106,6 +107,7 @@ class Row(NamedTuple):
             "promised": self.promised,
             "more_is_better": self.score.more_is_better,
             "met": self.met,
+            "unmeasured": self.unmeasured,
         }
 
 

@@ -10,11 +10,15 @@ import argparse
 import json
 import os
 import re
+import select
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import time
 from statistics import median
+from types import FrameType
 
 from llfsm.runtime import Arrangement, Machine, State
 from llfsm.whiteboard import Slot, Whiteboard
@@ -22,6 +26,7 @@ from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
 SLOTS, HERTZ, MACHINES = 500, 50, 50
 WARM_S = 2.0  # for the page to load and lay itself out
+PATIENCE_S = 60  # how long all of it may take, beside what is measured, on a busy machine
 
 
 class Worker(Machine):
@@ -55,19 +60,19 @@ def feed(board: str) -> None:
 
 
 def work(board: str) -> None:
-    """Run the machines until standard input is closed; print a ringlet's cost at every line."""
+    """Print a line once each machine had a turn; run until one is read; print a ringlet's cost."""
     with Whiteboard(board) as wb:
         arrangement = Arrangement([Worker] * MACHINES, whiteboard=wb, timed=True)
-        import threading
 
-        def tell() -> None:
-            for _ in sys.stdin:
-                costs = [machine.cost_us.p50 for machine in arrangement.statistics()]
-                print(median(costs), flush=True)
+        def stop_when_asked() -> None:
+            sys.stdin.readline()
             arrangement.stop()
 
-        threading.Thread(target=tell, daemon=True).start()
+        arrangement.round()
+        print("ready", flush=True)
+        threading.Thread(target=stop_when_asked, daemon=True).start()
         arrangement.run(grace_s=0)
+        print(median(machine.cost_us.p50 for machine in arrangement.statistics()), flush=True)
 
 
 def cpu_s(pid: int) -> float:
@@ -78,7 +83,7 @@ def cpu_s(pid: int) -> float:
 
 
 class Part:
-    """One of the processes; `work` tells its cost when asked."""
+    """One of the processes."""
 
     def __init__(self, *arguments: str) -> None:
         self.popen = subprocess.Popen(
@@ -90,11 +95,11 @@ class Part:
         assert self.popen.stdout is not None
         self.popen.stdin.write(asked)
         self.popen.stdin.flush()
-        return self.popen.stdout.readline()
-
-    def cost_us(self, seconds: float) -> float:
-        time.sleep(seconds)
-        return float(self.line("\n"))
+        readable, _, _ = select.select([self.popen.stdout], [], [], PATIENCE_S)
+        line = self.popen.stdout.readline() if readable else ""
+        if not line:
+            raise RuntimeError(f"no answer of {self.popen.args}")
+        return line
 
     def end(self) -> None:
         self.popen.kill()
@@ -112,9 +117,12 @@ def measure(seconds: float) -> dict[str, float]:
             parts.append(Part(__file__, "--feed", board))
             worker = Part(__file__, "--work", board)
             parts.append(worker)
-            without = worker.cost_us(seconds)
-            worker.end()
-            parts[-1] = worker = Part(__file__, "--work", board)
+            worker.line()
+            time.sleep(seconds)
+            without = float(worker.line("\n"))
+            worker = Part(__file__, "--work", board)
+            parts.append(worker)
+            worker.line()
             server = Part("-m", "llfsm.cli", "view", "-b", board, "--no-open", "--port", "0")
             parts.append(server)
             found = re.search(r"http://\S+", server.line())
@@ -130,7 +138,7 @@ def measure(seconds: float) -> dict[str, float]:
                 taken, began = cpu_s(server.popen.pid), time.monotonic()
                 page.evaluate(_COUNT)
                 time.sleep(seconds)
-                drawn = page.evaluate("[window.drawn, window.told]")
+                drawn = page.evaluate("[window.drawn, window.updated]")
                 passed = time.monotonic() - began
                 share = (cpu_s(server.popen.pid) - taken) / passed
                 browser.close()
@@ -139,7 +147,7 @@ def measure(seconds: float) -> dict[str, float]:
                 "updates": drawn[1] / passed,
                 "server": share,
                 "cost_without": without,
-                "cost_with": worker.cost_us(0),
+                "cost_with": float(worker.line("\n")),
             }
         finally:
             wb.remove()
@@ -149,12 +157,12 @@ def measure(seconds: float) -> dict[str, float]:
 
 # An update of the page is one in which the age of some row has changed.
 _COUNT = """() => {
-    window.drawn = window.told = 0;
+    window.drawn = window.updated = 0;
     const count = () => { window.drawn += 1; requestAnimationFrame(count); };
     requestAnimationFrame(count);
     let changed = false;
     new MutationObserver(() => {
-        if (!changed) requestAnimationFrame(() => { changed = false; window.told += 1; });
+        if (!changed) requestAnimationFrame(() => { changed = false; window.updated += 1; });
         changed = true;
     }).observe(document.getElementById("rows"), {
         subtree: true, childList: true, characterData: true
@@ -174,7 +182,15 @@ def main() -> None:
     elif arguments.work:
         work(arguments.work)
     else:
+        # A page that hangs has no limit of its own. What is open is closed on the way out.
+        signal.signal(signal.SIGALRM, give_up)
+        signal.alarm(round(2 * arguments.seconds) + PATIENCE_S)
         print(json.dumps(measure(arguments.seconds)))
+
+
+def give_up(_signal: int, _frame: FrameType | None) -> None:
+    """Say that it took too long."""
+    raise TimeoutError(f"not done {PATIENCE_S} s after what is measured was over")
 
 
 if __name__ == "__main__":
