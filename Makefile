@@ -40,9 +40,12 @@ setup: $(VENV)/.ready
 demo: $(VENV)/.ready
 	@$(BIN)/llfsm demo wall --seconds 20 --picture out/wall --view
 
-# Without other plugins: a sourced ROS 2 environment brings some of its own.
+# Without other plugins: a sourced ROS 2 environment brings some of its own. A worker more than there
+# are processors, as tests also wait.
+PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin \
+    -p xdist -p pytest_timeout
 test: $(VENV)/.ready-test
-	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin
+	$(PYTEST) -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadgroup
 
 check: $(VENV)/.ready-test
 	$(BIN)/ruff check .

@@ -1,11 +1,18 @@
 """What all tests need of the process that runs them."""
 
 import signal
+from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+# How long an example takes depends on what else the machine does.
+settings.register_profile("llfsm", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("llfsm")
 
 
 def pytest_configure() -> None:
@@ -14,6 +21,19 @@ def pytest_configure() -> None:
     There it is ignored, and every process that a test starts would inherit that.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the tests that may take longest, so that no worker is left alone with one."""
+    items.sort(key=lambda item: item.get_closest_marker("timeout") is None)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Print in a line for each reason how many tests were skipped."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    reasons = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in skipped)
+    for reason, number in reasons.most_common():
+        terminalreporter.write_line(f"{number} skipped: {reason}", yellow=True)
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.shared import remove_board
+from programs import program
 from waiting import PATIENCE_S
 
 
@@ -103,20 +103,9 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Any]]:
         process.end()
 
 
-def chromium() -> str:
-    """Return the browser's path. Where it must be there, its absence is an error, no skip."""
-    path = shutil.which("chromium") or shutil.which("chromium-browser")
-    if path is None:
-        text = "no chromium: sudo apt-get install -y chromium"
-        if os.environ.get("LLFSM_NEEDS_CHROMIUM"):
-            pytest.fail(text)
-        pytest.skip(text)
-    return path
-
-
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    path = chromium()
+    path = program("chromium")
     with sync_playwright() as playwright:
         # As root, and in most containers, it has no sandbox of its own.
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from programs import program
 from waiting import wait_for
 
 from .conftest import Host, MakeHost
@@ -70,8 +70,7 @@ def hardware(host: int) -> str:
 
 @pytest.fixture
 def switch() -> Iterator[Switch]:
-    if shutil.which("ip") is None:
-        pytest.skip("there is no `ip` here (iproute2)")
+    program("iproute2")
     switch = Switch()
     try:
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from llfsm.whiteboard import NetworkError, Whiteboard
+from programs import program
 from waiting import wait_for
 
 from .conftest import NAME, NUMBER, Host, MakeHost, Number, free_endpoint
@@ -21,8 +21,7 @@ Certify = Callable[..., Path]
 @pytest.fixture
 def certify(tmp_path: Path) -> Certify:
     """Make the Zenoh configuration of a host, with a certificate signed by an authority."""
-    if shutil.which("openssl") is None:
-        pytest.skip("there is no `openssl` here to make certificates with")
+    program("openssl")
     folder = tmp_path / "certificates"
     folder.mkdir()
 
