@@ -36,7 +36,7 @@ from .submachine import Submachine
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
-__all__ = ["Arrangement", "Reason"]
+__all__ = ["Arrangement"]
 
 M = TypeVar("M", bound=Machine)
 
@@ -116,16 +116,15 @@ class Arrangement(Control):
         self._observers = Observers()
         self.emit = self._observers.emit
         self._execution: Execution | None = None
-        cycle_us = period_us if timetable is None else timetable.cycle_us
         self._pacer = None
-        if cycle_us is not None:
+        if cycle_us := period_us if timetable is None else timetable.cycle_us:
             self._pacer = Pacer(cycle_us, self.clock, self._wait_for_turn)
         # What a round must pass to begin: its time, or nothing; after the end nobody passes.
         self._gate = None if self._pacer is None else self._pacer.wait_for_round
         self._stopwatch = None
         if timed or self._pacer is not None:
             self._stopwatch = Stopwatch(self.clock, self._pacer)
-        self._turn = self._choose_turn()
+        self._bind_all()
         environment.enter(self)
         for observer in observers:
             self.attach(observer)
@@ -140,8 +139,6 @@ class Arrangement(Control):
         for seat in self._roster:
             seat.connect(environment)
         self._bind_all()
-
-    # Observers
 
     @property
     def observers(self) -> tuple[Observer, ...]:
@@ -166,22 +163,18 @@ class Arrangement(Control):
     # Loading. `caller` is the seat whose ringlet makes the call, None from outside.
 
     def load(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
-        """Load a machine and return its index.
-
-        `machine` is a class, an instance, or the name of one in the library; see `LoadOptions`
-        for the rest. Raise `LoadError` if it cannot be loaded as asked.
-        """
-        return self._seat_of(machine, **how).index
+        """Load a machine, as `LoadOptions` says, and return its index; or raise `LoadError`."""
+        return self._loader.load(machine, **how).index
 
     def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
         """Load a machine as `load` does, but in its suspend state, to be resumed."""
-        seat = self._seat_of(machine, **how)
+        seat = self._loader.load(machine, **how)
         seat.suspend()
         return seat.index
 
     def call_machine(self, machine: type[M] | M | str, **how: Unpack[LoadOptions]) -> Submachine[M]:
         """Load a machine as `load` does, to wait for its end and read its results."""
-        return Submachine(self._seat_of(machine, **how))
+        return Submachine(self._loader.load(machine, **how))
 
     def unload(self, name: str, caller: Seat | None = None) -> bool:
         """Unload a machine and return True: at once, or at the end of its ringlet if in one."""
@@ -194,12 +187,12 @@ class Arrangement(Control):
 
     def abandon(self, name: str, caller: Seat | None = None) -> bool:
         """Suspend a machine now, run its suspended ringlet inside this call and return True."""
+        self.environment.requested("abandon", name)
         seat = self._roster.find(name)
         first_round = seat.first_round
         if caller is not None:
             self._outer.append(caller)
-        # A ringlet sees one snapshot from begin to end, also if another one of the same
-        # machine is nested in it.
+        # A ringlet sees one snapshot, also if another one of the same machine is nested in it.
         snapshot = [(sensor, getattr(seat.machine, sensor)) for sensor, _ in seat.sensors]
         seat.request = None
         seat.nested += 1
@@ -236,7 +229,10 @@ class Arrangement(Control):
 
         One that was suspended from another process keeps it going until a stop is asked for.
         """
-        return all(seat.settled and (self.stopping or not seat.held) for seat in self._roster)
+        return all(
+            seat is None or (seat.settled and (self.stopping or not seat.held))
+            for seat in self._roster.seats
+        )
 
     def round(self) -> bool:
         """Give every machine one turn, in order, and return whether a transition fired.
@@ -250,8 +246,10 @@ class Arrangement(Control):
         if self._observers:
             self.emit(RoundBegin(*self.stamp()))
         fired, leaving = False, self._leaving
-        seats = self._roster.seats if self.timetable is None else self._turns(self.timetable)
-        for seat in seats:  # the list grows and gets holes on the way
+        seats: Iterable[Seat | None] = self._roster.seats  # it grows and gets holes on the way
+        if self.timetable is not None and self._pacer is not None:
+            seats = self._pacer.turns(self.timetable.slots, self._roster.named)
+        for seat in seats:
             if seat is None:
                 continue
             turn = self._turn  # another one when an observer comes or goes
@@ -350,10 +348,6 @@ class Arrangement(Control):
         self.clock.sleep_until_ns(due_ns)
         return self.reason is None
 
-    def _turns(self, timetable: Timetable) -> Iterable[Seat | None]:
-        assert self._pacer is not None, "it has the timetable's cycle"
-        return self._pacer.turns(timetable.slots, self._roster.named)
-
     def _accept(self, seat: Seat) -> None:
         """Unload a machine whose ringlet ended in an accepting state, unless it must stay."""
         if seat.suspended:
@@ -389,17 +383,8 @@ class Arrangement(Control):
     def _bind_all(self) -> None:
         for seat in self._roster:
             bind(seat, observed=bool(self._observers))
-        self._turn = self._choose_turn()
-
-    def _choose_turn(self) -> Callable[[Seat], bool]:
-        turn = observed_ringlet if self._observers else ringlet
-        return turn if self._stopwatch is None else self._stopwatch.around(turn)
-
-    def _seat_of(self, loadable: Loadable, **how: Unpack[LoadOptions]) -> Seat:
-        seat = self._loader.load(loadable, **how)
-        bind(seat, observed=bool(self._observers))
-        self.environment.loaded(seat.name, seat.path)
-        return seat
+        turn: Callable[[Seat], bool] = observed_ringlet if self._observers else ringlet
+        self._turn = turn if self._stopwatch is None else self._stopwatch.around(turn)
 
     def _let_go(self) -> None:
         """Unload those that asked for it and whose ringlet is over."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
+from .binding import bind
 from .errors import LoadError, UnknownMachineError
 from .machine import Machine
 from .roster import Roster
@@ -58,7 +59,7 @@ class Loader:
         slots: Mapping[str, str] | None = None,
         path: str | None = None,
     ) -> Seat:
-        """Return the seat of a machine, connected but not bound yet; see `LoadOptions`.
+        """Return the seat of a machine, loaded as `LoadOptions` says.
 
         Raise `LoadError` or `UnknownMachineError`.
         """
@@ -77,7 +78,9 @@ class Loader:
         seat.connect(self._arrangement.environment)
         machine._seat = seat
         self._classes[cls.__name__] = cls
+        bind(seat, observed=bool(self._arrangement.observers))
         roster.add(seat)
+        self._arrangement.environment.loaded(name, path)
         return seat
 
     def _make(self, machine: Loadable, variables: Mapping[str, Any] | None) -> Machine:

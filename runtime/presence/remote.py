@@ -35,8 +35,9 @@ SILENT_S = 1.0
 class RemoteMachine:
     """A machine that another process runs, as of its latest status: up to a quarter second old."""
 
-    def __init__(self, board: Board, name: str, sample: Sample[MachineStatus]):
+    def __init__(self, board: Board, name: str, sample: Sample[MachineStatus], host: str):
         self.name = name
+        self._host = host
         self._board = board
         self._sample = sample
 
@@ -73,7 +74,7 @@ class RemoteMachine:
         slot = self._board[request_slot(self.name)]
         latest = slot.sample()
         pending = self.status.pending
-        is_here = self.status.host == host_name()  # else it counts requests on its own board
+        is_here = self.status.host == self._host  # else it counts requests on its own board
         if is_here and latest is not None and latest.count > self.status.obeyed:
             pending = latest.message.action
         if action == "resume" and pending == "restart":
@@ -84,10 +85,15 @@ class RemoteMachine:
 
 
 class Directory:
-    """The machines that all processes run on a board. Looking for one makes no slot there."""
+    """The machines that all processes run on a board. Looking for one makes no slot there.
 
-    def __init__(self, board: Board):
+    `host` is where it looks from: processes of other hosts cannot be looked up. By default it is
+    this host.
+    """
+
+    def __init__(self, board: Board, *, host: str = ""):
         self._board = board
+        self._host = host or host_name()
         self._slots: dict[str, BoundSlot[MachineStatus]] = {}  # by name of the slot
 
     def find(self, name: str, known: Iterable[str] | None = None) -> RemoteMachine:
@@ -99,12 +105,12 @@ class Directory:
         if slot not in self._slots:
             self._look()
         sample = self._slots[slot].sample() if slot in self._slots else None
-        if sample is None or not is_live(sample):
+        if sample is None or not is_live(sample, self._host):
             others = {machine.name for machine in self.machines()} - {*(known or ())}
             if known is None:
                 raise UnknownMachineError(name, sorted(others), f"on {self._board.name}")
             raise UnknownMachineError(name, known, elsewhere=sorted(others))
-        return RemoteMachine(self._board, name, sample)
+        return RemoteMachine(self._board, name, sample, self._host)
 
     def machines(self) -> list[RemoteMachine]:
         """Return all of them."""
@@ -113,8 +119,9 @@ class Directory:
         for slot, bound in self._slots.items():
             with suppress(MessageUnreadableError):
                 sample = bound.sample()
-                if sample is not None and is_live(sample):
-                    found.append(RemoteMachine(self._board, slot.removeprefix(MACHINES), sample))
+                if sample is not None and is_live(sample, self._host):
+                    name = slot.removeprefix(MACHINES)
+                    found.append(RemoteMachine(self._board, name, sample, self._host))
         return found
 
     def _look(self) -> None:
@@ -125,7 +132,7 @@ class Directory:
                     self._slots[slot.name] = self._board[status_slot(machine)]
 
 
-def is_live(sample: Sample[MachineStatus]) -> bool:
+def is_live(sample: Sample[MachineStatus], host: str = "") -> bool:
     """Return whether a machine is loaded by a process that lives.
 
     On this host the process itself is looked up; on another one, a recent status is all there is.
@@ -134,7 +141,7 @@ def is_live(sample: Sample[MachineStatus]) -> bool:
     if not status.loaded:
         return False
     recent = time.monotonic_ns() - sample.stamp_ns < SILENT_S * 1e9
-    if status.host != host_name():
+    if status.host != (host or host_name()):
         return recent
     started = born(status.pid)
     return started == status.born or (recent and started != 0)

@@ -99,7 +99,10 @@ class Run:
         return run.compare(), trace
 
 
-ASK = ("suspend", "hold", "resume", "restart", "stop_machine", "stop", "unload")
+ASK = (
+    *("suspend", "hold", "resume", "restart", "stop_machine", "stop", "unload"),
+    *("abandon", "suspend_all"),
+)
 steps = st.lists(
     st.one_of(
         st.tuples(st.just("post"), st.integers(0, 40)),
@@ -138,8 +141,8 @@ def test_whatever_happens_it_happens_again(script: list[tuple[str, Any]]) -> Non
             run.clock.advance(ms=value)
         elif what == "elsewhere":
             run.board.add_message(status_slot("Elsewhere"), status(value))
-        elif what == "stop":
-            run.arrangement.stop()
+        elif what in ("stop", "suspend_all"):
+            getattr(run.arrangement, what)()
         elif value in [machine.name for machine in run.arrangement.machines]:
             getattr(run.arrangement, what)(value)
         run.arrangement.round()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+import sys
 
 import pytest
 
 from llfsm.runtime import Arrangement, Machine, ManualClock, ObserverError, Reason, State, Trace
 from llfsm.runtime.engine import events as ev
-from llfsm.runtime.engine.ringlet import ringlet
 
 
 class Ping(Machine):
@@ -85,7 +84,7 @@ def test_attach_and_detach_within_a_section(section: str):
     assert toggler.state_name == ("b" if section == "on_exit" else "a")
     assert not toggler.attached
     before = len(trace)
-    assert arrangement._turn is ringlet
+    assert not arrangement.observers
     toggler.suspend_self()
     arrangement.round()
     assert len(trace) == before
@@ -129,21 +128,29 @@ def test_a_machine_loaded_while_observed_is_observed():
     assert len(trace.sections()) == 2
 
 
-def test_without_observers_the_machines_own_functions_are_bound():
-    arrangement = Arrangement([Ping])
+def test_without_observers_nothing_stands_between_a_round_and_the_machines_own_functions():
+    class Caller(Machine):
+        callers: tuple[str, ...] = ()
+        a = State()
+        b = State()
+
+        @a.to(b)
+        def go(self) -> bool:
+            frame = sys._getframe(1)
+            self.callers = (frame.f_code.co_name, frame.f_back.f_code.co_name)
+            return False
+
+    caller = Caller()
+    arrangement = Arrangement([caller])
     trace = Trace()
-
-    def bound() -> list[Any]:
-        seat = arrangement.machines[0]._seat
-        return [seat.states["b"].on_entry, seat.states["b"].transitions[0][0]]
-
-    plain = [None, Ping.back]
-    assert bound() == plain
+    arrangement.round()
+    assert caller.callers == ("ringlet", "round")
     arrangement.attach(trace)
-    assert bound() != plain
+    arrangement.round()
+    assert caller.callers != ("ringlet", "round")
     arrangement.detach(trace)
-    assert bound() == plain
-    assert arrangement._turn is ringlet
+    arrangement.round()
+    assert caller.callers == ("ringlet", "round")
 
 
 def test_calls_are_reported_with_argument_and_result():

@@ -50,14 +50,14 @@ def boards(tmp_path: Path) -> Iterator[list[Whiteboard]]:
 
 
 def test_a_machine_of_another_host_is_found_suspended_and_resumed(
-    boards: list[Whiteboard], monkeypatch: pytest.MonkeyPatch
+    boards: list[Whiteboard],
 ) -> None:
     here, there = boards
     arrangement = Arrangement([Worker], whiteboard=there, idle_us=1000)
     thread = threading.Thread(target=arrangement.run)
     thread.start()
     try:
-        directory = Directory(here)
+        directory = Directory(here, host="another host")
 
         def found() -> RemoteMachine | None:
             try:
@@ -67,7 +67,6 @@ def test_a_machine_of_another_host_is_found_suspended_and_resumed(
 
         wait_for(found)
         machine = directory.find("Worker")
-        monkeypatch.setattr("llfsm.runtime.presence.remote.host_name", lambda: "another host")
         for _ in range(3):
             machine.request("restart")
             machine.request("suspend")
