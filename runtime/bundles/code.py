@@ -10,7 +10,7 @@ from ..engine.state import DEFERRED
 from .model import Fragment
 from .names import MACHINE
 
-__all__ = ["evaluate", "function_of", "parse", "parse_expression", "run"]
+__all__ = ["evaluate", "function_of", "label_of", "parse", "parse_expression", "run"]
 
 
 def parse(fragment: Fragment) -> ast.Module:
@@ -30,6 +30,16 @@ def parse_expression(fragment: Fragment) -> ast.expr:
     if not isinstance(only, ast.Expr):
         raise fragment.error("this is not one expression", tree.body[0].lineno if only else 1)
     return only.value
+
+
+def label_of(fragment: Fragment) -> str:
+    """Return the label of a transition with this expression: its text, on one line."""
+    label = fragment.text.strip()
+    if label in ("true", "True"):
+        return "true"
+    if "\n" in label or "#" in label:
+        return ast.unparse(parse_expression(fragment))
+    return label
 
 
 def function_of(

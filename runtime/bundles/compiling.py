@@ -11,7 +11,7 @@ from types import ModuleType
 from ..engine.machine import Machine, define
 from ..engine.source_text import EXPRESSION
 from ..engine.state import State, Transition
-from .code import function_of, parse, parse_expression
+from .code import function_of, label_of, parse, parse_expression
 from .model import PYTHON, Bundle, BundleState, Fragment
 from .names import resolve
 from .read import read_bundle
@@ -34,8 +34,8 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     """Return the machine class that `bundle` describes; raise as `load_bundle` does."""
     if bundle.language != PYTHON:
         where = Fragment("", bundle.folder)
-        raise where.error("this is a bundle of C++; make it one of Python with `llfsm import`")
-    path = str(bundle.folder or f"<bundle {bundle.name}>")
+        raise where.error("this is a C++ bundle; convert it to Python with `llfsm import`")
+    path = bundle.path
     module = ModuleType(path)
     module.__file__ = path
     sys.modules[path] = module  # where message types made in it look for their annotations
@@ -71,12 +71,10 @@ def _fill(state: State, source: BundleState, states: dict[str, State], scope: Sc
 
 
 def _transition(state: State, target: State, fragment: Fragment, scope: Scope) -> Transition:
-    declared, label = (fragment.source, 1), fragment.text.strip()
-    if label in ("true", "True"):
-        return Transition(state, target, declared, None, None, "true")
+    declared, label = (fragment.source, 1), label_of(fragment)
+    if label == "true":
+        return Transition(state, target, declared, None, None, label)
     expression = parse_expression(fragment)
-    if "\n" in label or "#" in label:
-        label = ast.unparse(expression)
     after_ms, after, guard = _split(expression)
     transition = Transition(state, target, declared, after_ms, after, label)
     if guard is not None:

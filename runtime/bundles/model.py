@@ -71,3 +71,8 @@ class Bundle:
     include_paths: tuple[str, ...] = ()
     layout: Layout | None = None
     folder: Path | None = field(default=None, compare=False)
+
+    @property
+    def path(self) -> str:
+        """The path of the machine's table: the bundle's folder."""
+        return str(self.folder or f"<bundle {self.name}>")

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from .diagram import Box, Curve, Label, Point
 
-__all__ = ["at", "hits", "sample", "straight", "through"]
+__all__ = ["at", "contains", "crossing", "hits", "part", "sample", "straight", "through"]
 
 
 def straight(start: Point, end: Point) -> Curve:
@@ -58,6 +58,42 @@ def at(curve: Curve, t: float) -> tuple[Point, Point]:
 def sample(curve: Curve, number: int = 24) -> list[Point]:
     """Return points along a curve, both ends included."""
     return [at(curve, i / number)[0] for i in range(number + 1)]
+
+
+def part(curve: Curve, start: float, end: float) -> Curve:
+    """Return a curve of one piece cut to what is between `start` and `end`, from 0 to 1."""
+    a, b, c, d = curve
+
+    def blossom(r: float, s: float, t: float) -> Point:
+        """Interpolate each of the three times at its own parameter (de Casteljau)."""
+        ab, bc, cd = _mix(a, b, r), _mix(b, c, r), _mix(c, d, r)
+        return _mix(_mix(ab, bc, s), _mix(bc, cd, s), t)
+
+    return (
+        blossom(start, start, start), blossom(start, start, end),
+        blossom(start, end, end), blossom(end, end, end),
+    )  # fmt: skip
+
+
+def _mix(a: Point, b: Point, t: float) -> Point:
+    return Point(a.x + (b.x - a.x) * t, a.y + (b.y - a.y) * t)
+
+
+def crossing(curve: Curve, box: Box, outside: float, inside: float) -> float:
+    """Return where a curve crosses the border of a box between two parameters."""
+    for _ in range(40):
+        middle = (outside + inside) / 2
+        if contains(box, at(curve, middle)[0]):
+            inside = middle
+        else:
+            outside = middle
+    return outside
+
+
+def contains(box: Box, point: Point, depth: float = 0.0) -> bool:
+    """Return whether a point is inside a box, farther from its border than `depth`."""
+    x, y = box.width / 2 - depth, box.height / 2 - depth
+    return abs(point.x - box.x) < x and abs(point.y - box.y) < y
 
 
 def hits(points: Iterable[Point], box: Box | Label, margin: float = 0) -> int:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from math import hypot
 
 from ..engine.layout import Layout, TransitionPath
-from .curves import at, hits, sample
-from .diagram import Arrow, Box, Curve, Edge, Label, Point
+from .curves import at, contains, crossing, hits, part, sample
+from .diagram import HEAD, Arrow, Box, Curve, Edge, Label, Point
 from .loops import self_loops
 
 __all__ = ["has_room", "placed"]
@@ -19,21 +19,32 @@ _BOWS = (0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 140.0, -140.0, 220.0, -220.
 _NEAR = 10.0  # nearer than this, two arrows look like one
 _ALONG = (0.5, 0.42, 0.58, 0.34, 0.66, 0.26, 0.74, 0.18, 0.82)
 _ASIDE = (0.0, 14.0, -14.0, 26.0, -26.0, 40.0, -40.0)
+_BETWEEN = 28.0  # boxes that had to be moved apart
+_ROUNDS = 20  # of moving boxes apart, after which they may still cover each other
+_STEPS = 96  # in which a curve is searched for the borders of boxes
+_TOUCH = 0.5  # an editor's curve may end so far inside a box by rounding alone
 _COVERED = 60.0  # how bad it is to cover a point of another arrow, in units of covered area
 
 
 def placed(
     boxes: Sequence[Box], arrows: Sequence[Arrow], layout: Layout
 ) -> tuple[list[Box], list[Edge]]:
-    """Place boxes and arrows as `layout` has them."""
-    boxes = _place_boxes(boxes, layout)
+    """Place boxes and arrows as `layout` has them.
+
+    Boxes that would cover each other are moved apart, and the ends of their arrows with them.
+    """
+    there = _place_boxes(boxes, layout)
+    boxes = _apart(there, layout)
+    moves = [Point(box.x - old.x, box.y - old.y) for box, old in zip(boxes, there, strict=True)]
     curves: dict[Arrow, Curve] = {}
     labels: dict[Arrow, Label] = {}
     for arrow in arrows:
         paths = layout.transitions.get(boxes[arrow.source].state, ())
         if arrow.number < len(paths):
-            path = paths[arrow.number]
-            curves[arrow] = _given(path, boxes[arrow.source], boxes[arrow.target])
+            path = _moved(paths[arrow.number], moves[arrow.source], moves[arrow.target])
+            curve = _given(path, boxes[arrow.source], boxes[arrow.target])
+            if curve is not None:
+                curves[arrow] = curve
     for arrow in arrows:
         if arrow not in curves and arrow.source != arrow.target:
             curves[arrow] = _free_curve(arrow, boxes, curves)
@@ -74,14 +85,96 @@ def _place_boxes(boxes: Sequence[Box], layout: Layout) -> list[Box]:
     return [known[box.state] for box in boxes]
 
 
-def _given(path: TransitionPath, source: Box, target: Box) -> Curve:
-    """Return an editor's curve, its ends moved to the borders of our boxes."""
-    return (
-        _on_border(source, path.src),
-        Point(*path.control1),
-        Point(*path.control2),
-        _on_border(target, path.dst),
+def _apart(boxes: Sequence[Box], layout: Layout) -> list[Box]:
+    """Move boxes apart that cover each other.
+
+    Of two, the one moves that needs more room than its editor gave it, or else the later.
+    """
+    places = list(boxes)
+    grown = [
+        box.width * box.height - given.w * given.h
+        if (given := layout.states.get(box.state))
+        else 0.0
+        for box in boxes
+    ]
+    for _ in range(_ROUNDS):
+        moved = False
+        for i, j in combinations(range(len(places)), 2):
+            a, b = places[i], places[j]
+            if not _overlap(a, b):
+                continue
+            moved = True
+            if grown[i] > grown[j]:
+                places[i] = _beside(a, b)
+            else:
+                places[j] = _beside(b, a)
+        if not moved:
+            break
+    return places
+
+
+def _beside(box: Box, other: Box) -> Box:
+    """Move a box the shortest way to where an arrow fits between it and another one."""
+    x = (box.width + other.width) / 2 + _BETWEEN
+    y = (box.height + other.height) / 2 + _BETWEEN
+    if x - abs(box.x - other.x) <= y - abs(box.y - other.y):
+        return replace(box, x=other.x + (x if box.x >= other.x else -x))
+    return replace(box, y=other.y + (y if box.y >= other.y else -y))
+
+
+def _moved(path: TransitionPath, source: Point, target: Point) -> TransitionPath:
+    """Move the two halves of a path as its boxes have moved."""
+    return TransitionPath(
+        (path.src[0] + source.x, path.src[1] + source.y),
+        (path.dst[0] + target.x, path.dst[1] + target.y),
+        (path.control1[0] + source.x, path.control1[1] + source.y),
+        (path.control2[0] + target.x, path.control2[1] + target.y),
     )
+
+
+def _given(path: TransitionPath, source: Box, target: Box) -> Curve | None:
+    """Return the part of an editor's curve between our boxes, which may be larger than its own.
+
+    None if so little of it is left that no arrow can be seen.
+    """
+    curve: Curve = (
+        _outside(source, path.src), Point(*path.control1),
+        Point(*path.control2), _outside(target, path.dst),
+    )  # fmt: skip
+    steps = [i / _STEPS for i in range(_STEPS + 1)]
+    places = [at(curve, t)[0] for t in steps]
+    in_source, in_target = (
+        [contains(box, place, _TOUCH) for place in places] for box in (source, target)
+    )
+    if source is target:
+        first, last = _longest_run(in_source)
+    else:
+        last = in_target.index(True) - 1 if any(in_target) else _STEPS
+        first = max((i + 1 for i in range(last + 1) if in_source[i]), default=0)
+    if first > last:
+        return None
+    start = crossing(curve, source, steps[first], steps[first - 1]) if first else 0.0
+    end = crossing(curve, target, steps[last], steps[last + 1]) if last < _STEPS else 1.0
+    if (start, end) != (0.0, 1.0):
+        curve = part(curve, start, end)
+    curve = (_on_border(source, curve[0]), *curve[1:3], _on_border(target, curve[3]))
+    length = sum(hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(sample(curve)))
+    return curve if length > 2 * HEAD else None
+
+
+def _longest_run(inside: Sequence[bool]) -> tuple[int, int]:
+    """Return first and last index of the longest run outside; (0, -1) if there is none."""
+    best, first = (0, -1), 0
+    for i, within in enumerate([*inside, True]):
+        if within:
+            best, first = max(best, (first, i - 1), key=lambda run: run[1] - run[0]), i + 1
+    return best
+
+
+def _outside(box: Box, point: tuple[float, float]) -> Point:
+    """Return a point on the border of `box` instead of one outside it."""
+    place = Point(*point)
+    return place if contains(box, place) else _on_border(box, place)
 
 
 def _on_border(box: Box, point: tuple[float, float]) -> Point:

@@ -9,6 +9,7 @@ import pytest
 
 from .conftest import Llfsm
 
+LAMP = Path(__file__).parents[1] / "data" / "bundles" / "Lamp.machine"
 SHIPPED = ("RosBlindTurttleBot", "RosPingPong", "RosWallTurttleBot", "TurtleSuspendResume")
 MAGIC = {"svg": b"<svg ", "png": b"\x89PNG", "dot": b"digraph ", "mmd": b"---\ntitle: "}
 
@@ -108,3 +109,48 @@ def test_a_bundle_keeps_its_layout(llfsm: Llfsm, tmp_path: Path) -> None:
     assert "after_ms(5)" in done.stdout
     assert ">x = 1</text>" in done.stdout
     assert "x = 1" not in llfsm.run("draw", "Lamp.machine", "--format", "svg", "--fold").stdout
+
+
+@pytest.mark.parametrize("ending", MAGIC)
+def test_a_cpp_bundle_is_drawn(llfsm: Llfsm, tmp_path: Path, ending: str) -> None:
+    done = llfsm.run("draw", str(LAMP), "-o", f"it.{ending}")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (tmp_path / f"it.{ending}").read_bytes().startswith(MAGIC[ending])
+
+
+def test_a_cpp_bundle_keeps_its_layout_and_shows_its_text(llfsm: Llfsm) -> None:
+    done = llfsm.run("draw", str(LAMP), "--format", "svg")
+    layout = plistlib.loads((LAMP / "Layout.plist").read_bytes())["States"]["On"]
+    left, top = layout["x"] - layout["w"] / 2, layout["y"] - layout["h"] / 2
+    assert f'<rect x="{left:g}" y="{top:g}"' in done.stdout, done.stderr
+    assert 'data-transition="Off:1" data-target="Done"' in done.stdout
+    assert "after_ms(500) &amp;&amp; !broken" in done.stdout
+
+
+def test_a_cpp_bundle_of_the_newest_editors(llfsm: Llfsm, tmp_path: Path) -> None:
+    """They give the targets where transitions are made."""
+    bundle = tmp_path / "Newer.machine"
+    bundle.mkdir()
+    files = {
+        "States": "OFF\nON",
+        "Newer.mm": "setSuspendState(NULL);",
+        "State_OFF.h": "class Transition_0 { Transition_0(int toState); };\n"
+        "int numberOfTransitions() const { return 1; }",
+        "State_OFF.mm": "_transitions[0] = new Transition_0(1);",
+        "State_ON.h": "int numberOfTransitions() const { return 0; }",
+        "State_OFF_Transition_0.expr": 'level > 3 && !strcmp(name, "<ü>")',
+        "State_ON_OnEntry.mm": "on();",
+    }
+    for name, text in files.items():
+        (bundle / name).write_text(text, encoding="utf-8")
+    said = llfsm.run("draw", "Newer", "--sections").stdout
+    assert 's0 -> s1 [label="level &gt; 3 &amp;&amp; !strcmp(name, \\"&lt;ü&gt;\\")"]' in said
+    assert "on();" in said
+
+
+def test_a_cpp_bundle_that_cannot_be_read(llfsm: Llfsm, tmp_path: Path) -> None:
+    (tmp_path / "Plain.machine").mkdir()
+    done = llfsm.run("draw", "Plain")
+    assert done.returncode == 1
+    assert "there is no file States" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import click
 
+from llfsm.runtime.bundles import outline, read_bundle
 from llfsm.runtime.drawing import arrange, to_dot, to_mermaid, to_png, to_svg
-from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.table import Table
 
-from .machine_names import find_machine
+from .machine_names import find_bundle, find_machine
 
 __all__ = ["draw"]
 
@@ -43,15 +44,16 @@ _ENDINGS = {
 def draw(machine: str, output: Path | None, form: str | None, sections: bool | None) -> None:
     """Draw MACHINE: one that ships, package.module:Class, or a .machine bundle.
 
-    A bundle's own layout is kept; without one the states are laid out from the initial one down.
+    A bundle may be of Python or C++; its code is not run. Its layout is kept; without one the
+    states are laid out from the initial state down.
 
     \b
     llfsm draw RosWallTurttleBot -o wall.svg
     llfsm draw RosPingPong -o pingpong.png --sections
-    llfsm draw RosPingPong --format mermaid
+    llfsm draw Lamp.machine --format mermaid
     """
     form = form or _format_of(output)
-    written = _drawn(find_machine(machine), form, sections)
+    written = _drawn(*_table(machine), form, sections)
     if output is None:
         if form == "png" and sys.stdout.isatty():
             raise click.UsageError("a PNG is not for the terminal: give it a file with -o FILE")
@@ -75,11 +77,20 @@ def _format_of(output: Path | None) -> str:
     return form
 
 
-def _drawn(machine: type[Machine], form: str, sections: bool | None) -> bytes:
-    table, name = machine.table, machine.__name__
+def _table(machine: str) -> tuple[Table, str]:
+    """Return the table and the name of a machine."""
+    folder = find_bundle(machine)
+    if folder is not None:
+        bundle = read_bundle(folder)
+        return outline(bundle), bundle.name
+    found = find_machine(machine)
+    return found.table, found.__name__
+
+
+def _drawn(table: Table, title: str, form: str, sections: bool | None) -> bytes:
     if form == "dot":
-        return to_dot(table, title=name, sections=bool(sections)).encode()
+        return to_dot(table, title=title, sections=bool(sections)).encode()
     if form == "mermaid":
-        return to_mermaid(table, title=name, sections=bool(sections)).encode()
-    diagram = arrange(table, title=name, sections=sections)
+        return to_mermaid(table, title=title, sections=bool(sections)).encode()
+    diagram = arrange(table, title=title, sections=sections)
     return to_png(diagram) if form == "png" else to_svg(diagram).encode()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import plistlib
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -43,3 +44,48 @@ def bundle(tmp_path: Path) -> Callable[..., Path]:
         return folder
 
     return write
+
+
+class CppWriter:
+    """Write C++ bundles as the editors do: the targets in headers, or in the newer way."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def __call__(
+        self,
+        arcs: Iterable[tuple[int, int, str | None]],
+        states: Sequence[str] = ("A", "B"),
+        *,
+        suspend: int | None = None,
+        newer: bool = False,
+        files: Mapping[str, str] | None = None,
+        layout: Mapping[str, object] | None = None,
+        name: str = "M",
+    ) -> Path:
+        """Write a bundle of `states` with transitions (source, target, expression)."""
+        folder = self.folder / f"{name}.machine"
+        folder.mkdir()
+        suspended = "" if suspend is None else f"setSuspendState(_states[{suspend}]);"
+        texts = {"States": "\n".join(states), f"{name}.mm": f"{name}::{name}() {{ {suspended} }}\n"}
+        for number, state in enumerate(states):
+            own = [arc for arc in arcs if arc[0] == number]
+            header, code = f"class {state}: public CLState {{\n", ""
+            for i, (_, target, expression) in enumerate(own):
+                given = "int toState" if newer else f"int toState = {target}"
+                header += f"class Transition_{i} {{ Transition_{i}({given}); }};\n"
+                code += f"_transitions[{i}] = new Transition_{i}({target if newer else ''});\n"
+                if expression is not None:
+                    texts[f"State_{state}_Transition_{i}.expr"] = expression
+            header += f"virtual int numberOfTransitions() const {{ return {len(own)}; }} }};\n"
+            texts |= {f"State_{state}.h": header, f"State_{state}.mm": code}
+        for file, text in {**texts, **(files or {})}.items():
+            (folder / file).write_bytes(text.encode())
+        if layout is not None:
+            (folder / "Layout.plist").write_bytes(plistlib.dumps({"States": layout}))
+        return folder
+
+
+@pytest.fixture
+def cpp_bundle(tmp_path: Path) -> CppWriter:
+    return CppWriter(tmp_path)

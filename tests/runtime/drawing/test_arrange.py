@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Machine, State, define
 from llfsm.runtime.drawing import Box, Diagram, Label, Point, arrange
-from llfsm.runtime.drawing.curves import sample
+from llfsm.runtime.drawing.curves import contains, sample
+from llfsm.runtime.drawing.diagram import arrow_head
 from llfsm.runtime.drawing.text import numbered_labels, wrap
 from llfsm.runtime.engine.layout import Layout, StateBox, TransitionPath
 
@@ -153,7 +154,7 @@ paths = st.builds(TransitionPath, points, points, points, points)
 
 @settings(max_examples=60, deadline=None)
 @given(machines(), st.data())
-def test_a_layout_is_kept(drawn: type[Machine], data: st.DataObject) -> None:
+def test_any_layout_is_drawn(drawn: type[Machine], data: st.DataObject) -> None:
     """Also one that lacks states or transitions, or has too many."""
     some = st.sampled_from([*(state.name for state in drawn.table.states), "no such state"])
     layout = Layout(
@@ -166,14 +167,83 @@ def test_a_layout_is_kept(drawn: type[Machine], data: st.DataObject) -> None:
         return
     for box in diagram.boxes:
         if given := layout.states.get(box.state):
-            assert (box.x, box.y) == (given.x, given.y)
             assert box.width >= given.w
             assert box.height >= given.h
+
+
+@settings(max_examples=60, deadline=None)
+@given(machines(), st.data())
+def test_a_layout_with_room_is_kept(drawn: type[Machine], data: st.DataObject) -> None:
+    """Boxes stand where the editor has them, curves run where they are not under a box."""
+    states = drawn.table.states
+    layout = Layout(
+        {
+            state.name: StateBox(700.0 * i, 300.0 * (i % 3), 90, 50)
+            for i, state in enumerate(states)
+        },
+        {
+            state.name: data.draw(
+                st.lists(paths, max_size=len(state.transitions)).map(tuple), label=state.name
+            )
+            for state in states
+        },
+    )
+    diagram = laid_out(drawn, layout)
+    check_complete(drawn, diagram)
+    boxes = {box.state: box for box in diagram.boxes}
+    for name, place in layout.states.items():
+        assert (boxes[name].x, boxes[name].y) == (place.x, place.y)
     for edge in diagram.edges:
-        ours = layout.transitions.get(edge.source, ())
-        if edge.number < len(ours):
-            given_path = ours[edge.number]
-            assert edge.curve[1:3] == (given_path.control1, given_path.control2)
+        source, target = boxes[edge.source], boxes[edge.target]
+        _, left, right = arrow_head(edge.curve)
+        base = Point((left.x + right.x) / 2, (left.y + right.y) / 2)
+        assert not contains(target, base, 1), "the head can be seen"
+        paths_of_source = layout.transitions[edge.source]
+        if edge.number < len(paths_of_source):
+            path = paths_of_source[edge.number]
+            ends = (on_border(Point(*path.src), source), on_border(Point(*path.dst), target))
+            run = Point(*path.src), Point(*path.control1), Point(*path.control2), Point(*path.dst)
+            clear = not any(
+                contains(box, point) for point in sample(run, 200) for box in (source, target)
+            )
+            if all(ends) and clear:
+                assert edge.curve == run
+
+
+def test_an_arrow_that_ends_inside_a_box_is_cut_at_its_border() -> None:
+    """Editors let curves run to a box's middle, and names may need larger boxes than theirs."""
+    drawn = machine([(0, 1, "a"), (1, 1, "b"), (1, 0, "c")], ["A", "B"])
+    layout = Layout(
+        {"A": StateBox(0, 0, 100, 50), "B": StateBox(400, 0, 100, 50)},
+        {
+            "A": (TransitionPath((0, 0), (400, 0), (150, 0), (390, 0)),),
+            "B": (
+                TransitionPath((400, 0), (440, 0), (400, -200), (480, -200)),
+                TransitionPath((400, 10), (395, 12), (400, 15), (396, 14)),
+            ),
+        },
+    )
+    first, loop, hidden = laid_out(drawn, layout).edges
+    assert first.curve[0] == pytest.approx((50, 0), abs=0.01)
+    assert first.curve[-1] == pytest.approx((350, 0), abs=0.01)
+    assert [point.y for point in (loop.curve[0], loop.curve[-1])] == [-25, -25]
+    assert (hidden.curve[0].x, hidden.curve[-1].x) == (350, 50)  # nothing was left of it
+
+
+def test_boxes_that_cover_each_other_are_moved_apart() -> None:
+    """Such as an editor's dot that needs a box for its name here."""
+    drawn = machine([(0, 1, "true")], ["InitialPseudoState", "Initial"])
+    path = TransitionPath((52, 40), (70, 45), (60, 40), (65, 44))
+    layout = Layout(
+        {"InitialPseudoState": StateBox(40, 40, 25, 25), "Initial": StateBox(120, 60, 100, 50)},
+        {"InitialPseudoState": (path,)},
+    )
+    diagram = laid_out(drawn, layout)
+    check_clear(diagram)
+    dot, box = diagram.boxes
+    assert (box.x, box.y) == (120, 60)
+    assert dot.y < box.y
+    check_complete(drawn, diagram)
 
 
 def test_states_that_a_layout_lacks_are_placed_clear_of_the_others() -> None:
