@@ -71,11 +71,11 @@ class Rerun:
             )
         self._begin_ns = first["time_ns"]
         self._difference: Difference | None = None
-        self._over = False  # whether the recording, which was cut short, says no more
+        self._over = False  # whether a recording that was cut short has ended
         self._number = 0
 
     def arrange(self, machines: Iterable[Loadable] = (), **options: Any) -> Arrangement:
-        """Return an arrangement that learns what the journal says; `options` are as for others."""
+        """Return an arrangement that learns from the journal, with the options of `Arrangement`."""
         return Arrangement(machines, environment=self.environment, **options)
 
     def compare(self) -> Difference | None:
@@ -167,7 +167,7 @@ def rerun(
     """Run machines on what was recorded; return the first difference, or None.
 
     They are the recorded ones in their order; `options` are those of the `Arrangement` that are not
-    as usual, as `unload_accepting` and `library`. What it raises, `Rerun.compare` says.
+    as usual, such as `unload_accepting` and `library`. It raises what `Rerun.compare` raises.
     """
     again = _open(recording)
     again.arrange(machines, **options)

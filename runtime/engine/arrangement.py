@@ -119,7 +119,7 @@ class Arrangement(Control):
         self._pacer = None
         if cycle_us := period_us if timetable is None else timetable.cycle_us:
             self._pacer = Pacer(cycle_us, self.clock, self._wait_for_turn)
-        # What a round must pass to begin: its time, or nothing; after the end nobody passes.
+        # A round begins when this returns True: at its time, or at once; after the end it raises.
         self._gate = None if self._pacer is None else self._pacer.wait_for_round
         self._stopwatch = None
         if timed or self._pacer is not None:
@@ -365,7 +365,7 @@ class Arrangement(Control):
             self.emit(Accepting(*self.stamp(), seat.index, seat.name, action))
 
     def _fail(self, seat: Seat, error: ExecutionError) -> None:
-        """Do what `on_error` says about a machine whose code raised."""
+        """Apply `on_error` to a machine whose code raised."""
         if self.on_error == "stop":
             self.end(Reason.FAILED)
             raise error

@@ -79,10 +79,10 @@ class Environment:
         return True
 
     def enter(self, arrangement: Arrangement) -> None:
-        """Take note of the arrangement whose environment this is, before it loads machines."""
+        """Note the arrangement whose environment this is, before it loads machines."""
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Return who attends to a run of the arrangement between its rounds; None if nobody."""
+        """Return what attends to a run of the arrangement between its rounds, if anything does."""
         return None
 
     # What machines learn and do
@@ -106,10 +106,10 @@ class Environment:
     # its machines' own code makes.
 
     def requested(self, action: str, machine: str) -> None:
-        """Take note that a machine is requested to do what `action`, a method's name, says."""
+        """Note a request for a machine; `action` is the name of the arrangement's method."""
 
     def loaded(self, machine: str, path: str) -> None:
-        """Take note that a machine was loaded."""
+        """Note that a machine was loaded."""
 
     def may_stop(self, cause: str) -> bool:
         """Return whether a stop takes effect now; if not, `Arrangement.stop` is called later."""

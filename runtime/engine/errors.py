@@ -10,7 +10,7 @@ FsmError
 ├── UnknownMachineError      no machine of that name (also a LookupError)
 ├── NotLoadedError           a machine that is in no arrangement was asked to act
 ├── ExecutionError           code of a machine failed: names machine, state, step and line
-│   └── GuardResultError     a guard returned something else than True or False
+│   └── GuardResultError     a guard returned something other than True or False
 ├── ObserverError            an observer raised
 ├── DrawingError             a picture of a machine cannot be drawn as asked
 ├── OptionError              an argument of an arrangement is impossible
@@ -52,15 +52,15 @@ __all__ = [
 
 
 class FsmError(LlfsmError):
-    """Stand at the root of every error that the runtime raises."""
+    """The root of every error that the runtime raises."""
 
 
 class DefinitionError(FsmError):
-    """Say what is wrong with the definition of a machine."""
+    """The definition of a machine contradicts itself."""
 
 
 class BundleError(FsmError):
-    """Say what is wrong in which file of a bundle; `line` is None if it is all of the file."""
+    """A file of a bundle is wrong; `line` is None if that concerns the whole file."""
 
     def __init__(self, what: str, file: Path | None = None, line: int | None = None):
         self.file = file
@@ -70,7 +70,7 @@ class BundleError(FsmError):
 
 
 class ConfigurationError(FsmError):
-    """Say what is wrong in which file; `line` is None if it is all of the file.
+    """A configuration file is wrong; `line` is None if that concerns the whole file.
 
     `where` is the path of the wrong value, as ("machine", 1, "name"), while the line is unknown.
     """
@@ -92,19 +92,19 @@ class ConfigurationError(FsmError):
 
 
 class LoadError(FsmError):
-    """Say why a machine cannot be loaded."""
+    """A machine cannot be loaded as asked."""
 
 
 class VariableError(LoadError):
-    """Say which machine variable is unknown, missing or of another type."""
+    """A machine variable is unknown, missing or of another type."""
 
 
 class ScheduleError(FsmError):
-    """Say why machines cannot have their turns as asked."""
+    """Machines cannot have their turns as asked."""
 
 
 class UnknownMachineError(FsmError, LookupError):
-    """Name a machine that does not exist, and those that do.
+    """There is no machine of that name; the message lists those that exist.
 
     clfsm returns -1 instead, and its `is_running` of an unknown machine is true.
     """
@@ -127,11 +127,11 @@ class UnknownMachineError(FsmError, LookupError):
 
 
 class NotLoadedError(FsmError):
-    """Say that a machine must be loaded into an arrangement first."""
+    """A machine must be loaded into an arrangement first."""
 
 
 class ExecutionError(FsmError):
-    """Report that a section or guard of a machine raised; `__cause__` is what it raised.
+    """A section or guard of a machine raised `__cause__`.
 
     `step` is a section ("OnEntry"), "transition <label>" or "the snapshot"; `filename` and
     `line` point into the machine's own code and are None if none of it was running.
@@ -150,28 +150,28 @@ class ExecutionError(FsmError):
 
 
 class GuardResultError(ExecutionError):
-    """Report that a guard returned something else than True or False."""
+    """A guard returned something other than True or False."""
 
 
 class ObserverError(FsmError):
-    """Report that an observer raised; `__cause__` is what it raised."""
+    """An observer raised `__cause__`."""
 
 
 class DrawingError(FsmError):
-    """Say why a picture of a machine cannot be drawn, and which other one can."""
+    """A picture of a machine cannot be drawn; the message names one that can."""
 
 
 class OptionError(FsmError, ValueError):
-    """Say which option of an arrangement has an impossible value, and what is possible."""
+    """An option of an arrangement has an impossible value."""
 
 
 class ArrangementEndedError(FsmError):
-    """Say that an arrangement has ended and runs no more rounds."""
+    """The arrangement has ended and runs no more rounds."""
 
 
 class ClockError(FsmError, ValueError):
-    """Say that a clock cannot go back."""
+    """A clock cannot go back."""
 
 
 class UnreachableStateWarning(UserWarning):
-    """Warn of a state that no chain of transitions reaches."""
+    """No chain of transitions reaches a state."""

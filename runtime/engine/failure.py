@@ -1,4 +1,4 @@
-"""Turn a failure of a machine's code into an error that says where it happened."""
+"""Turn a failure of a machine's code into an error with its place."""
 
 from __future__ import annotations
 

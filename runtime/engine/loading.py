@@ -59,7 +59,7 @@ class Loader:
         slots: Mapping[str, str] | None = None,
         path: str | None = None,
     ) -> Seat:
-        """Return the seat of a machine, loaded as `LoadOptions` says.
+        """Load a machine as described by `LoadOptions` and return its seat.
 
         Raise `LoadError` or `UnknownMachineError`.
         """
@@ -90,7 +90,7 @@ class Loader:
         elif isinstance(machine, str) and callable(made):
             made = made()
         if not isinstance(made, Machine):
-            raise LoadError(f"{machine!r} is no machine, machine class or name of one")
+            raise LoadError(f"{machine!r} is not a machine, a machine class or the name of one")
         if not hasattr(made, "_seat"):
             raise LoadError(f"{type(made).__qualname__}.__init__ must call super().__init__()")
         if variables:

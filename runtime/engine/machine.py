@@ -35,7 +35,7 @@ class MachineType(type):
         if len(parents) > 1:
             raise DefinitionError(
                 f"{name}: a machine extends one machine; share ports, variables and methods "
-                f"through classes that are no machines"
+                f"through classes that are not machines"
             )
         if not parents:
             return ClassBody(name, None, ())
@@ -155,7 +155,7 @@ class Machine(metaclass=MachineType):
 
     # Requests. All take effect at the machine's next turn and return its status before. They
     # and the questions below also reach machines that other processes run on the whiteboard; a
-    # name that is no machine raises `UnknownMachineError`.
+    # unknown name raises `UnknownMachineError`.
 
     def suspend(self, name: str) -> Status:
         """Suspend machine `name`: it enters its suspend state and remembers where it was."""
@@ -256,7 +256,7 @@ class Machine(metaclass=MachineType):
 
 
 class _NoSeat:
-    """Stand where the seat of a machine will be: whatever needs it says that it is missing."""
+    """Stand in for the seat of a machine that is not loaded: every use of it raises."""
 
     taken = False
 

@@ -24,11 +24,11 @@ _CATCH_UP_NS = 1_000_000_000
 
 
 class Pacer:
-    """Tell when turns are due, waiting for it.
+    """Wait until turns are due.
 
     `next_ns` is when the next round is due, None before the first; `due_ns` and `deadline_ns` are
     those of the turn handed out last; `skipped` counts the rounds that were left out.
-    `sleep_until` tells whether turns are still wanted when it returns.
+    `sleep_until` returns whether turns are still wanted.
     """
 
     def __init__(self, cycle_us: int, clock: Clock, sleep_until: Callable[[int], bool]):
@@ -55,7 +55,7 @@ class Pacer:
         return self._sleep_until(begin_ns)
 
     def turns(self, slots: Iterable[TimeSlot], seats: Mapping[str, Seat]) -> Iterator[Seat | None]:
-        """Yield who has each slot of the round, at the time for it; None if that one is gone."""
+        """Yield the seat of each slot of the round when due; None if its machine is gone."""
         begin_ns = self.due_ns
         for machine, start_us, deadline_us in slots:
             self.due_ns = begin_ns + start_us * 1_000

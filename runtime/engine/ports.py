@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
     from llfsm.whiteboard.message import M
 else:
-    M = TypeVar("M")  # whiteboards are imported by those who have one
+    M = TypeVar("M")  # importing the whiteboard is left to programs that use one
 D = TypeVar("D")
 
 __all__ = ["Actuator", "Sensor"]

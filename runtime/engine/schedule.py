@@ -84,7 +84,7 @@ class Timetable:
             for start in need.starts_us:
                 if not 0 <= start < need.period_us:
                     raise ScheduleError(
-                        f"{need.machine}: {start} us is no start within its period of "
+                        f"{need.machine}: {start} us is not a start within its period of "
                         f"{need.period_us} us"
                     )
         cycle_us = lcm(*(need.period_us for need in needs))

@@ -106,7 +106,7 @@ class Seat:
         self.taken = True
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failed = False  # whether its code has raised
-        self.held = False  # whether whoever had it suspended from outside may resume it
+        self.held = False  # whether it was suspended from outside, and may be resumed from there
         self.stopping = False  # whether this machine alone was asked to stop
         self.notifies = False  # whether any state has code for being suspended or resumed
 
@@ -162,7 +162,7 @@ class Seat:
             self.current, self.previous = self.remembered, self.suspension
 
     def declared(self, state: BoundState) -> State:
-        """Return the declaration of `state`; not of a suspend state that nobody declared."""
+        """Return the declaration of `state`, which must not be the default suspend state."""
         return next(s for s in type(self.machine).table.states if s.name == state.name)
 
     def schedule(self, request: Request) -> Status:
@@ -184,7 +184,7 @@ class Seat:
         entered = self.current is self.previous
         source = self.source if entered else self.previous
         entered_ns = self.entered_ns if entered else None
-        # What a request has done is no transition, also where there is one between the two.
+        # A request is not a transition, even where a transition connects the two states.
         asked = {source, self.current} == {self.suspension, self.remembered}
         if source is not None and not asked:
             ways = [n for n, (_, to) in enumerate(source.transitions) if to is self.current]
@@ -217,7 +217,7 @@ class Seat:
         return slot if name is None else type(slot)(name, slot.type, slot.capacity)
 
     def finish(self) -> None:
-        """Leave the seat and post what is to be posted at the end: once, whatever comes after."""
+        """Leave the seat and post the `at_end` messages; nothing if that was done before."""
         if not self.taken:
             return
         self.taken = False

@@ -1,4 +1,4 @@
-"""A machine that another one has called: to wait for it and read its results."""
+"""A machine that another one has called: its status and its results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Submachine"]
 
 
 class Submachine(Generic[M_co]):
-    """A called machine, which takes its turns as all do; whoever has called it asks how it is.
+    """A called machine. It takes its turns like all others; its caller polls its status.
 
     Nothing waits: guard a transition with `done`. It stays loaded if its caller is unloaded.
     """

@@ -29,7 +29,7 @@ from ..engine.submachine import Submachine
 __all__ = ["FIELDS", "Entry", "Journal", "as_entry", "entries_of"]
 
 Entry: TypeAlias = dict[str, Any]
-"""An entry by the names of its fields, as JSON would have it; `event` says what it is."""
+"""An entry by the names of its fields, as in JSON; `event` names its kind."""
 
 _OUTSIDE: Final = (events.RoundEnd, events.IdleSleep, events.End)
 """After these no code of a machine runs before the next event."""

@@ -42,7 +42,7 @@ class JournalledEnvironment(Environment):
         self._deferred: str | None = None  # the cause of a stop
 
     @property
-    def whiteboard(self) -> Board | None:  # type: ignore[override]  # the other's, whatever it is
+    def whiteboard(self) -> Board | None:  # type: ignore[override]  # a property here
         """The other environment's whiteboard."""
         return self._inner.whiteboard
 
@@ -60,7 +60,7 @@ class JournalledEnvironment(Environment):
         arrangement.attach(self.journal)
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Return who attends in the other environment."""
+        """Return what attends in the other environment."""
         return self._inner.attend(arrangement)
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:

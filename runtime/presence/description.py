@@ -97,7 +97,7 @@ def table_of(definition: MachineDefinition) -> Table:
             if transition.target not in states:
                 raise DefinitionError(
                     f"{definition.path}: state {defined.name!r} has a transition to "
-                    f"{transition.target!r}, which is no state of it"
+                    f"{transition.target!r}, which is not a state of it"
                 )
             state.transitions.append(
                 Transition(state, states[transition.target], ("", 0), None, None, transition.label)
@@ -143,7 +143,7 @@ _repr.maxstring = _repr.maxother = _TEXT
 
 
 def variables_of(machine: Machine) -> MachineVariables:
-    """Return the values of a machine's variables; whatever they are, this raises nothing."""
+    """Return the values of a machine's variables; this never raises."""
     values, left = [], _VARIABLES
     for name in type(machine).table.variables:
         value = _plain(getattr(machine, name, None))

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Presence"]
 
-_PAUSE_NS = 20_000_000  # as often as anybody can look
+_PAUSE_NS = 20_000_000  # between two posts; a viewer does not look more often
 _BEAT_NS = 250_000_000  # a status that still holds is posted again after so long
 _VIEW_NS = 2_000_000_000  # a viewer that has posted its presence looks for so long
 _VARIABLES_NS = 100_000_000

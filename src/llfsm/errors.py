@@ -7,4 +7,4 @@ __all__ = ["LlfsmError"]
 
 
 class LlfsmError(Exception):
-    """Stand at the root of every error that llfsm raises."""
+    """The root of every error that llfsm raises."""

@@ -67,7 +67,7 @@ def test_unknown_in_the_library():
 
 @pytest.mark.parametrize("what", [3, int, State(), None])
 def test_what_is_no_machine(what: Any):
-    with pytest.raises(LoadError, match="is no machine, machine class or name of one"):
+    with pytest.raises(LoadError, match="is not a machine, a machine class or the name of one"):
         Arrangement([what])
 
 

@@ -101,8 +101,11 @@ def test_impossible_timetables(slots: list[TimeSlot], cycle_us: int, message: st
         ([], "a timetable needs a slot"),
         ([Requirement("A", 0, 5)], "A: its period is 0 us; it must be 1 or more"),
         ([Requirement("A", 100, 0)], "A: its deadline is 0 us"),
-        ([Requirement("A", 100, 5, (100,))], "A: 100 us is no start within its period of 100 us"),
-        ([Requirement("A", 100, 5, (0, -1))], "A: -1 us is no start within its period"),
+        (
+            [Requirement("A", 100, 5, (100,))],
+            "A: 100 us is not a start within its period of 100 us",
+        ),
+        ([Requirement("A", 100, 5, (0, -1))], "A: -1 us is not a start within its period"),
         (
             [Requirement("A", 1_000_003, 5), Requirement("B", 999_983, 5)],
             r"the periods have 999986 s in common, 1999986 turns; choose periods that are "

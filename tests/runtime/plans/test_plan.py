@@ -203,7 +203,7 @@ MACHINE = '[[machine]]\ndefinition = "Other"\n'
         (MACHINE + "start_us = [0]", 1, "need a period_us"),
         (MACHINE + "deadline_us = 1", 1, "need a period_us"),
         (MACHINE + MACHINE + "suspended = true\npreload = true", 3, "suspended or preloaded"),
-        (MACHINE + "period_us = 9\nstart_us = 9", 1, "9 us is no start within its period of 9"),
+        (MACHINE + "period_us = 9\nstart_us = 9", 1, "9 us is not a start within its period of 9"),
         (MACHINE + "period_us = 9\nstart_us = []", 1, "machine[0]: "),
         (
             MACHINE + "period_us = 999983\n\n" + MACHINE + "period_us = 1000003",
