@@ -72,7 +72,7 @@ def test_what_is_no_machine(what: Any):
 
 
 def test_a_factory_that_makes_no_machine():
-    with pytest.raises(LoadError, match="'x' is no machine"):
+    with pytest.raises(LoadError, match="'x' is not a machine"):
         Arrangement(["x"], library={"x": lambda: 3})  # type: ignore[dict-item, return-value]
 
 

@@ -85,7 +85,7 @@ def _told(*states: DefinedState) -> MachineDefinition:
     [
         (_told(), "no states"),
         (_told(DefinedState("a"), DefinedState("a")), "two of the same name"),
-        (_told(DefinedState("a", (), (DefinedTransition("z", ""),))), "no state of it"),
+        (_told(DefinedState("a", (), (DefinedTransition("z", ""),))), "not a state of it"),
         (_told(DefinedState("a", box=DefinedBox(float("nan"), 0, 1, 1))), "impossible coordinates"),
         (_told(DefinedState("a", box=DefinedBox(1e300, 0, 1, 1))), "impossible coordinates"),
         (_told(*(DefinedState(str(i)) for i in range(251))), "251 states"),
