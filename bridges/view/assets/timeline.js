@@ -34,7 +34,7 @@ export class Timeline {
     }
     drawing.font = `11px ${color("sans")}`;
     drawing.textBaseline = "middle";
-    let i = changes.length - 1;
+    let i = Math.max(0, changes.length - 1); // of an ended machine there may be none
     while (i > 0 && changes[i][0] > from) i -= 1;
     const gaps = [];
     for (; i < changes.length; i += 1) {

@@ -12,7 +12,7 @@ from playwright.sync_api import expect
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-from llfsm.whiteboard.messages.llfsm import status_slot
+from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.messages.turtlesim import Pose
 from waiting import wait_for
@@ -63,6 +63,30 @@ def test_a_demo_is_alive_and_a_click_suspends_a_machine(
     expect(page.locator("#field-where")).to_contain_text("turtle1 at (")
     expect(page.locator("#field")).to_be_visible()
     assert seen.errors == []
+
+
+def test_an_ended_machine_has_a_card_and_the_others_have_their_timelines(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(status_slot("Ended"), MachineStatus("somewhere", loaded=False))
+        start("run", "RosPingPong", "-q", "-b", board)
+        wait_for(lambda: wb[status_slot("RosPingPong")].count, "the machine runs")
+        seen = visit(start(Server, board).address)
+        page = seen.page
+        expect(page.locator("[data-machine=Ended] .pill")).to_have_text("ended")
+        expect(page.locator(f"{MACHINE} .pill")).to_have_text("running")
+        # Its colours are in the last pixels, which are now; the page draws them ten times a second.
+        seen.wait(
+            f"""() => {{
+                const canvas = document.querySelector("{MACHINE} .timeline");
+                const probe = new OffscreenCanvas(16, 8);
+                const drawing = probe.getContext("2d", {{ willReadFrequently: true }});
+                drawing.drawImage(canvas, 20 - canvas.width, 8 - canvas.height);
+                return drawing.getImageData(0, 0, 16, 8).data.some((value) => value > 0);
+            }}"""
+        )
+        assert seen.errors == []
 
 
 def test_a_slot_opens_to_its_value_and_its_schema(
