@@ -190,9 +190,9 @@ def test_a_request_that_cannot_be_done_is_answered_with_the_reason(
 @pytest.mark.parametrize(
     "path",
     [
-        "/assets/../server.py",
-        "/assets/..%2fserver.py",
-        "/assets/%2e%2e/server.py",
+        "/assets/../app.py",
+        "/assets/..%2fapp.py",
+        "/assets/%2e%2e/app.py",
         "/assets//etc/passwd",
         "/assets/%2fetc%2fpasswd",
         "/assets/main.js%00.html",
