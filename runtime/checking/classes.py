@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ast
-import dis
-import linecache
 import sys
-from collections.abc import Iterator
-from functools import lru_cache
-from types import CodeType, FunctionType
+from collections.abc import Callable, Iterator
+from types import FunctionType
+from typing import Any
 
 from ..engine.machine import Machine
+from ..engine.source_text import parse_file, syntax_of
 from ..engine.state import State, Transition
 from .rules import findings_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
@@ -56,7 +55,7 @@ class _Reader:
             self.opaque,
         )
 
-    def functions(self) -> Iterator[tuple[str, object]]:
+    def functions(self) -> Iterator[tuple[str, Callable[..., Any]]]:
         for owner in reversed(self.cls.__mro__):
             if owner in Machine.__mro__:
                 continue
@@ -93,16 +92,15 @@ class _Reader:
         always = transition.unconditional or untimed_true
         return CheckedTransition(transition.target.name, Place(*transition.location), always, guard)
 
-    def code(self, function: object) -> Code | None:
+    def code(self, function: Callable[..., Any]) -> Code | None:
         """Return the code of a function, or None, and remember it, if it cannot be read."""
-        code = getattr(function, "__code__", None)
-        node = _definition(code) if isinstance(code, CodeType) else None
+        node = syntax_of(function)
         arguments = [*node.args.posonlyargs, *node.args.args] if node else []
-        if not (code and node and arguments):
+        if not (node and arguments):
             self.opaque = True
             return None
         body = node.body if isinstance(node.body, list) else [_returned(node.body)]
-        return Code(body, arguments[0].arg, code.co_filename)
+        return Code(body, arguments[0].arg, function.__code__.co_filename)
 
     def place(self, name: str) -> Place:
         """Return where the class gives `name` its meaning, or where the class begins."""
@@ -118,17 +116,9 @@ def _returned(value: ast.expr) -> ast.Return:
     return ast.copy_location(ast.Return(value), value)
 
 
-@lru_cache(maxsize=16)
-def _parse(file: str) -> ast.Module:
-    """Return the syntax of a file that has been imported; nothing if it cannot be read."""
-    try:
-        return ast.parse("".join(linecache.getlines(file)))
-    except SyntaxError:  # changed since
-        return ast.Module([], [])
-
-
 def _class_definition(file: str, qualname: str) -> ast.ClassDef | None:
-    found: ast.AST | None = _parse(file)
+    parsed = parse_file(file)
+    found: ast.AST | None = parsed and parsed[1]
     for name in qualname.split("."):
         if name != "<locals>":
             found = next(
@@ -140,32 +130,3 @@ def _class_definition(file: str, qualname: str) -> ast.ClassDef | None:
 
 def _is_named(node: ast.AST, name: str) -> bool:
     return isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name
-
-
-def _definition(code: CodeType) -> ast.FunctionDef | ast.Lambda | None:
-    """Return the function whose code this is."""
-    found = []
-    for node in ast.walk(_parse(code.co_filename)):
-        if isinstance(node, ast.FunctionDef):
-            first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
-            if (node.name, first) == (code.co_name, code.co_firstlineno):
-                found.append(node)
-    return found[0] if found else _lambda(code)
-
-
-def _lambda(code: CodeType) -> ast.Lambda | None:
-    """Return the lambda whose code this is; of several on a line, the columns tell which."""
-    spans = set(code.co_positions())
-    for node in ast.walk(_parse(code.co_filename)):
-        if isinstance(node, ast.Lambda) and node.lineno == code.co_firstlineno:
-            body = node.body
-            if (body.lineno, body.end_lineno, body.col_offset, body.end_col_offset) in spans:
-                return node
-            if isinstance(body, ast.Constant) and _only_returns(code, body.value):
-                return node  # Python 3.12 keeps no columns of a constant
-    return None
-
-
-def _only_returns(code: CodeType, value: object) -> bool:
-    last = list(dis.get_instructions(code))[-1]
-    return (last.opname, last.offset, repr(last.argval)) == ("RETURN_CONST", 2, repr(value))

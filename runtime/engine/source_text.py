@@ -1,16 +1,29 @@
-"""Where a function is written and what it says: the labels of transitions."""
+"""Where a function is defined and what its source says: for labels, drawings and checks.
+
+`ast` is imported where it is used, because a machine that only runs needs none of this.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from types import CodeType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     import ast
 
-__all__ = ["EXPRESSION", "TextOnly", "body_of", "expression_of", "location_of"]
+    FunctionSyntax: TypeAlias = ast.FunctionDef | ast.Lambda
+
+__all__ = [
+    "EXPRESSION",
+    "TextOnly",
+    "body_of",
+    "expression_of",
+    "location_of",
+    "parse_file",
+    "syntax_of",
+]  # fmt: skip
 
 EXPRESSION = "<expression>"
 """The name of a function whose file holds nothing but the expression that it returns."""
@@ -28,9 +41,19 @@ class TextOnly:
 
 
 def location_of(function: Callable[..., Any]) -> tuple[str, int] | None:
-    """Return file and line of `function`, or None if it is no Python function."""
+    """Return file and line of `function`, or None if it is not a Python function."""
     code = getattr(function, "__code__", None)
     return None if code is None else (code.co_filename, code.co_firstlineno)
+
+
+def syntax_of(function: object) -> FunctionSyntax | None:
+    """Return the syntax tree of the ``def`` or ``lambda`` that made `function`.
+
+    None if it is not a Python function, its file cannot be read, or several lambdas on a line
+    cannot be told apart: those with different texts whose code is the same.
+    """
+    code = getattr(function, "__code__", None)
+    return _syntax(code.co_filename, code) if isinstance(code, CodeType) else None
 
 
 def expression_of(function: Callable[..., Any]) -> str | None:
@@ -39,7 +62,7 @@ def expression_of(function: Callable[..., Any]) -> str | None:
     None if there is no such expression or its source cannot be read.
     """
     code = getattr(function, "__code__", None)
-    return None if code is None else _expression(code)
+    return None if code is None else _expression(code.co_filename, code)
 
 
 def body_of(function: Callable[..., Any]) -> str | None:
@@ -47,22 +70,38 @@ def body_of(function: Callable[..., Any]) -> str | None:
 
     That of a bundle's section is all of its file.
     """
+    import ast
+
     if isinstance(function, TextOnly):
         return function.text
     code = getattr(function, "__code__", None)
-    parsed = None if code is None else _parse(code.co_filename)
+    parsed = None if code is None else parse_file(code.co_filename)
     if code is None or parsed is None:
         return None
-    text, tree = parsed
+    text, _ = parsed
     if code.co_varnames and not code.co_varnames[0].isidentifier():
         return text  # a bundle's code has a machine that it cannot name
-    if code.co_name == "<lambda>":
-        return _expression(code)
-    node = _definition(tree, code)
-    if node is None:
-        return None
+    node = _syntax(code.co_filename, code)
+    if not isinstance(node, ast.FunctionDef):
+        return _expression(code.co_filename, code)
     body = _undocumented(node)
     return "" if not body else _lines_of(text.splitlines(), node, body)
+
+
+@lru_cache(maxsize=16)
+def parse_file(filename: str) -> tuple[str, ast.Module] | None:
+    """Return text and syntax tree of a file that was imported; None if it cannot be read.
+
+    A file that has changed since then is not read again.
+    """
+    import ast
+    import linecache
+
+    text = "".join(linecache.getlines(filename))
+    try:
+        return (text, ast.parse(text)) if text else None
+    except SyntaxError:
+        return None
 
 
 def _lines_of(lines: list[str], node: ast.FunctionDef, body: list[ast.stmt]) -> str:
@@ -78,64 +117,83 @@ def _lines_of(lines: list[str], node: ast.FunctionDef, body: list[ast.stmt]) -> 
 
 
 @lru_cache(maxsize=1024)
-def _expression(code: CodeType) -> str | None:
-    import ast  # here, because only drawings and reports ask
+def _expression(filename: str, code: CodeType) -> str | None:
+    """Find the expression of `code`; of another file, equal code may be written differently."""
+    import ast
 
-    parsed = _parse(code.co_filename)
+    parsed = parse_file(filename)
     if parsed is None:
         return None
     text, tree = parsed
-    node = _find(tree, code)
-    if node is None:
+    match tree.body if code.co_name == EXPRESSION else _syntax(filename, code):
+        case [ast.Expr(value), *_] | ast.Lambda(body=value):
+            pass
+        case ast.FunctionDef() as function:
+            match _undocumented(function):
+                case [ast.Return(ast.expr() as value)]:
+                    pass
+                case _:
+                    return None
+        case _:
+            return None
+    segment = ast.get_source_segment(text, value)
+    return ast.unparse(value) if segment is None or "\n" in segment else segment
+
+
+@lru_cache(maxsize=1024)
+def _syntax(filename: str, code: CodeType) -> FunctionSyntax | None:
+    import ast
+
+    parsed = parse_file(filename)
+    if parsed is None:
         return None
-    segment = ast.get_source_segment(text, node)
-    return ast.unparse(node) if segment is None or "\n" in segment else segment
-
-
-@lru_cache(maxsize=16)
-def _parse(filename: str) -> tuple[str, ast.Module] | None:
-    import ast
-    import linecache
-
-    text = "".join(linecache.getlines(filename))
-    try:
-        return (text, ast.parse(text)) if text else None
-    except SyntaxError:
-        return None
-
-
-def _find(tree: ast.Module, code: CodeType) -> ast.expr | None:
-    import ast
-
-    if code.co_name == EXPRESSION:
-        only = tree.body[0]
-        return only.value if isinstance(only, ast.Expr) else None
-    if code.co_name != "<lambda>":
-        function = _definition(tree, code)
-        body = [] if function is None else _undocumented(function)
-        return body[0].value if len(body) == 1 and isinstance(body[0], ast.Return) else None
-    lambdas = [
-        node.body
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Lambda) and node.lineno == code.co_firstlineno
-    ]
-    if len(lambdas) > 1:  # several on one line: the instructions know their columns
-        spans = set(code.co_positions())
-        lambdas = [
-            b for b in lambdas if (b.lineno, b.end_lineno, b.col_offset, b.end_col_offset) in spans
-        ]
-    return lambdas[0] if len(lambdas) == 1 else None
-
-
-def _definition(tree: ast.Module, code: CodeType) -> ast.FunctionDef | None:
-    import ast
-
-    for node in ast.walk(tree):
+    if code.co_name == "<lambda>":
+        return _lambda(parsed[1], code)
+    for node in ast.walk(parsed[1]):
         if isinstance(node, ast.FunctionDef) and node.name == code.co_name:
             first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
             if first == code.co_firstlineno:
                 return node
     return None
+
+
+def _lambda(tree: ast.Module, code: CodeType) -> ast.Lambda | None:
+    """Return the lambda that `code` was compiled from, by compiling those on its line again."""
+    import ast
+
+    on_line = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Lambda) and node.lineno == code.co_firstlineno
+    ]
+    if len(on_line) > 1:
+        wanted = _fingerprint(code)
+        on_line = [
+            node
+            for node in on_line
+            for compiled in _code_of(node, code.co_filename)
+            if _fingerprint(compiled) == wanted
+        ]
+    same = len({ast.unparse(node) for node in on_line}) == 1
+    return on_line[0] if same else None
+
+
+def _code_of(node: ast.Lambda, filename: str) -> Iterator[CodeType]:
+    import ast
+
+    outer = compile(ast.Expression(node), filename, "eval", dont_inherit=True)
+    yield from (each for each in outer.co_consts if isinstance(each, CodeType))
+
+
+def _fingerprint(code: CodeType) -> object:
+    """Return what code has in common wherever its lambda is compiled, in a function or alone.
+
+    The columns of its instructions are enough but for lambdas that return a constant, which
+    have none on Python 3.12.
+    """
+    spans = {span for span in code.co_positions() if span[2] != span[3]}
+    constants = [repr(each) for each in code.co_consts if not isinstance(each, CodeType)]
+    return spans, constants, code.co_varnames
 
 
 def _undocumented(function: ast.FunctionDef) -> list[ast.stmt]:

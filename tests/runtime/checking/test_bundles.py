@@ -178,4 +178,4 @@ def test_a_bundle_of_cpp_is_to_be_imported_first() -> None:
     lamp = Path(__file__).parents[2] / "data" / "bundles" / "Lamp.machine"
     [finding] = check_bundle(lamp)
     assert finding.severity == "error"
-    assert "make it one of Python with `llfsm import`" in finding.text
+    assert "convert it to Python with `llfsm import`" in finding.text
