@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
+from ..engine.table import dead_transitions, unreachable_states
 from .subject import Code, Finding, Place, Subject
 from .uses import uses_of
 
@@ -19,36 +20,23 @@ _UNUSED = {"variable": "used", "sensor": "read", "actuator": "called"}
 
 def findings_of(subject: Subject) -> list[Finding]:
     """Return what all rules find wrong, in the order of files and lines, each thing once."""
-    rules = (_unreachable, _shadowed, _unused, _unknown, _guards)
+    rules = (_unreachable, _dead, _unused, _unknown, _guards)
     return sorted({finding for rule in rules for finding in rule(subject)})
 
 
 def _unreachable(subject: Subject) -> Iterator[Finding]:
-    states = {state.name: state for state in subject.states}
-    frontier = [subject.states[0].name, subject.suspend or subject.states[0].name]
-    reached = set(frontier)
-    while frontier:
-        state = states.get(frontier.pop())
-        new = {each.target for each in state.transitions} - reached if state else set()
-        reached |= new
-        frontier += new
-    for name, state in states.items():
-        if name not in reached:
-            yield Finding(*state.where, "warning", f"no transitions lead to state {name!r}")
+    initial = subject.states[0].name
+    targets = {state.name: [each.target for each in state.transitions] for state in subject.states}
+    places = {state.name: state.where for state in subject.states}
+    for name, what in unreachable_states([initial, subject.suspend or initial], targets):
+        yield Finding(*places[name], "warning", what)
 
 
-def _shadowed(subject: Subject) -> Iterator[Finding]:
+def _dead(subject: Subject) -> Iterator[Finding]:
     for state in subject.states:
-        first = None
-        for transition in state.transitions:
-            if first is not None:
-                yield Finding(
-                    *transition.where, "error",
-                    f"state {state.name!r}: the transition to {transition.target!r} can never "
-                    f"fire, the one to {first.target!r} before it always does",
-                )  # fmt: skip
-            elif transition.always:
-                first = transition
+        leads = [(each.target, each.always) for each in state.transitions]
+        for number, what in dead_transitions(state.name, leads):
+            yield Finding(*state.transitions[number].where, "error", what)
 
 
 def _unused(subject: Subject) -> Iterator[Finding]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, get_origin
+from typing import TYPE_CHECKING, Any, ClassVar, Final, ForwardRef, NamedTuple, get_origin
 
 from .errors import DefinitionError, UnreachableStateWarning, VariableError
 from .ports import Actuator, Sensor
@@ -16,7 +16,9 @@ from .state import ClassBody, State
 if TYPE_CHECKING:
     from .layout import Layout
 
-__all__ = ["REQUIRED", "Table", "Variable", "make_table"]
+__all__ = [
+    "REQUIRED", "Table", "Variable", "dead_transitions", "make_table", "unreachable_states",
+]  # fmt: skip
 
 REQUIRED: Final = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
 """The default of a variable that has none."""
@@ -53,11 +55,14 @@ class Variable(NamedTuple):
     @property
     def type(self) -> Any:
         """The annotated type; Any if it names what only type checkers import."""
-        if not isinstance(self.annotation, str):
-            return self.annotation
+        text = self.annotation
+        if isinstance(text, ForwardRef):
+            text = text.__forward_arg__
+        if not isinstance(text, str):
+            return text
         module = vars(sys.modules[self.owner.__module__])
         try:
-            return eval(self.annotation, module, dict(vars(self.owner)))
+            return eval(text, module, dict(vars(self.owner)))
         except (NameError, AttributeError):
             return Any
 
@@ -124,6 +129,11 @@ def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], r
 
 
 def _annotations(owner: type) -> dict[str, Any]:
+    """Return what `owner` itself annotates; names that are not defined yet do no harm."""
+    if sys.version_info >= (3, 14):  # annotations are evaluated when they are asked for
+        import annotationlib
+
+        return annotationlib.get_annotations(owner, format=annotationlib.Format.FORWARDREF)
     annotations: dict[str, Any] = vars(owner).get("__annotations__", {})
     return annotations
 
@@ -148,12 +158,10 @@ def _complete_states(cls: type, body: ClassBody, declared: Iterable[State]) -> t
         raise DefinitionError(f"{cls.__qualname__} declares no states")
     for state in states.values():
         _use_overrides(cls, state)
-        for i, transition in enumerate(state.transitions):
-            if i and state.transitions[i - 1].unconditional:
-                raise DefinitionError(
-                    f"{cls.__qualname__}, state {state.name!r}: the transition to "
-                    f"{transition.target.name!r} can never fire, the one before it always does"
-                )
+        leads = [(each.target.name, each.unconditional) for each in state.transitions]
+        for _, what in dead_transitions(state.name, leads):
+            raise DefinitionError(f"{cls.__qualname__}, {what}")
+        for transition in state.transitions:
             target = transition.target
             home = states.get(target.name)
             ours = target is home or target is body.inherited.get(target.name)
@@ -227,16 +235,44 @@ def _suspend_state(states: tuple[State, ...]) -> State | None:
 
 
 def _warn_of_unreachable(cls: type, table: Table) -> None:
-    reached = {table.initial, table.suspend or table.initial}
-    frontier = list(reached)
+    roots = [state.name for state in (table.initial, table.suspend) if state is not None]
+    targets = {state.name: [t.target.name for t in state.transitions] for state in table.states}
+    for _, what in unreachable_states(roots, targets):
+        warnings.warn(f"{cls.__qualname__}: {what}", UnreachableStateWarning, stacklevel=4)
+
+
+def dead_transitions(state: str, leads: Iterable[tuple[str, bool]]) -> Iterator[tuple[int, str]]:
+    """Yield the number of each transition of `state` that can never fire, and why.
+
+    `leads` gives each transition's target, and whether it fires whenever it is evaluated.
+    """
+    first = None
+    for number, (target, always) in enumerate(leads):
+        if first is not None:
+            yield (
+                number,
+                (
+                    f"state {state!r}: the transition to {target!r} can never fire, the one to "
+                    f"{first!r} before it always does"
+                ),
+            )
+        elif always:
+            first = target
+
+
+def unreachable_states(
+    roots: Iterable[str], targets: Mapping[str, Iterable[str]]
+) -> Iterator[tuple[str, str]]:
+    """Yield each state that cannot be reached from `roots`, and a sentence that says so.
+
+    `targets` gives the states that each state's transitions lead to.
+    """
+    frontier = list(roots)
+    reached = set(frontier)
     while frontier:
-        new = {t.target for t in frontier.pop().transitions} - reached
+        new = set(targets.get(frontier.pop(), ())) - reached
         reached |= new
         frontier += new
-    for state in table.states:
+    for state in targets:
         if state not in reached:
-            warnings.warn(
-                f"{cls.__qualname__}: no transitions lead to state {state.name!r}",
-                UnreachableStateWarning,
-                stacklevel=4,
-            )
+            yield state, f"no transitions lead to state {state!r}"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ForwardRef
 
 import pytest
 
 from llfsm.runtime import REQUIRED, Arrangement, LoadError, Machine, State, VariableError, define
+from llfsm.runtime.engine.table import Variable
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -102,3 +103,23 @@ def test_defined_variables():
     assert cls(s="x").n == 1
     with pytest.raises(VariableError, match="needs a value for its variable 's'"):
         cls()
+
+
+def test_annotations_that_are_no_texts():
+    """As of a module without ``from __future__ import annotations``; lazy from Python 3.14 on."""
+    text = (
+        "from llfsm.runtime import Machine, State\n"
+        "class Plain(Machine):\n"
+        "    goal: int\n"
+        "    later: 'Unknown' = None\n"
+        "    a = State()\n"
+    )
+    namespace = {"__name__": __name__}
+    exec(compile(text, "plain.py", "exec", dont_inherit=True), namespace)
+    variables = namespace["Plain"].table.variables
+    assert [(name, each.default) for name, each in variables.items()] == [
+        ("goal", REQUIRED), ("later", None)
+    ]  # fmt: skip
+    assert [each.type for each in variables.values()] == [int, Any]
+    assert namespace["Plain"](goal=3).goal == 3
+    assert Variable("x", Rover, ForwardRef("Point"), None).type is Point
