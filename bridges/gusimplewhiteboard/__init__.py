@@ -1,7 +1,7 @@
 """A gusimplewhiteboard, the shared memory of clfsm's machines, beside a whiteboard.
 
 Read :mod:`.file` (where its bytes are), :mod:`.layouts` and :mod:`.structures` (what they mean),
-:mod:`.relay` (what is passed on and when), :mod:`.configuration` and :mod:`.command`.
+:mod:`.relay` (what is relayed and when), :mod:`.relay_configuration`.
 """
 
 from .errors import GuFileError, GuFormatError, GuWhiteboardError, LayoutError, MisfitError

@@ -1,12 +1,15 @@
-"""What can go wrong with a gusimplewhiteboard.
+"""The errors of a gusimplewhiteboard.
 
-    GuWhiteboardError
-    ├── GuFileError          the file is not there, cannot be opened, or was removed meanwhile
-    │   └── GuFormatError    it is no gusimplewhiteboard of the version that we know
-    ├── LayoutError          a layout is none, too large, or does not match the messages' type
-    └── MisfitError          a message's values do not fit the layout, or the other way round
+::
 
-A misfit ends nothing: the message is not relayed, and the relay says so once.
+    LlfsmError
+    └── GuWhiteboardError
+        ├── GuFileError          the file does not exist, cannot be opened, or was removed
+        │   └── GuFormatError    it is not a gusimplewhiteboard of the supported version
+        ├── LayoutError          a layout is invalid, too large, or does not match the message type
+        └── MisfitError          a message's values do not fit the layout, or vice versa
+
+A misfit ends nothing: the message is not relayed, and the relay logs one warning.
 """
 
 from llfsm.errors import LlfsmError
@@ -15,20 +18,20 @@ __all__ = ["GuFileError", "GuFormatError", "GuWhiteboardError", "LayoutError", "
 
 
 class GuWhiteboardError(LlfsmError):
-    """Everything that the bridge to a gusimplewhiteboard raises."""
+    """The base of the errors of the bridge to a gusimplewhiteboard."""
 
 
 class GuFileError(GuWhiteboardError):
-    """The file is not there, cannot be opened, or was removed or replaced meanwhile."""
+    """The file does not exist, cannot be opened, or was removed or replaced."""
 
 
 class GuFormatError(GuFileError):
-    """The file is no gusimplewhiteboard of version 2207; the message says what is different."""
+    """The file is not a gusimplewhiteboard of version 2207; the message names the difference."""
 
 
 class LayoutError(GuWhiteboardError):
-    """A layout is none, takes too many bytes, or does not match the messages' type."""
+    """A layout is invalid, takes too many bytes, or does not match the messages' type."""
 
 
 class MisfitError(GuWhiteboardError):
-    """A message cannot be laid out, or what is laid out is no message."""
+    """A message does not fit its layout, or the bytes are not a valid message."""

@@ -1,13 +1,13 @@
-"""A gusimplewhiteboard of version 2207: a file that its processes map, without any lock.
+"""A gusimplewhiteboard of version 2207: a file that its processes map, without locks.
 
-It has 512 numbered types of messages, each with a ring of four generations of 128 bytes. Whoever
-adds fills the generation after the current one, then makes it the current one, then counts. There
-must be one writer a type; readers may be many.
+It has 512 numbered types of messages, each with a ring of four generations of 128 bytes. A writer
+fills the generation after the current one, makes it the current one, then increments the counter.
+Each type must have one writer; it may have many readers.
 
-A reader that copies a generation is safe until the writer comes round to it, three messages later.
-How many came meanwhile, the counter tells, at most one too few: so a copy is whole if the counter
-has gone on by one at most. (This asks that a processor's stores are seen in their order, as the
-format itself does: x86-64 grants it.)
+A reader's copy of a generation is safe until the writer reaches that generation again, three
+messages later. The counter shows how many were added during the copy, at most one too few: so a
+copy is whole if the counter has increased by at most one. (This requires that stores become visible
+in their order, as the format itself does; x86-64 guarantees it.)
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ class _File(ctypes.LittleEndianStructure):
 
 
 class RingPosition(NamedTuple):
-    """Where a type stands: it changes with every message added."""
+    """The position of a type's writer; it changes with every message added."""
 
     generation: int
-    """The current one's number."""
+    """The number of the current generation."""
     counter: int
     """Messages added, modulo 2**16."""
 
 
 class GuWhiteboard:
-    """A live gusimplewhiteboard; raise :class:`.GuFileError` if there is none at `path`."""
+    """An open gusimplewhiteboard; raise :class:`.GuFileError` if `path` is not one."""
 
     def __init__(self, path: str | os.PathLike[str] = DEFAULT_PATH) -> None:
         self.path = Path(path)
@@ -62,7 +62,8 @@ class GuWhiteboard:
             fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
         except FileNotFoundError:
             raise GuFileError(
-                f"{path}: no such file; start what makes the gusimplewhiteboard, or name its file"
+                f"{path}: no such file; start the process that creates the gusimplewhiteboard, or "
+                f"name its file"
             ) from None
         except OSError as error:
             raise GuFileError(f"{path}: {error.strerror}") from error
@@ -88,9 +89,9 @@ class GuWhiteboard:
         if magic == int.from_bytes(_MAGIC.to_bytes(8, "little"), "big"):
             what = "it was written by a big-endian machine; only little-endian ones are supported"
         elif magic == version == 0:
-            what = "nothing was written to it yet; start what makes the gusimplewhiteboard first"
+            what = "it is empty; start the process that creates the gusimplewhiteboard first"
         elif magic != _MAGIC:
-            what = f"this is no gusimplewhiteboard: its magic number is {magic:#x}, not {_MAGIC:#x}"
+            what = f"not a gusimplewhiteboard: its magic number is {magic:#x}, not {_MAGIC:#x}"
         elif version != _VERSION:
             what = f"this is version {version} of a gusimplewhiteboard; {_VERSION} is supported"
         else:
@@ -98,46 +99,47 @@ class GuWhiteboard:
         raise GuFormatError(f"{self.path}: {what}")
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         del self._file  # which refers to the mapping
         self._map.close()
 
     @property
     def is_there(self) -> bool:
-        """False once the file was removed or replaced: then others no longer see what we do."""
+        """False once the file was removed or replaced, so that other processes use another one."""
         try:
             return os.path.samestat(self.path.stat(), self._status)
         except OSError:
             return False
 
     def position(self, number: int) -> RingPosition:
-        """Tell where a type stands."""
+        """Return the current position of a type."""
         return RingPosition(self._file.indexes[number], self._file.event_counters[number])
 
     def read(self, number: int, size: int) -> tuple[bytes, RingPosition] | None:
-        """Copy the current message's first bytes, whole, and tell where the type stood with it.
+        """Copy the first bytes of the current message; return them with its position.
 
-        None if its writer was so fast that no copy was whole: the next look may be luckier.
+        Return None if the writer was so fast that no copy was whole; a later read may succeed.
         """
         for _ in range(_TRIES):
             counter = self._file.event_counters[number]
             generation = self._file.indexes[number]
-            data = bytes(self._bytes(number, generation, size))
+            data = bytes(self.message_bytes(number, generation, size))
             after = self.position(number)
             if (after.counter - counter) % 2**16 <= 1:
                 return data, after if after[0] == generation else RingPosition(generation, counter)
         return None
 
     def add(self, number: int, data: bytes) -> RingPosition:
-        """Add a message; bytes beyond its end keep what they were. Return where the type stands."""
+        """Add a message and return its position; bytes beyond its end keep their values."""
         generation, counter = self.position(number)
         generation = (generation + 1) % _GENERATIONS
-        self._bytes(number, generation, len(data))[:] = data
+        self.message_bytes(number, generation, len(data))[:] = data
         self._file.indexes[number] = generation
         self._file.event_counters[number] = counter + 1
         return RingPosition(generation, (counter + 1) % 2**16)
 
-    def _bytes(self, number: int, generation: int, size: int) -> memoryview:
-        generation = generation if generation < _GENERATIONS else 0  # as others read a wrong one
+    def message_bytes(self, number: int, generation: int, size: int) -> memoryview:
+        """Return a view of the first bytes of a generation."""
+        generation = generation if generation < _GENERATIONS else 0  # as clfsm reads an invalid one
         at = _File.messages.offset + (number * _GENERATIONS + generation) * MESSAGE_SIZE
         return memoryview(self._map)[at : at + size]

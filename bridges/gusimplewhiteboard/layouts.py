@@ -1,7 +1,7 @@
-"""How a message's values lie in the bytes of another program's struct.
+"""The layout of a message's values in the bytes of another program's struct.
 
-A layout is a format of Python's ``struct``, whose values are the message's fields in their order,
-or a ctypes structure, whose fields have the names of the message's.
+A layout is a format of Python's ``struct``, with the message's fields in their order, or a ctypes
+structure, whose fields have the names of the message's fields.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ _CODES = {"boolean": "?", "integer": "bBhHiIlLqQnN", "number": "efd", "string": 
 
 
 class MessageLayout(Protocol):
-    """What turns messages into bytes, and bytes into what a message is made of."""
+    """Encodes messages into bytes, and decodes bytes into a message's fields."""
 
     size: int
 
     def encode(self, message: Message) -> bytes:
-        """Lay a message out; raise :class:`.MisfitError` if a value does not fit."""
+        """Return the message's bytes; raise :class:`.MisfitError` if a value does not fit."""
 
     def decode(self, data: bytes) -> dict[str, object]:
         """Return the fields, nested messages as dicts; raise :class:`.MisfitError`."""
@@ -56,7 +56,7 @@ def find_layout(text: str, schema: Schema, fields: Sequence[str] | None = None) 
         except (ImportError, AttributeError, ValueError) as error:
             raise LayoutError(f"no ctypes structure {text!r}: {error}") from error
         if not is_structure(found):
-            raise LayoutError(f"{text!r} is no ctypes structure")
+            raise LayoutError(f"{text!r} is not a ctypes structure")
         layout = StructureLayout(found, schema)
     if layout.size > MESSAGE_SIZE:
         raise LayoutError(
@@ -66,13 +66,13 @@ def find_layout(text: str, schema: Schema, fields: Sequence[str] | None = None) 
 
 
 class StructLayout:
-    """A layout by a format of Python's ``struct``."""
+    """A layout given by a format of Python's ``struct``."""
 
     def __init__(self, text: str, schema: Schema, fields: Sequence[str] | None = None) -> None:
         try:
             self._struct = struct.Struct(text)
         except struct.error as error:
-            raise LayoutError(f"{text!r} is no struct format: {error}") from error
+            raise LayoutError(f"{text!r} is not a struct format: {error}") from error
         self.size = self._struct.size
         paths = _leaves(schema) if fields is None else list(fields)
         codes = _codes(text)
@@ -86,12 +86,12 @@ class StructLayout:
         ]
 
     def encode(self, message: Message) -> bytes:
-        """Lay a message out."""
+        """Return the message's bytes."""
         laid: list[object] = []
         for path, width, _ in self._values:
             value = raw(attrgetter(path)(message))
             if width is not None and isinstance(value, bytes) and len(value) > width:
-                # which pack would cut short
+                # pack would truncate it
                 raise MisfitError(f"{path}: {len(value)} bytes do not fit into {width}")
             laid.append(value)
         try:
@@ -100,7 +100,7 @@ class StructLayout:
             raise MisfitError(f"{self._struct.format}: {error}") from error
 
     def decode(self, data: bytes) -> dict[str, object]:
-        """Return the fields that lie in bytes."""
+        """Return the fields."""
         plain: dict[str, Any] = {}
         for (path, _, is_text), value in zip(self._values, self._struct.unpack(data), strict=True):
             *outer, name = path.split(".")
@@ -115,7 +115,7 @@ class _Value(NamedTuple):
     path: str
     """The field, as ``linear.x``."""
     width: int | None
-    """Bytes, of a text or raw ones."""
+    """The number of bytes of a text or raw bytes, else None."""
     is_text: bool
 
 
@@ -128,11 +128,11 @@ def _value(text: str, path: str, code: str, width: int | None, schema: Schema) -
 
 
 def _codes(text: str) -> list[tuple[str, int | None]]:
-    """Return each value's code, and its width if it is one of bytes."""
+    """Return each value's code, and its width if it consists of bytes."""
     codes: list[tuple[str, int | None]] = []
     for number, code in _VALUE.findall(text):
         if code in "pP":
-            raise LayoutError(f"{text!r}: {code!r} means nothing to another process")
+            raise LayoutError(f"{text!r}: {code!r} has no meaning in another process")
         if code == "s":
             codes.append((code, int(number or 1)))
         elif code != "x":
@@ -157,5 +157,5 @@ def _leaf(schema: Schema, path: str) -> Schema:
             )
         leaf = there[name]
     if leaf.get("type") in ("object", "array"):
-        raise LayoutError(f"{path} is no single value; a ctypes structure can hold it")
+        raise LayoutError(f"{path} is not a single value; use a ctypes structure")
     return leaf

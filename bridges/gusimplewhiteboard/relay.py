@@ -1,4 +1,4 @@
-"""Relay one type of a gusimplewhiteboard's messages to a slot, or a slot to it, or both."""
+"""Relay messages between a type of a gusimplewhiteboard and a slot, in one direction or both."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ __all__ = ["Direction", "Relay", "run"]
 Direction = Literal["in", "out", "both"]
 
 _log = logging.getLogger(__name__)
-_PERIODS_A_LOOK = 100  # at whether the file is still there
+_PERIODS_A_CHECK = 100  # whether the file still exists
 
 
 class Relay:
-    """What one type's messages and one slot's have in common: pull each, pass on what is new.
+    """Relay new messages between one type and one slot.
 
-    A message that came from the other side is not sent back. Where both sides have changed since
-    the last step the gusimplewhiteboard's message wins; when the relay is made, the slot's.
+    A message that came from the other side is not sent back. If both sides have changed since the
+    last step, the gusimplewhiteboard's message wins; when the relay is created, the slot's does.
     """
 
     def __init__(
@@ -48,11 +48,11 @@ class Relay:
         self._arrow = {"in": "->", "out": "<-", "both": "<->"}[direction]
         self._inwards = direction in ("in", "both")
         self._outwards = direction in ("out", "both")
-        self._count = 0  # of the slot's latest message that is here from there, or there from here
-        self._mark = RingPosition(0, 0)  # likewise
-        self._uncounted = self._mark
+        self._count = 0  # of the slot's latest message that was relayed
+        self._position = RingPosition(0, 0)  # of the type's latest message that was relayed
+        self._uncounted = self._position
         if direction == "both" and self._bound.count:
-            self._mark = foreign.position(number)
+            self._position = foreign.position(number)
         self._refusing = False
         self.relayed_in = self.relayed_out = self.refused = 0
 
@@ -60,7 +60,7 @@ class Relay:
         return f"{self._number} {self._arrow} {self._slot.name}"
 
     def step(self) -> None:
-        """Pass on what is new; never wait."""
+        """Relay new messages; never block."""
         try:
             if self._inwards:
                 self._step_in()
@@ -68,21 +68,23 @@ class Relay:
                 self._step_out()
         except (MisfitError, MessageError) as error:
             self.refused += 1
-            if not self._refusing:  # once, not at each message of a kind
+            if not self._refusing:  # once, not for each message
                 _log.warning("%s: a message was not relayed: %s", self, error)
             self._refusing = True
 
     def _step_in(self) -> None:
-        mark = self._foreign.position(self._number)
-        if mark == self._mark:
+        position = self._foreign.position(self._number)
+        if position == self._position:
             return
-        if mark.counter == self._mark.counter and mark != self._uncounted:
-            self._uncounted = mark  # its writer is about to count it; if not, the next step reads
+        if position.counter == self._position.counter and position != self._uncounted:
+            self._uncounted = (
+                position  # its writer is about to count it; else the next step reads it
+            )
             return
         found = self._foreign.read(self._number, self._layout.size)
         if found is None:
             return
-        data, self._mark = found
+        data, self._position = found
         self._count = self._bound.add(self._message(data))
         self.relayed_in += 1
         self._refusing = False
@@ -105,7 +107,7 @@ class Relay:
             raise
         if sample is not None:
             self._count = sample.count
-            self._mark = self._foreign.add(self._number, self._layout.encode(sample.message))
+            self._position = self._foreign.add(self._number, self._layout.encode(sample.message))
             self.relayed_out += 1
             self._refusing = False
 
@@ -116,14 +118,14 @@ def run(
     wait: Callable[[], bool],
     alive: Callable[[], bool],
 ) -> None:
-    """Step all relays, again and again, until `wait` says that it is over, or the board is gone.
+    """Step all relays repeatedly, until `wait` returns True or the board is not `alive`.
 
     Raise :class:`.GuFileError` if the file was removed or replaced.
     """
     relays = list(relays)
     periods = 0
     while alive() and not wait():
-        if periods % _PERIODS_A_LOOK == 0 and not foreign.is_there:
+        if periods % _PERIODS_A_CHECK == 0 and not foreign.is_there:
             raise GuFileError(f"{foreign.path}: the file was removed or replaced; start again")
         for relay in relays:
             relay.step()

@@ -1,4 +1,4 @@
-"""What to relay: from a TOML file, whose keys are the fields here, or from the command line."""
+"""The configuration of relays, as in a TOML file, whose keys are the fields here."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _BLAMED = {LayoutError: "layout", SlotNotFoundError: "type", SlotNameError: "slo
 
 
 class ConfiguredRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A number of the gusimplewhiteboard and a slot, with the slot's type.
+    """A type's number in the gusimplewhiteboard and a slot, with the slot's message type.
 
-    `layout` is a struct format or ``module:Structure``, `fields` are the message's in the order of
-    a format. `direction` is ``in`` from the gusimplewhiteboard, ``out`` to it, or ``both``.
+    `layout` is a struct format or ``module:Structure``, `fields` are the message's fields in the
+    order of the format. `direction` is ``in`` (from the gusimplewhiteboard), ``out`` or ``both``.
     """
 
     number: Annotated[int, msgspec.Meta(ge=0, lt=TYPES)]
@@ -38,7 +38,7 @@ class ConfiguredRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     direction: Direction = "both"
 
     def resolve(self) -> tuple[Slot[Message], MessageLayout]:
-        """Return its slot and layout, with modules from the current folder, too.
+        """Return the slot and the layout; modules may be in the current folder.
 
         Raise :class:`.SlotNameError`, :class:`.SlotNotFoundError` (of the type) or
         :class:`.LayoutError`.
@@ -50,7 +50,7 @@ class ConfiguredRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
 
 class RelayConfiguration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The file of a gusimplewhiteboard, a whiteboard, and what is relayed between them."""
+    """The file of a gusimplewhiteboard, a whiteboard, and the relays between them."""
 
     relays: tuple[ConfiguredRelay, ...] = msgspec.field(name="relay", default=())
     file: str = DEFAULT_PATH
@@ -59,20 +59,20 @@ class RelayConfiguration(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
 
 
 def read_configuration(file: Path) -> RelayConfiguration:
-    """Read a TOML file; raise :class:`.ConfigurationError` with the line of what is wrong."""
+    """Read a TOML file; raise :class:`.ConfigurationError` with the line of the error."""
     return read_toml(file, RelayConfiguration, check_configuration)
 
 
-def check_configuration(plan: RelayConfiguration) -> None:
-    """Raise :class:`.ConfigurationError` for what the types cannot say."""
+def check_configuration(configuration: RelayConfiguration) -> None:
+    """Raise :class:`.ConfigurationError` for errors that the types do not exclude."""
     for key in ("number", "slot"):
         seen = set()
-        for index, relay in enumerate(plan.relays):
+        for index, relay in enumerate(configuration.relays):
             value = getattr(relay, key)
             if value in seen:
                 raise ConfigurationError(f"{value} is relayed twice", ("relay", index, key))
             seen.add(value)
-    for index, relay in enumerate(plan.relays):
+    for index, relay in enumerate(configuration.relays):
         try:
             relay.resolve()
         except (LayoutError, SlotNotFoundError, SlotNameError) as error:

@@ -26,12 +26,12 @@ _SCALARS = tuple(kind for kinds in _KINDS.values() for kind in kinds)
 
 
 def is_structure(kind: object) -> TypeGuard[type[ctypes.Structure]]:
-    """Tell a class of structures from anything else."""
+    """Return whether `kind` is a class of ctypes structures."""
     return isinstance(kind, type) and issubclass(kind, ctypes.Structure)
 
 
 class StructureLayout:
-    """A layout by a ctypes structure; fields whose names begin with ``_`` are left alone."""
+    """A layout given by a ctypes structure; fields whose names begin with ``_`` are ignored."""
 
     def __init__(self, kind: type[ctypes.Structure], schema: Schema) -> None:
         _check(kind, schema, "")
@@ -40,18 +40,18 @@ class StructureLayout:
         self._schema = schema
 
     def encode(self, message: Message) -> bytes:
-        """Lay a message out."""
+        """Return the message's bytes."""
         return bytes(_fill(self._kind, message, ""))
 
     def decode(self, data: bytes) -> dict[str, object]:
-        """Return the fields that lie in bytes."""
+        """Return the fields."""
         plain = _plain(self._kind.from_buffer_copy(data), self._schema, "")
         assert isinstance(plain, dict)
         return plain
 
 
 def _fields(kind: type[ctypes.Structure]) -> dict[str, Any]:
-    """Return the type of each field that is a message's, inherited ones first."""
+    """Return the type of each field of a message, inherited ones first."""
     return {
         name: inner
         for cls in reversed(kind.__mro__)
@@ -127,7 +127,7 @@ def _fill(kind: Any, value: Any, path: str) -> Any:
 
 
 def _fitting(kind: Any, value: Any, path: str) -> Any:
-    """Return the value if ctypes, which cuts numbers to size, stores it as it is, or rounded."""
+    """Return the value if ctypes, which truncates numbers, stores it unchanged or rounded."""
     try:
         stored = kind(value).value
     except TypeError as error:
@@ -154,17 +154,17 @@ def _plain(value: Any, schema: Schema, path: str) -> object:
 
 
 def raw(value: object) -> object:
-    """Return what C stores for a text or a choice, and anything else as it is."""
+    """Return what C stores for a text or an enumerator, and anything else unchanged."""
     if isinstance(value, Enum):
         value = value.value
     return value.encode() if isinstance(value, str) else value
 
 
 def text_of(value: object, path: str) -> object:
-    """Return the text in a C string's bytes, and anything else as it is."""
+    """Return the text in a C string's bytes, and anything else unchanged."""
     if not isinstance(value, bytes):
         return value
     try:
         return value.partition(b"\0")[0].decode()
     except UnicodeDecodeError as error:
-        raise MisfitError(f"{path}: no UTF-8 text: {error.reason}") from error
+        raise MisfitError(f"{path}: not UTF-8: {error.reason}") from error

@@ -1,4 +1,4 @@
-// The board: a row for each slot, which opens to its value as a tree.
+// The board: a row for each slot, which expands to a tree of its value.
 
 import { $, Pace, Sight, copy, make, setData, setText, toast } from "./dom.js";
 import { byName, duration, number, rate, short } from "./format.js";
@@ -7,9 +7,9 @@ import { actual, parts, plain } from "./schema.js";
 import { spark, tree } from "./tree.js";
 
 const PINS = "llfsm.pins";
-const OWN = "llfsm/"; // what our own processes tell: there, but out of the way
+const OWN = "llfsm/"; // slots of llfsm's own processes, in a group of their own
 const LONGEST = 160; // characters of a value in a row
-const VALUES_MS = 60; // between two drawings of values: more can nobody read
+const VALUES_MS = 60; // between two drawings of values: faster is not readable
 const AGES_MS = 250;
 
 function summary(schema, value, texts = [], name = "") {
@@ -78,7 +78,7 @@ class Row {
     this.use(slot);
   }
 
-  // Another board, or another moment of a recording, has another slot of this name.
+  // After a reset the slot of this name is another object.
   use(slot) {
     const wasOpen = this.isOpen;
     if (wasOpen) this.close();
@@ -140,12 +140,12 @@ class Row {
 
   drawFacts() {
     const { type, writer, count, problem, capacity } = this.slot;
-    const who = writer === null ? "nothing added yet" : `by process ${writer}, ${number(count)} added`;
-    setText(this.facts, `${type} · ${who} · up to ${number(capacity)} bytes`);
+    const added = writer === null ? "nothing added yet" : `${number(count)} added, the latest by process ${writer}`;
+    setText(this.facts, `${type} · ${added} · up to ${number(capacity)} bytes`);
     if (problem) this.body.replaceChildren(make("p", { class: "problem" }, problem));
   }
 
-  // What changed since it was last drawn; only of rows that can be seen.
+  // Draws what has changed since it was last drawn.
   draw() {
     const slot = this.slot;
     if (this.stale) {
@@ -172,7 +172,7 @@ class Row {
 
   copy() {
     const { schema, value, stamp } = this.slot;
-    if (stamp === null) return toast("nothing was added to it yet", "problem");
+    if (stamp === null) return toast("this slot has no message yet", "problem");
     return copy(JSON.stringify(plain(schema, value), null, 2));
   }
 
@@ -268,7 +268,7 @@ export class Board {
     const empty = $("board-empty");
     empty.hidden = shown.length > 0;
     $("rows").hidden = !shown.length;
-    setText(empty, total ? "No slot has these words in its name or type." : "Nothing is on this board yet.");
+    setText(empty, total ? "No slot has these words in its name or type." : "No slots on this board yet.");
     if (!this.shown.includes(this.focused)) this.focusOn(this.shown[0] ?? null);
   }
 
@@ -330,7 +330,7 @@ export class Board {
   }
 }
 
-// Make these the children, moving only what is out of place.
+// Makes these the children, moving only those that are out of place.
 function place(parent, elements) {
   elements.forEach((element, i) => {
     if (parent.children[i] !== element) parent.insertBefore(element, parent.children[i] ?? null);

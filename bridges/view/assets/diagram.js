@@ -1,12 +1,12 @@
-// A machine's diagram from the server's geometry; it can be lit, zoomed and moved.
+// A machine's diagram from the server's geometry: highlighting, zooming and panning.
 
 import { make, makeSvg } from "./dom.js";
 
-const FADE_MS = 1900; // for which a transition that was taken can be told
+const FADE_MS = 1900; // how long a transition that was taken stays highlighted
 const STEP = 1.25;
-const READABLE = 0.62; // of its own size, below which a diagram is not shown whole at first
-const LARGEST = 1.25; // of its own size, so that a small diagram is not blown up
-const FOLLOWED = 0.95; // of its own size, where the current state is followed
+const READABLE = 0.62; // scale below which a diagram is not shown whole at first
+const LARGEST = 1.25; // scale above which a small diagram is not enlarged
+const FOLLOWED = 0.95; // scale while the current state is followed
 const GLIDE_MS = 280;
 
 const point = ([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`;
@@ -26,31 +26,31 @@ function lines(texts) {
   );
 }
 
-function box(told) {
-  const kinds = ["initial", "accepting", "suspend"].filter((kind) => told[kind]);
-  const [x, y, width, height] = told.frame;
+function box(state) {
+  const kinds = ["initial", "accepting", "suspend"].filter((kind) => state[kind]);
+  const [x, y, width, height] = state.frame;
   return makeSvg(
     "g",
-    { class: ["state", ...kinds].join(" "), "data-state": told.state },
-    rect(told.frame, { class: "halo", rx: 9 }),
-    rect(told.frame, { class: "box", rx: 8 }),
-    ...(told.accepting ? [rect([x + 3.5, y + 3.5, width - 7, height - 7], { class: "rim", rx: 6 })] : []),
-    ...lines(told.lines),
-    makeSvg("title", {}, told.state),
+    { class: ["state", ...kinds].join(" "), "data-state": state.state },
+    rect(state.frame, { class: "halo", rx: 9 }),
+    rect(state.frame, { class: "box", rx: 8 }),
+    ...(state.accepting ? [rect([x + 3.5, y + 3.5, width - 7, height - 7], { class: "rim", rx: 6 })] : []),
+    ...lines(state.lines),
+    makeSvg("title", {}, state.state),
   );
 }
 
 export class Diagram {
-  constructor(told) {
-    this.frame = told.frame;
+  constructor(data) {
+    this.frame = data.frame;
     this.states = new Map();
-    this.places = new Map(told.boxes.map((each) => [each.state, each.frame]));
+    this.places = new Map(data.boxes.map((each) => [each.state, each.frame]));
     this.current = null;
     this.isFollowing = false;
     this.edges = [];
     const arrows = [];
     const labels = [];
-    for (const edge of told.edges) {
+    for (const edge of data.edges) {
       const mark = { class: "transition", "data-transition": `${edge.source}:${edge.number}` };
       const arrow = makeSvg(
         "g",
@@ -68,7 +68,7 @@ export class Diagram {
       labels.push(label);
       this.edges.push({ ...edge, elements: [arrow, label], timer: 0 });
     }
-    const boxes = told.boxes.map((each) => {
+    const boxes = data.boxes.map((each) => {
       const element = box(each);
       this.states.set(each.state, element);
       return element;
@@ -76,24 +76,24 @@ export class Diagram {
     const start = makeSvg(
       "g",
       { class: "start" },
-      makeSvg("circle", { cx: told.start.curve[0][0], cy: told.start.curve[0][1], r: 5 }),
-      makeSvg("path", { d: path(told.start.curve) }),
-      makeSvg("polygon", { points: told.start.head.map(point).join(" ") }),
+      makeSvg("circle", { cx: data.start.curve[0][0], cy: data.start.curve[0][1], r: 5 }),
+      makeSvg("path", { d: path(data.start.curve) }),
+      makeSvg("polygon", { points: data.start.head.map(point).join(" ") }),
     );
     this.svg = makeSvg(
       "svg",
-      { role: "img", "aria-label": `Diagram of ${told.title}`, preserveAspectRatio: "xMidYMid meet" },
+      { role: "img", "aria-label": `Diagram of ${data.title}`, preserveAspectRatio: "xMidYMid meet" },
       start,
       ...arrows,
       ...boxes,
       ...labels,
     );
-    this.element = make("div", { class: "diagram", tabindex: "0", "aria-label": `Diagram of ${told.title}; + and - zoom, arrows move, 0 fits, . follows` }, this.svg);
+    this.element = make("div", { class: "diagram", tabindex: "0", "aria-label": `Diagram of ${data.title}; + and - zoom, arrows move, 0 fits, . follows` }, this.svg);
     this.listen();
     this.fit();
   }
 
-  // Which state is current, and of a suspended machine the one to which it will resume.
+  // Highlights the current state and, of a suspended machine, the state to which it will resume.
   light(state, condition, held = null) {
     const seen = this.states.has(state) ? state : held;
     if (seen !== this.current) {
@@ -107,13 +107,13 @@ export class Diagram {
     }
   }
 
-  // Light a transition; it fades by itself.
+  // Highlights a transition, which then fades.
   fire(source, number) {
     for (const edge of this.edges) {
       if (edge.source !== source || edge.number !== number) continue;
       for (const element of edge.elements) {
         element.classList.remove("fired");
-        element.getBoundingClientRect(); // so that the fading begins anew
+        element.getBoundingClientRect(); // restarts the fading
         element.classList.add("fired");
       }
       clearTimeout(edge.timer);
@@ -123,7 +123,7 @@ export class Diagram {
     }
   }
 
-  // Mark the states whose names contain a text; returns how many do.
+  // Marks the states whose names contain a text; returns their number.
   find(text) {
     const found = [];
     for (const [name, element] of this.states) {
@@ -140,7 +140,7 @@ export class Diagram {
     return found.length;
   }
 
-  // Show it whole if that can be read, else what is around the current state.
+  // Shows the whole diagram if that is readable, else the surroundings of the current state.
   begin() {
     const { clientWidth: width, clientHeight: height } = this.element;
     if (Math.min(width / this.frame[2], height / this.frame[3]) >= READABLE) this.fit();
@@ -192,7 +192,7 @@ export class Diagram {
     this.svg.setAttribute("viewBox", this.view.map((value) => value.toFixed(2)).join(" "));
   }
 
-  // Zoom about a place given as parts of the width and height.
+  // Zooms about a point, given as fractions of the width and height.
   zoom(factor, across = 0.5, down = 0.5) {
     cancelAnimationFrame(this.gliding);
     const [x, y, width, height] = this.view;

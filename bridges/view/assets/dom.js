@@ -1,4 +1,4 @@
-// Elements of the page. Whatever comes from a board goes in as text, never as markup.
+// Elements of the page. Data of a board is inserted as text, never as markup.
 
 export const $ = (id) => document.getElementById(id);
 
@@ -23,7 +23,7 @@ export function makeSvg(tag, attributes = {}, ...children) {
   return fill(document.createElementNS(SVG, tag), attributes, children);
 }
 
-// A picture for a button, from a path in a square of 16.
+// An icon for a button, from a path in a square of 16.
 export function icon(d) {
   return makeSvg("svg", { class: "icon", viewBox: "0 0 16 16", "aria-hidden": "true" }, makeSvg("path", { d }));
 }
@@ -38,8 +38,8 @@ export function setData(element, name, value) {
   if (element.dataset[name] !== value) element.dataset[name] = value;
 }
 
-// Tell of elements whether they can be seen, so that nothing else is drawn. The style sheet has
-// them skipped by the browser where they cannot (content-visibility), which tells us so.
+// Knows which elements are visible, so that only these are drawn. The style sheet lets the browser
+// skip the others (content-visibility), which the browser reports by an event.
 export class Sight {
   constructor(onseen) {
     this.skipped = new WeakSet();
@@ -60,7 +60,7 @@ export class Sight {
   }
 }
 
-// Let something happen so often at most.
+// Limits how often something happens.
 export class Pace {
   constructor(milliseconds) {
     this.milliseconds = milliseconds;
@@ -78,7 +78,7 @@ export class Pace {
   }
 }
 
-// Sizes are told, not asked for: to ask makes the browser lay out the page at once, each time.
+// Sizes come from an observer: reading them would force a layout of the page each time.
 const sizes = new WeakMap();
 const observer = new ResizeObserver((entries) => {
   for (const { target, contentRect } of entries) {
@@ -87,7 +87,7 @@ const observer = new ResizeObserver((entries) => {
   }
 });
 
-// A canvas as sharp as the screen is; returns its context in CSS pixels, or null without a size.
+// Gives a canvas the screen's resolution; returns its context in CSS pixels, null without a size.
 export function context(canvas) {
   if (!sizes.has(canvas)) {
     sizes.set(canvas, [0, 0]);
@@ -106,7 +106,7 @@ export function context(canvas) {
   return Object.assign(drawing, { wide: width, high: height });
 }
 
-// Colours of the style sheet for canvases, read again when the theme changes.
+// Colours of the style sheet for canvases, cached until the theme changes.
 const read = new Map();
 
 export function color(name) {
@@ -133,7 +133,7 @@ export async function copy(text) {
   try {
     await navigator.clipboard.writeText(text);
   } catch {
-    // Only pages of this host or of https have a clipboard: the old way needs a selection.
+    // Only pages from localhost or https have a clipboard; the old way needs a selection.
     const area = make("textarea", { class: "offscreen" });
     area.value = text;
     document.body.append(area);

@@ -1,12 +1,12 @@
-// The turtles on their field: where they are, where they head, and where they have been.
+// The turtles on their field: poses and trails.
 
 import { $, color, context, setText } from "./dom.js";
 import { hue } from "./timeline.js";
 
 const POSE = "turtlesim/msg/Pose";
 const SIZE = 500 / 45; // metres from wall to wall
-const JUMP = 0.7; // metres between two poses: it was put elsewhere, and left no trail
-const CLOSE = 0.02; // metres that a trail's points are apart at least
+const JUMP = 0.7; // metres between two poses: it was teleported, without a trail
+const CLOSE = 0.02; // metres between two points of a trail, at least
 const MOST = 6000; // points of a trail
 
 class Turtle {
@@ -74,7 +74,7 @@ export class Field {
     if (!drawing) return;
     this.stale = false;
     const { wide, high } = drawing;
-    const side = Math.min(wide, high) - 48; // room for a turtle at the wall
+    const side = Math.min(wide, high) - 48; // margin for a turtle at the wall
     const [left, top] = [(wide - side) / 2, (high - side) / 2];
     const scale = side / SIZE;
     const x = (value) => left + value * scale;

@@ -1,9 +1,9 @@
-// A form made from a slot's schema, filled with its latest message, to post another one.
+// A form to post a message, made from the slot's schema and filled with its latest message.
 
 import { $, make, setText, toast } from "./dom.js";
 import { actual, isNumber, parts, plain } from "./schema.js";
 
-// Each returns [element, read], where read() gives the value or raises what is wrong.
+// Each returns [element, read]; read() returns the value or throws an error.
 function fieldOf(name, schema, value) {
   if (schema.type === "object" && schema.properties) return group(name, schema, value);
   if (Array.isArray(schema.enum)) return choice(name, schema, value);

@@ -1,4 +1,4 @@
-// Numbers and times as short texts whose width changes as little as possible.
+// Numbers and times as short texts whose width changes little.
 
 export function short(value) {
   if (typeof value !== "number") return String(value);
@@ -22,7 +22,7 @@ export function duration(seconds) {
   return `${Math.round(seconds / 86400)} d`;
 }
 
-// In seconds with tenths up to minutes, as a clock from there.
+// Seconds with tenths below a minute, else as a clock.
 export function clock(seconds) {
   const whole = Math.floor(Math.max(0, seconds));
   if (whole < 60) return `${Math.max(0, seconds).toFixed(1)} s`;

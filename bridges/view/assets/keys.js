@@ -1,18 +1,18 @@
-// Keys that work everywhere on the page, and the list of all of them.
+// Keys that work everywhere on the page, and the list of all keys.
 
 import { $, make } from "./dom.js";
 
 const LIST = [
-  ["/", "filter the board"],
+  ["/", "filter the slots"],
   ["m", "find a machine or a state"],
   ["f", "fold or unfold all machines"],
-  ["t", "light or dark"],
+  ["t", "switch between light and dark"],
   ["Space", "play or pause a recording"],
-  ["↑ ↓ Enter", "go through the slots, open one"],
+  ["↑ ↓ Enter", "move through the slots, expand one"],
   ["p  c  s", "pin a slot, copy its value, show its schema"],
-  ["+  −  0  .", "in a diagram: zoom, fit, follow; arrows move it"],
-  ["Enter  Esc", "on a diagram: fill the window, and back"],
-  ["?", "these keys"],
+  ["+  −  0  .", "in a diagram: zoom, fit, follow; arrows pan"],
+  ["Enter  Esc", "in a diagram: fill the window, and back"],
+  ["?", "show these keys"],
 ];
 
 export function listen(actions) {

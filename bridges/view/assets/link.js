@@ -1,16 +1,16 @@
-// The connection to the server: frames come, requests go; it is made again whenever it breaks.
+// The connection to the server: receives frames, sends requests, and reconnects.
 
-const LOST_MS = 3000; // without a word, after which the server counts as gone
-const PAUSE_MS = [200, 400, 800, 1500]; // before each attempt to connect again
+const LOST_MS = 3000; // without a frame, after which the connection is shown as stalled
+const PAUSE_MS = [200, 400, 800, 1500]; // before each attempt to reconnect
 
-// Whole numbers that a double cannot hold, as a stamp in nanoseconds, are kept as they were written.
+// Integers that a double cannot hold, for example a time in nanoseconds, become BigInts.
 const LARGE = /[[,:]-?\d{16,}[\],}]/;
 
 function parse(text) {
   if (!LARGE.test(text)) return JSON.parse(text);
-  return JSON.parse(text, (_, value, told) => {
-    const exact = Number.isSafeInteger(value) || typeof value !== "number" || !told?.source;
-    return exact || !/^-?\d+$/.test(told.source) ? value : BigInt(told.source);
+  return JSON.parse(text, (_, value, context) => {
+    const exact = Number.isSafeInteger(value) || typeof value !== "number" || !context?.source;
+    return exact || !/^-?\d+$/.test(context.source) ? value : BigInt(context.source);
   });
 }
 
@@ -23,7 +23,7 @@ export class Link {
     this.attempts = 0;
     this.waiting = new Map();
     this.number = 0;
-    this.heard = performance.now();
+    this.received = performance.now();
     setInterval(() => this.check(), 500);
   }
 
@@ -37,9 +37,9 @@ export class Link {
       return this.again();
     }
     this.socket = new WebSocket(`ws://${location.host}/live${this.query}`);
-    this.socket.onmessage = ({ data }) => this.hear(data);
+    this.socket.onmessage = ({ data }) => this.receive(data);
     this.socket.onclose = () => this.again();
-    this.heard = performance.now();
+    this.received = performance.now();
   }
 
   async get(path, parameters = {}) {
@@ -49,20 +49,20 @@ export class Link {
     return parse(await answer.text());
   }
 
-  hear(text) {
-    this.heard = performance.now();
-    const told = parse(text);
-    if ("answer" in told) {
-      const { resolve, reject } = this.waiting.get(told.answer) ?? {};
-      this.waiting.delete(told.answer);
-      if ("problem" in told) reject?.(new Error(told.problem));
-      else resolve?.(told.done);
+  receive(text) {
+    this.received = performance.now();
+    const message = parse(text);
+    if ("answer" in message) {
+      const { resolve, reject } = this.waiting.get(message.answer) ?? {};
+      this.waiting.delete(message.answer);
+      if ("problem" in message) reject?.(new Error(message.problem));
+      else resolve?.(message.done);
       return;
     }
     if (this.attempts >= 0) this.onstate("live");
     this.attempts = -1;
-    this.onframe(told);
-    this.socket.send('{"type":"seen"}'); // only now: what is slow is told less often
+    this.onframe(message);
+    this.socket.send('{"type":"seen"}'); // only now: a slow page gets fewer frames
   }
 
   ask(request) {
@@ -79,7 +79,7 @@ export class Link {
 
   check() {
     const open = this.socket?.readyState === WebSocket.OPEN;
-    if (open && performance.now() - this.heard > LOST_MS) this.onstate("stalled");
+    if (open && performance.now() - this.received > LOST_MS) this.onstate("stalled");
   }
 
   again() {

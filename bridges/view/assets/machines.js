@@ -1,4 +1,4 @@
-// The machines: a card each, with its diagram, its states over time and its variables.
+// The machines: a card each, with diagram, timeline and variables.
 
 import { $, Pace, Sight, icon, make, setData, setText, toast } from "./dom.js";
 import { Diagram } from "./diagram.js";
@@ -6,9 +6,9 @@ import { byName, clock, number, short } from "./format.js";
 import { Timeline } from "./timeline.js";
 
 const VARIABLES = "llfsm/variables/";
-const UNFOLDED = 4; // cards that are open at first: of many machines an overview is more use
-const LEAP_S = 1; // in a recording between two drawings: more is no playing, but a leap
-const TIMES_MS = 100; // between two drawings of what only time changes
+const UNFOLDED = 4; // cards that are unfolded at first: with more machines an overview is more useful
+const LEAP_S = 1; // in a recording between two drawings: more is a seek, not playback
+const TIMES_MS = 100; // between two drawings of what changes with time alone
 const ACTIONS = ["suspend", "resume", "restart", "stop"];
 
 class Card {
@@ -132,7 +132,7 @@ class Card {
     return index >= 0 ? index : this.order.push(state) - 1;
   }
 
-  // Light what was taken to get to each of these changes: `first` and those after it, up to `now`.
+  // Highlights the transitions to these changes: from number `first` on, up to `now`.
   note(changes, first, now = Infinity) {
     if (!this.diagram || this.folded) return;
     for (let i = first; i < changes.length && changes[i][0] <= now; i += 1) {
@@ -150,24 +150,24 @@ class Card {
 
   async fetchDiagram(machine) {
     this.definition = machine.definition;
-    let told;
+    let data;
     try {
-      told = await this.panel.get("/diagram", { machine: this.name, sections: this.sections });
+      data = await this.panel.get("/diagram", { machine: this.name, sections: this.sections });
     } catch {
-      this.definition = undefined; // the connection will be back
+      this.definition = undefined; // the connection will be restored
       return;
     }
-    const text = JSON.stringify(told);
-    if (text === this.text) return; // as after each leap in a recording: it stays as it is
+    const text = JSON.stringify(data);
+    if (text === this.text) return; // for example after a seek in a recording
     this.text = text;
-    if (told.problem) {
+    if (data.problem) {
       this.diagram = null;
-      this.place.replaceChildren(make("p", { class: "problem" }, told.problem));
+      this.place.replaceChildren(make("p", { class: "problem" }, data.problem));
       return;
     }
-    this.diagram = new Diagram(told);
-    this.order = told.boxes.map((box) => box.state);
-    const [, , width, height] = told.frame;
+    this.diagram = new Diagram(data);
+    this.order = data.boxes.map((box) => box.state);
+    const [, , width, height] = data.frame;
     this.place.style.setProperty("--shape", String(Math.min(2.4, Math.max(0.9, width / height))));
     this.place.replaceChildren(this.diagram.element);
     this.light(machine);
@@ -181,7 +181,7 @@ class Card {
     setText(this.since, clock(now - machine.entered));
     this.timeline.draw(changes, now, this.panel.span, model.known);
     if (this.panel.span === null) return;
-    // All of a recording is known at once: a change is news when its time has come.
+    // All of a recording is known at once: a change is new when playback reaches it.
     const passed = now - (this.then ?? now);
     if (passed > 0 && passed < LEAP_S) this.note(changes, firstAfter(changes, this.then), now);
     this.then = now;
@@ -219,7 +219,7 @@ class Card {
     this.diagram?.light(this.stateOf(machine), machine.condition, before ? before[1] : null);
   }
 
-  // In a recording the events of machines are known, too: they tell of each state, however short.
+  // A recording has the events of machines, too, which contain each state, however short.
   stateOf(machine) {
     const { model, span } = this.panel;
     if (span === null || machine.condition !== "running") return machine.state;
@@ -229,15 +229,15 @@ class Card {
   }
 
   drawVariables(slot) {
-    const told = slot?.value?.[0];
-    if (!Array.isArray(told) || this.drawn === slot.count) return;
+    const variables = slot?.value?.[0];
+    if (!Array.isArray(variables) || this.drawn === slot.count) return;
     this.drawn = slot.count;
-    if (this.variables.rows.length !== told.length) {
+    if (this.variables.rows.length !== variables.length) {
       this.variables.replaceChildren(
-        ...told.map(() => make("tr", {}, make("th", { scope: "row" }), make("td"))),
+        ...variables.map(() => make("tr", {}, make("th", { scope: "row" }), make("td"))),
       );
     }
-    told.forEach(([name, value], i) => {
+    variables.forEach(([name, value], i) => {
       const [key, cell] = this.variables.rows[i].cells;
       setText(key, name);
       const text = value === null ? "None" : typeof value === "string" ? value : short(value);
@@ -263,7 +263,7 @@ export class Machines {
     this.canControl = false;
     this.words = "";
     this.cards = new Map();
-    this.known = new Map(); // how many changes of its history were seen
+    this.known = new Map(); // how many changes of each history were seen
     this.times = new Pace(TIMES_MS);
     this.sight = new Sight(() => this.times.now());
     $("machines-search").addEventListener("input", () => this.search());
@@ -330,7 +330,7 @@ export class Machines {
     $("machines-empty").hidden = shown > 0;
     setText(
       $("machines-empty"),
-      total ? "No machine or state is called so." : "No machine runs on this board yet.",
+      total ? "No machine or state has this name." : "No machines on this board yet.",
     );
     const open = [...this.cards.values()].some((card) => !card.folded);
     setText($("machines-fold"), open ? "Fold all" : "Unfold all");

@@ -1,4 +1,4 @@
-// The page: frames come in, views are told what has changed, and are drawn when there is time.
+// The page: frames update the model and the views, which are drawn at a limited rate.
 
 import { Board } from "./board.js";
 import { $, forgetColors, setData, setText } from "./dom.js";
@@ -12,10 +12,10 @@ import { Player } from "./player.js";
 
 const TOKEN = "llfsm.token";
 const THEME = "llfsm.theme";
-const DRAW_MS = 30; // between two drawings when something has changed
-const AGE_MS = 100; // when nothing has but the time
+const DRAW_MS = 30; // between two drawings after a change
+const AGE_MS = 100; // between two drawings without one
 
-// The token goes from the address, where it would be seen, to what this tab remembers.
+// Moves the token from the address, where it would be visible, to this tab's storage.
 function takeToken() {
   const given = new URLSearchParams(location.search).get("token");
   if (given) {
@@ -62,7 +62,7 @@ function showTrouble(text) {
 const LINKS = {
   connecting: "connecting",
   live: "live",
-  stalled: "no news",
+  stalled: "no answer",
   lost: "reconnecting",
   refused: "refused",
 };
@@ -71,7 +71,7 @@ function showLink(state, problem = "", about = null) {
   setText($("link"), state === "live" && player.span !== null ? "recording" : LINKS[state]);
   setData($("link"), "is", state);
   if (problem) showTrouble(problem);
-  else if (state === "lost") showTrouble("The server does not answer; trying again. What you see is what was there last.");
+  else if (state === "lost") showTrouble("The server does not answer; reconnecting. The page shows the latest data received.");
   else if (state === "live") showTrouble(model.trouble);
   if (!about) return;
   setText($("title"), about.title);

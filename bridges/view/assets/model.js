@@ -1,4 +1,4 @@
-// All that the page knows, from the server's frames. Views read it; nothing else writes it.
+// All data of the page, from the server's frames. Views read it; nothing else writes it.
 
 import { at, firstNumber } from "./schema.js";
 
@@ -30,10 +30,10 @@ class Slot {
     this.value = null;
     this.problem = null;
     this.rate = null;
-    this.interval = null; // between messages, as far as it was seen
+    this.interval = null; // between messages, a moving average in seconds
     this.path = numberIn(schema);
     this.series = new Series();
-    this.listeners = new Set(); // of each message, not only of the latest that is drawn
+    this.listeners = new Set(); // called for each message, not only for those drawn
     this.counted = null;
   }
 
@@ -55,7 +55,7 @@ class Slot {
     this.counted = [now, this.count];
   }
 
-  // Fresh, quiet (it comes seldom), or late: it came regularly and has stopped.
+  // Fresh; quiet: it is updated rarely; or late: it was updated regularly and has stopped.
   freshness(now) {
     const age = now - this.stamp;
     if (age < 1) return "fresh";
@@ -66,7 +66,7 @@ class Slot {
 export class Model {
   constructor() {
     this.speed = 1;
-    this.known = null; // up to when the history of a recording is known so far
+    this.known = null; // the time up to which the history of a recording is known
     this.trouble = "";
     this.epoch = 0;
     this.forget();
@@ -96,8 +96,8 @@ export class Model {
     if ("known" in frame) this.known = frame.known;
     if ("trouble" in frame) this.trouble = frame.trouble;
     this.anchor = [frame.now, performance.now()];
-    for (const told of frame.slots ?? []) {
-      const slot = new Slot(told);
+    for (const entry of frame.slots ?? []) {
+      const slot = new Slot(entry);
       this.slots.set(slot.name, slot);
       this.numbered[slot.number] = slot;
       changed.slots.add(slot);
@@ -136,7 +136,7 @@ export class Model {
   }
 }
 
-// A schema is whatever some process has written: one that makes no sense has no number.
+// A schema may be invalid, as any process can write one: then there is no number.
 function numberIn(schema) {
   try {
     return firstNumber(schema);

@@ -42,7 +42,7 @@ export class Player {
     this.ask({ type: "play", speed }).catch(() => {});
   }
 
-  // While one request is under way only the latest place is kept.
+  // While a request is pending, only the latest position is kept.
   async seek(at) {
     this.wanted = at;
     if (this.asking) return;

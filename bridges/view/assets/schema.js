@@ -1,4 +1,4 @@
-// A message comes as its fields' values, in the order of the slot's schema: here they meet again.
+// A message is sent as its fields' values, in the order of the slot's schema: here they are joined.
 
 function fits(schema, value) {
   if ("enum" in schema) return schema.enum.includes(value);
@@ -17,13 +17,13 @@ function fits(schema, value) {
   }
 }
 
-// The schema that a value of a union has.
+// Returns the member of a union that a value belongs to.
 export function actual(schema, value) {
   if (!Array.isArray(schema?.anyOf)) return schema ?? {};
   return schema.anyOf.find((option) => fits(option, value)) ?? {};
 }
 
-// The parts of a value as [name, schema, value], or null if it has none.
+// Returns the parts of a value as [name, schema, value], or null if it has none.
 export function parts(schema, value) {
   if (!Array.isArray(value)) return null;
   if (schema.type === "object" && schema.properties) {
@@ -32,7 +32,7 @@ export function parts(schema, value) {
   return value.map((part, i) => [String(i), schema.prefixItems?.[i] ?? schema.items ?? {}, part]);
 }
 
-// As the programs' own JSON has it: objects with names.
+// Returns the value as JSON objects with the fields' names.
 export function plain(schema, value) {
   const own = actual(schema, value);
   const inner = parts(own, value);
@@ -41,12 +41,12 @@ export function plain(schema, value) {
   return own.type === "object" ? Object.fromEntries(values) : values.map(([, each]) => each);
 }
 
-// Numbers that are none, as NaN, have no JSON.
+// Such a value is null if it is not finite, as JSON has no NaN.
 export function isNumber(schema) {
   return schema.type === "number" || schema.type === "integer";
 }
 
-// The way to the first number of a message, as the places in nested arrays; null without one.
+// Returns the path to the first number of a message, as indices in nested arrays; null without one.
 export function firstNumber(schema) {
   if (isNumber(schema)) return [];
   const inner = schema.type === "object" && schema.properties ? Object.values(schema.properties) : [];

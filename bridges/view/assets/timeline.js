@@ -1,9 +1,9 @@
-// The states that a machine was in, over time, as a band of colours.
+// The states of a machine over time, as coloured bands.
 
 import { color, context } from "./dom.js";
 import { duration } from "./format.js";
 
-const SHOWN_S = 60; // of a live machine
+const SHOWN_S = 60; // for a live machine
 const NOTCH = 7; // pixels
 const HUES = [168, 214, 268, 32, 338, 96, 190, 300, 52, 8, 140, 236];
 
@@ -16,10 +16,10 @@ export class Timeline {
     this.canvas = canvas;
     this.stateIndex = stateIndex;
     this.bands = [];
-    canvas.addEventListener("pointermove", (event) => this.tell(event));
+    canvas.addEventListener("pointermove", (event) => this.describe(event));
   }
 
-  // `span` is all of a recording's time, null when live; `known` is up to when it is read.
+  // `span` is the length of a recording, null when live; `known` the time up to which it is read.
   draw(changes, now, span, known) {
     const drawing = context(this.canvas);
     if (!drawing) return;
@@ -34,7 +34,7 @@ export class Timeline {
     }
     drawing.font = `11px ${color("sans")}`;
     drawing.textBaseline = "middle";
-    let i = Math.max(0, changes.length - 1); // of an ended machine there may be none
+    let i = Math.max(0, changes.length - 1); // an ended machine may have none
     while (i > 0 && changes[i][0] > from) i -= 1;
     const gaps = [];
     for (; i < changes.length; i += 1) {
@@ -59,7 +59,7 @@ export class Timeline {
       this.bands.push([left, left + width, state, ends - begins, suspended, skipped]);
       if (skipped && begins >= from && left - (gaps.at(-1) ?? -NOTCH) >= NOTCH) gaps.push(left);
     }
-    // Where states were too short to be seen: a notch from above.
+    // A notch at the top marks states that were too short to be seen.
     drawing.fillStyle = color("late");
     for (const left of gaps) {
       drawing.beginPath();
@@ -74,7 +74,7 @@ export class Timeline {
     }
   }
 
-  tell(event) {
+  describe(event) {
     const at = event.offsetX;
     const band = this.bands.find(([left, right]) => left <= at && at <= right);
     this.canvas.title = band

@@ -1,4 +1,4 @@
-// A value as a tree. Its elements are made once; a new value changes texts, unless its shape differs.
+// A value as a tree. Elements are made once; a new value of the same shape changes only texts.
 
 import { color, context, make, setText } from "./dom.js";
 import { exact } from "./format.js";
@@ -31,7 +31,7 @@ function branch(schema, own, inner) {
   return {
     element,
     isLeaf: false,
-    // Returns false if the value has another shape: then a new tree is needed.
+    // Returns false if the value has another shape and needs a new tree.
     update(value) {
       const now = actual(schema, value);
       const values = now === own ? parts(own, value) : null;

@@ -186,7 +186,8 @@ def test_no_gusimplewhiteboard(tmp_path: Path, board: str) -> None:
     status, said = refusal(tmp_path, "--file", "none", "-b", board, *relay)
     assert (status, said) == (
         1,
-        "Error: none: no such file; start what makes the gusimplewhiteboard, or name its file\n",
+        "Error: none: no such file; start the process that creates the gusimplewhiteboard, or "
+        "name its file\n",
     )
 
 

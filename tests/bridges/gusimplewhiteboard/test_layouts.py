@@ -180,20 +180,20 @@ def test_a_value_that_does_not_fit(layout: str, message: Message, what: str) -> 
 
 def test_bytes_that_are_no_text() -> None:
     layout = find_layout("2s", ROBOT.schema, ["name"])
-    with pytest.raises(MisfitError, match="name: no UTF-8 text"):
+    with pytest.raises(MisfitError, match="name: not UTF-8"):
         layout.decode(b"\xff\xff")
 
 
 @pytest.mark.parametrize(
     ("layout", "fields", "slot", "what"),
     [
-        ("<6y", None, ROBOT, "'<6y' is no struct format: bad char"),
+        ("<6y", None, ROBOT, "'<6y' is not a struct format: bad char"),
         ("<2d", None, ROBOT, "2 values for 8 fields: name, on, battery, steps, place.x"),
         ("<d", ["volts"], ROBOT, "Robot has no field 'volts': name, on"),
         ("<d", ["name.x"], ROBOT, "Robot has no field 'name.x'"),
-        ("<d", ["place"], ROBOT, "place is no single value; a ctypes structure can hold it"),
+        ("<d", ["place"], ROBOT, "place is not a single value; use a ctypes structure"),
         ("<d", ["steps"], ROBOT, "'d' cannot hold steps, which is of type integer"),
-        ("P", ["steps"], ROBOT, "'P' means nothing to another process"),
+        ("P", ["steps"], ROBOT, "'P' has no meaning in another process"),
         ("<129s", ["name"], ROBOT, "takes 129 bytes; a gusimplewhiteboard's message has 128"),
         (here(CLarge), None, ROBOT, "takes 129 bytes"),
         (here(CNumber), ["battery"], ROBOT, "a structure has field names of its own"),
@@ -203,7 +203,7 @@ def test_bytes_that_are_no_text() -> None:
         (here(CShort), None, ARM, "c_double_Array_2 cannot hold joints, which is of type array"),
         ("no_such_module:X", None, ROBOT, "no ctypes structure 'no_such_module:X'"),
         (here(CNumber) + "X", None, ROBOT, "no ctypes structure"),
-        (here(Robot), None, ROBOT, "is no ctypes structure"),
+        (here(Robot), None, ROBOT, "is not a ctypes structure"),
     ],
 )
 def test_a_layout_that_does_not_match(

@@ -141,7 +141,7 @@ def test_a_message_that_is_about_to_be_counted_is_relayed_once(
     relay: Callable[..., Relay], foreign: GuWhiteboard, board: Board
 ) -> None:
     relay_in = relay("in")
-    foreign._bytes(12, 1, 24)[:] = struct.pack("<3d", 1, 2, 3)
+    foreign.message_bytes(12, 1, 24)[:] = struct.pack("<3d", 1, 2, 3)
     foreign._file.indexes[12] = 1
     relay_in.step()
     assert board[VECTOR].count == 0
@@ -156,7 +156,7 @@ def test_a_writer_that_does_not_count_is_relayed_all_the_same(
 ) -> None:
     relay_in = relay("in")
     for value in range(1, 9):
-        foreign._bytes(12, value % 4, 24)[:] = struct.pack("<3d", value, 0, 0)
+        foreign.message_bytes(12, value % 4, 24)[:] = struct.pack("<3d", value, 0, 0)
         foreign._file.indexes[12] = value % 4
         for _ in range(3):
             relay_in.step()
