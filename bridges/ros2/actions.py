@@ -20,12 +20,12 @@ from typing import Any
 from llfsm.runtime.engine.clock import Clock, MonotonicClock
 from llfsm.whiteboard import Message
 
-from .backlog import Put, through
+from .call_queue import Put, through
 from .errors import AlreadyAnsweredError
 from .goals import GoalStatus
-from .qos import Durability, Qos
+from .qos import DurabilityPolicy, Qos
 from .stamps import from_ns, to_ns
-from .transport import Node, Request
+from .transport import Node, ServiceRequest
 from .types import RosAction, TypeLibrary
 
 __all__ = ["ActionServer", "ServerGoal"]
@@ -33,7 +33,7 @@ __all__ = ["ActionServer", "ServerGoal"]
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 _KEPT_NS = 10_000_000_000  # rcl_action's default
-_STATUS_QOS = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
+_STATUS_QOS = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
 
 
 class ServerGoal:
@@ -49,12 +49,12 @@ class ServerGoal:
         self.status = GoalStatus.EXECUTING
         self.ended_ns = 0
         self.response: Message | None = None
-        self.waiting: list[Request[Any, Any]] = []
+        self.waiting: list[ServiceRequest[Any, Any]] = []
         self._server = server
 
-    def tell(self, feedback: Message) -> None:
+    def publish_feedback(self, feedback: Message) -> None:
         """Publish feedback."""
-        self._server.tell(self, feedback)
+        self._server.publish_feedback(self, feedback)
 
     def end(self, status: GoalStatus, result: Message) -> None:
         """End as SUCCEEDED, CANCELED or ABORTED, and answer those who wait for the result.
@@ -105,10 +105,10 @@ class ActionServer:
 
         self._ends = ExitStack()
         opened = self._ends.enter_context
-        self._tell_feedback = opened(
+        self._send_feedback = opened(
             node.publisher(f"{name}/_action/feedback", of.feedback_message)
         ).publish
-        self._tell_statuses = opened(
+        self._send_statuses = opened(
             node.publisher(f"{name}/_action/status", statuses, _STATUS_QOS)
         ).publish
         for service, of_service, take in (
@@ -122,21 +122,21 @@ class ActionServer:
         """Take it off the graph; who waits for a result then gets none."""
         self._ends.close()
 
-    def tell(self, goal: ServerGoal, feedback: Message) -> None:
+    def publish_feedback(self, goal: ServerGoal, feedback: Message) -> None:
         """Publish a goal's feedback."""
-        self._tell_feedback(self._feedback(goal_id=goal.info.goal_id, feedback=feedback))
+        self._send_feedback(self._feedback(goal_id=goal.info.goal_id, feedback=feedback))
 
     def end(self, goal: ServerGoal, status: GoalStatus, result: Message) -> None:
         """Let a goal have ended."""
         goal.status = status
         goal.ended_ns = self._clock.now_ns()
         goal.response = self._result(status=int(status), result=result)
-        self._tell_status()
+        self._publish_status()
         for request in goal.waiting:
             request.answer(goal.response)
         goal.waiting.clear()
 
-    def _take_goal(self, request: Request[Any, Any]) -> None:
+    def _take_goal(self, request: ServiceRequest[Any, Any]) -> None:
         self._forget()
         message = request.message
         key = message.goal_id.uuid
@@ -148,7 +148,7 @@ class ActionServer:
             accepted = self._accept(key, ServerGoal(self, info, message.goal))
         request.answer(self._accepted(accepted=accepted, stamp=info.stamp))
         if accepted:
-            self._tell_status()
+            self._publish_status()
 
     def _accept(self, key: bytes, goal: ServerGoal) -> bool:
         accepted = False
@@ -160,7 +160,7 @@ class ActionServer:
                 del self._goals[key]
         return accepted
 
-    def _take_cancel(self, request: Request[Any, Any]) -> None:
+    def _take_cancel(self, request: ServiceRequest[Any, Any]) -> None:
         self._forget()
         wanted = request.message.goal_info
         code, meant = self._meant(wanted.goal_id.uuid, to_ns(wanted.stamp))
@@ -172,7 +172,7 @@ class ActionServer:
         infos = tuple(goal.info for goal in agreed)
         request.answer(self._cancelled(return_code=code, goals_canceling=infos))
         if agreed:
-            self._tell_status()
+            self._publish_status()
 
     def _meant(self, key: bytes, until_ns: int) -> tuple[int, list[ServerGoal]]:
         """Return which goals a request to cancel is about, and the answer's code."""
@@ -191,7 +191,7 @@ class ActionServer:
             and (everything or other == key or to_ns(goal.info.stamp) <= until_ns)
         ]
 
-    def _take_result(self, request: Request[Any, Any]) -> None:
+    def _take_result(self, request: ServiceRequest[Any, Any]) -> None:
         self._forget()
         goal = self._goals.get(request.message.goal_id.uuid)
         if goal is None:
@@ -210,9 +210,9 @@ class ActionServer:
             if goal.status.active or goal.ended_ns >= then
         }
 
-    def _tell_status(self) -> None:
+    def _publish_status(self) -> None:
         statuses = (
             self._status(goal_info=goal.info, status=int(goal.status))
             for goal in self._goals.values()
         )
-        self._tell_statuses(self._statuses(status_list=tuple(statuses)))
+        self._send_statuses(self._statuses(status_list=tuple(statuses)))

@@ -5,7 +5,7 @@ Ros2Error
 ├── RosTypeError
 │   ├── UnknownTypeError      nobody defines that type
 │   ├── DefinitionSyntaxError a definition breaks ROS 2's rules for them
-│   ├── DefinitionPlaceError  where definitions were to be looked for is nothing
+│   ├── DefinitionPathError  where definitions were to be looked for is nothing
 │   └── TypeMismatchError     a Message class with other fields than the type of its name
 ├── CdrError                  bytes that are no message of a type, or a message that has no bytes
 └── TransportError
@@ -30,7 +30,7 @@ __all__ = [
     "CallFailedError",
     "CallTimeoutError",
     "CdrError",
-    "DefinitionPlaceError",
+    "DefinitionPathError",
     "DefinitionSyntaxError",
     "DomainIdError",
     "NoServerError",
@@ -67,7 +67,7 @@ class DefinitionSyntaxError(RosTypeError, ValueError):
     """A definition breaks ROS 2's rules; the message says where and which."""
 
 
-class DefinitionPlaceError(RosTypeError, ValueError):
+class DefinitionPathError(RosTypeError, ValueError):
     """A folder or file in which to look for definitions is not there."""
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from .defaults import TRANSPORTS, choose_transport
 from .errors import TransportUnavailableError
-from .telling import log_notice
+from .notices import log_notice
 from .transport import Notice, Transport
 
 __all__ = ["explaining_missing", "open_transport"]

@@ -12,11 +12,11 @@ from typing import Any
 
 from llfsm.whiteboard import Message
 
-from .backlog import Put, through
-from .parameters import Parameters, ParameterType, Value, type_of
+from .call_queue import Put, through
+from .node_parameters import NodeParameters, ParameterType, Value, type_of
 from .qos import Qos
 from .stamps import from_ns
-from .transport import Node, Request
+from .transport import Node, ServiceRequest
 from .types import RosService, TypeLibrary
 
 __all__ = ["PARAMETER_QOS", "ParameterServer"]
@@ -31,7 +31,9 @@ _FIELDS = {kind: f"{kind.name.lower()}_value" for kind in ParameterType if kind}
 class ParameterServer:
     """Serves a node's parameters; requests are handled through ``put``, on one thread."""
 
-    def __init__(self, node: Node, types: TypeLibrary, parameters: Parameters, put: Put) -> None:
+    def __init__(
+        self, node: Node, types: TypeLibrary, parameters: NodeParameters, put: Put
+    ) -> None:
         self._node = node.name
         self._parameters = parameters
         self._parameter: type[Message] = types.message("rcl_interfaces/msg/Parameter").message
@@ -46,7 +48,7 @@ class ParameterServer:
         self._found = types.message("rcl_interfaces/msg/ListParametersResult").message
         event = types.message("rcl_interfaces/msg/ParameterEvent")
         self._event = event.message
-        self._tell = node.publisher("/parameter_events", event, PARAMETER_QOS).publish
+        self._publish = node.publisher("/parameter_events", event, PARAMETER_QOS).publish
         for name, type_name, respond in (
             ("get_parameters", "GetParameters", self._get),
             ("get_parameter_types", "GetParameterTypes", self._types),
@@ -58,7 +60,7 @@ class ParameterServer:
             of = types.service(f"rcl_interfaces/srv/{type_name}")
             handler = through(put, _answering(of, respond))
             node.server(f"~/{name}", of, handler, PARAMETER_QOS)
-        self._tell_event(new_parameters=parameters.values().items())
+        self._publish_event(new_parameters=parameters.values().items())
 
     def _get(self, request: Any) -> dict[str, Any]:
         values = self._parameters.values()
@@ -98,17 +100,17 @@ class ParameterServer:
                 return self._outcome(successful=False, reason=reason)
         for name, value in values:
             self._parameters.assign(name, value)
-        self._tell_event(changed_parameters=values)
+        self._publish_event(changed_parameters=values)
         return self._outcome(successful=True)
 
-    def _tell_event(self, **changes: Iterable[tuple[str, Value]]) -> None:
-        told = {
+    def _publish_event(self, **changes: Iterable[tuple[str, Value]]) -> None:
+        lists = {
             field: tuple(
                 self._parameter(name=name, value=self._to_message(value)) for name, value in values
             )
             for field, values in changes.items()
         }
-        self._tell(self._event(stamp=from_ns(time.time_ns()), node=self._node, **told))
+        self._publish(self._event(stamp=from_ns(time.time_ns()), node=self._node, **lists))
 
     def _all_known(self, names: tuple[str, ...]) -> tuple[str, ...]:
         return names if all(name in self._parameters.declared for name in names) else ()
@@ -134,7 +136,7 @@ class ParameterServer:
 
 def _answering(
     of: RosService, respond: Callable[[Any], dict[str, Any]]
-) -> Callable[[Request[Any, Any]], None]:
+) -> Callable[[ServiceRequest[Any, Any]], None]:
     """Return a handler that answers with the fields that ``respond`` returns."""
     response = of.response.message
     return lambda request: request.answer(response(**respond(request.message)))

@@ -9,24 +9,24 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-__all__ = ["SERVICE", "TOPIC", "Durability", "History", "Qos", "Reliability"]
+__all__ = ["SERVICE", "TOPIC", "DurabilityPolicy", "HistoryPolicy", "Qos", "ReliabilityPolicy"]
 
 
-class Reliability(IntEnum):
+class ReliabilityPolicy(IntEnum):
     """Whether a message may be lost on its way."""
 
     RELIABLE = 1
     BEST_EFFORT = 2
 
 
-class Durability(IntEnum):
+class DurabilityPolicy(IntEnum):
     """Whether a subscription that comes late gets what was published before."""
 
     TRANSIENT_LOCAL = 1
     VOLATILE = 2
 
 
-class History(IntEnum):
+class HistoryPolicy(IntEnum):
     """Whether the newest messages are kept, or all."""
 
     KEEP_LAST = 1
@@ -36,9 +36,9 @@ class History(IntEnum):
 class Qos(NamedTuple):
     """A profile; as it stands, ROS 2's default for topics."""
 
-    reliability: Reliability = Reliability.RELIABLE
-    durability: Durability = Durability.VOLATILE
-    history: History = History.KEEP_LAST
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
+    history: HistoryPolicy = HistoryPolicy.KEEP_LAST
     depth: int = 10
     """Messages kept, from 1; it says nothing if all are kept."""
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 
-from .qos import Durability, Qos
+from .qos import DurabilityPolicy, Qos
 from .stamps import from_ns
 from .transport import Node
 from .types import TypeLibrary
 
 __all__ = ["Rosout"]
 
-_QOS = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1000)
+_QOS = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1000)
 
 
 class Rosout:

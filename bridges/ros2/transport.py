@@ -3,7 +3,7 @@
     Transport            one way into one ROS domain
     └── Node        a node on its graph
         ├── Publisher       publish(message)
-        ├── Subscription    callback(arrival)
+        ├── TopicSubscription    callback(arrival)
         ├── Client          call(request) -> future
         └── Server          handler(request), which may be answered later
 
@@ -36,23 +36,24 @@ from llfsm.whiteboard.message import M, Message
 
 from .graph import Graph
 from .lifetime import Closable
-from .names import NO_REMAPPING
 from .qos import SERVICE, TOPIC, Qos
+from .ros_names import NO_REMAPPING
 
 if TYPE_CHECKING:
     from .types import RosMessage, RosService
 
 __all__ = [
-    "Arrival",
     "Client",
     "MessageInfo",
     "Node",
     "Notice",
     "NoticeKind",
     "Publisher",
-    "Request",
+    "SerializedBytes",
+    "SerializedMessage",
     "Server",
-    "Subscription",
+    "ServiceRequest",
+    "TopicSubscription",
     "Transport",
 ]
 
@@ -94,7 +95,7 @@ class MessageInfo(NamedTuple):
     """The publisher's 16 bytes; empty: unknown."""
 
 
-class Arrival(ABC, Generic[M]):
+class SerializedMessage(ABC, Generic[M]):
     """A message that came in and is not decoded yet. It may be kept and used on any thread."""
 
     __slots__ = ()
@@ -117,6 +118,31 @@ class Arrival(ABC, Generic[M]):
         """
 
 
+class SerializedBytes(SerializedMessage[M]):
+    """An arrival whose bytes are here already."""
+
+    __slots__ = ("_data", "_info", "_of")
+
+    def __init__(self, data: bytes, info: MessageInfo, of: RosMessage[M]) -> None:
+        self._data = data
+        self._info = info
+        self._of = of
+
+    @property
+    def data(self) -> bytes:
+        """What was published."""
+        return self._data
+
+    @property
+    def info(self) -> MessageInfo:
+        """By whom and when."""
+        return self._info
+
+    def decode(self) -> M:
+        """Return the message."""
+        return self._of.decode(self._data)
+
+
 class Publisher(Closable, Generic[M]):
     """Sends messages to a topic."""
 
@@ -136,7 +162,7 @@ class Publisher(Closable, Generic[M]):
         """
 
 
-class Subscription(Closable):
+class TopicSubscription(Closable):
     """Gets the messages of a topic until it is closed."""
 
     name: str
@@ -175,7 +201,7 @@ class Client(Closable, Generic[Req, Res]):
         """
 
 
-class Request(ABC, Generic[Req, Res]):
+class ServiceRequest(ABC, Generic[Req, Res]):
     """A request that somebody waits to have answered, by any thread at any time.
 
     One that is dropped without an answer has failed, as far as the middleware can tell the caller.
@@ -229,9 +255,9 @@ class Node(Closable):
         self,
         topic: str,
         of: RosMessage[M],
-        callback: Callable[[Arrival[M]], None],
+        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos = TOPIC,
-    ) -> Subscription:
+    ) -> TopicSubscription:
         """Have ``callback`` called with what is published on a topic."""
 
     @abstractmethod
@@ -243,7 +269,7 @@ class Node(Closable):
         self,
         service: str,
         of: RosService,
-        handler: Callable[[Request[Any, Any]], None],
+        handler: Callable[[ServiceRequest[Any, Any]], None],
         qos: Qos = SERVICE,
     ) -> Server:
         """Have ``handler`` called with each request; it answers at once or keeps the request.

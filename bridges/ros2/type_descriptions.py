@@ -6,9 +6,9 @@ from typing import Any
 
 from llfsm.whiteboard import Message
 
-from .backlog import Put, through
+from .call_queue import Put, through
 from .errors import RosTypeError
-from .transport import Node, Request
+from .transport import Node, ServiceRequest
 from .types import TypeLibrary
 
 __all__ = ["TypeDescriptionServer"]
@@ -30,7 +30,7 @@ class TypeDescriptionServer:
         }
         node.server("~/get_type_description", of, through(put, self._answer))
 
-    def _answer(self, request: Request[Any, Any]) -> None:
+    def _answer(self, request: ServiceRequest[Any, Any]) -> None:
         name, wanted = request.message.type_name, request.message.type_hash
         try:
             description, type_hash = self._types.describe(name)

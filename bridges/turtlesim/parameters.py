@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ..ros2 import parameters
-from ..ros2.parameters import Parameter, Value
+from ..ros2.node_parameters import NodeParameters, Parameter, Value
 from .errors import ParameterError
 from .pen import Color
 
@@ -12,7 +11,7 @@ __all__ = ["Parameters"]
 _BYTE = (0, 255)
 
 
-class Parameters(parameters.Parameters):
+class Parameters(NodeParameters):
     """Hold `background_r`, `background_g`, `background_b` (0 to 255) and `holonomic`."""
 
     background: Color

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..ros2.backlog import Backlog, through
+from ..ros2.call_queue import CallQueue, through
 from ..ros2.parameter_server import PARAMETER_QOS, ParameterServer
-from ..ros2.qos import Qos, Reliability
+from ..ros2.qos import Qos, ReliabilityPolicy
 from ..ros2.rosout import Rosout
-from ..ros2.transport import Request, Transport
+from ..ros2.transport import ServiceRequest, Transport
 from ..ros2.type_descriptions import TypeDescriptionServer
 from ..ros2.types import TypeLibrary
 from .ros_turtle import RosTurtle
@@ -31,7 +31,7 @@ class RosTurtlesim:
     """
 
     def __init__(self, transport: Transport, log: Log) -> None:
-        self.backlog = Backlog()
+        self.backlog = CallQueue()
         self._types = types = TypeLibrary()
         self._node = node = transport.node("turtlesim")
         self._rosout = Rosout(node, types)
@@ -43,7 +43,7 @@ class RosTurtlesim:
         # The real node paints anew on such an event, and its clock looks for a simulated time.
         # Here nothing follows from it, but tools show the same graph.
         event = types.message("rcl_interfaces/msg/ParameterEvent")
-        for qos in (PARAMETER_QOS, Qos(Reliability.BEST_EFFORT, depth=100)):
+        for qos in (PARAMETER_QOS, Qos(ReliabilityPolicy.BEST_EFFORT, depth=100)):
             node.subscription("/parameter_events", event, lambda _: None, qos)
         self._serve("clear", "std_srvs/srv/Empty", self._clear)
         self._serve("reset", "std_srvs/srv/Empty", self._reset)
@@ -53,7 +53,7 @@ class RosTurtlesim:
 
     def step(self) -> None:
         """Do what came in, advance by 16 ms of simulated time, publish what became of it."""
-        self.backlog.work_off()
+        self.backlog.run_pending()
         self.simulator.step()
         for turtle in self._turtles.values():
             turtle.publish()
@@ -68,7 +68,7 @@ class RosTurtlesim:
         """Have requests of a service answered with the fields that ``do`` returns."""
         of = self._types.service(type_name)
 
-        def answer(request: Request[Any, Any]) -> None:
+        def answer(request: ServiceRequest[Any, Any]) -> None:
             request.answer(of.response.message(**do(request.message)))
 
         self._node.server(name, of, through(self.backlog.put, answer))

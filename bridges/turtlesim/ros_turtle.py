@@ -11,10 +11,10 @@ from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtlesim import Color, Pose
 
 from ..ros2.actions import ActionServer, ServerGoal
-from ..ros2.backlog import Put, through
+from ..ros2.call_queue import Put, through
 from ..ros2.goals import GoalStatus
 from ..ros2.qos import Qos
-from ..ros2.transport import Arrival, Node, Request
+from ..ros2.transport import Node, SerializedMessage, ServiceRequest
 from ..ros2.types import TypeLibrary
 from .rotate import RotateGoal
 from .simulator import Simulator
@@ -76,7 +76,7 @@ class RosTurtle:
         if self._rotation is not None:
             goal, rotation = self._rotation
             if rotation.status in (GoalStatus.EXECUTING, GoalStatus.SUCCEEDED):
-                goal.tell(self._feedback(remaining=rotation.remaining))
+                goal.publish_feedback(self._feedback(remaining=rotation.remaining))
         self._settle()
         self._tell_pose(Pose(*self.turtle.pose))
         self._tell_color(Color(*self.turtle.color))
@@ -90,7 +90,7 @@ class RosTurtle:
     def _put(self, do: Callable[[], object]) -> None:
         self._put_on(lambda: None if self._gone else do())
 
-    def _hear(self, arrival: Arrival[Twist]) -> None:
+    def _hear(self, arrival: SerializedMessage[Twist]) -> None:
         self._put(
             partial(self._obey, arrival.decode())
         )  # here, so that the transport tells bad ones
@@ -130,6 +130,8 @@ class RosTurtle:
             goal.end(rotation.status, self._result(delta=rotation.delta))
 
 
-def _do_and_answer(do: Callable[[Any], None], answer: Any, request: Request[Any, Any]) -> None:
+def _do_and_answer(
+    do: Callable[[Any], None], answer: Any, request: ServiceRequest[Any, Any]
+) -> None:
     do(request.message)
     request.answer(answer)

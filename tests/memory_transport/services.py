@@ -9,12 +9,11 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any, NamedTuple
 
-from llfsm.bridges.ros2.calling import Calls
 from llfsm.bridges.ros2.graph import Endpoint
-from llfsm.bridges.ros2.later import Later
 from llfsm.bridges.ros2.lifetime import Closable
-from llfsm.bridges.ros2.serving import Counter
-from llfsm.bridges.ros2.transport import Client, MessageInfo, Request, Server
+from llfsm.bridges.ros2.pending import PendingCalls, PendingRequests
+from llfsm.bridges.ros2.timer_thread import TimerThread
+from llfsm.bridges.ros2.transport import Client, MessageInfo, Server, ServiceRequest
 from llfsm.bridges.ros2.types import RosService
 
 from .inbox import Inbox
@@ -34,7 +33,7 @@ class MemoryClient(Client[Any, Any], Member):
         self._of = of
         self._gid = site.world.new_gid()
         self._sequence = itertools.count(1)
-        self._calls = Calls(end.name, of.response, site.teller)
+        self._calls = PendingCalls(end.name, of.response, site.notifier)
         self.join(site, node, end)
 
     @property
@@ -49,14 +48,14 @@ class MemoryClient(Client[Any, Any], Member):
         with self._lifetime:
             self._check_open()
             call = self._calls.begin()
-        later = self.site.later
+        timer = self.site.timer
         servers = self.partners(MemoryServer)
         for server in servers:
-            server.inbox.put(_Sent(data, info, _Reply(self._calls, call, later)))
+            server.inbox.put(_Sent(data, info, _Reply(self._calls, call, timer)))
         if servers:
-            later.after(timeout, partial(self._calls.timed_out, call))
+            timer.call_later(timeout, partial(self._calls.timed_out, call))
         else:
-            later.soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
+            timer.call_soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
         return call
 
     def _close(self) -> None:
@@ -68,15 +67,15 @@ class MemoryClient(Client[Any, Any], Member):
 
 
 class _Reply(NamedTuple):
-    calls: Calls
+    calls: PendingCalls
     call: Future[Any]
-    later: Later
+    timer: TimerThread
 
     def answer(self, data: bytes) -> None:
-        self.later.soon(partial(self.calls.answered, self.call, data))
+        self.timer.call_soon(partial(self.calls.answered, self.call, data))
 
     def fail(self, reason: str) -> None:
-        self.later.soon(partial(self.calls.failed, self.call, reason))
+        self.timer.call_soon(partial(self.calls.failed, self.call, reason))
 
 
 class _Sent(NamedTuple):
@@ -95,11 +94,11 @@ class MemoryServer(Server, Member):
         node: str,
         end: Endpoint,
         of: RosService,
-        handler: Callable[[Request[Any, Any]], None],
+        handler: Callable[[ServiceRequest[Any, Any]], None],
     ) -> None:
         super().__init__(owner)
         self.name = end.name
-        self._counter = Counter(end.name, of, handler, site.teller)
+        self._counter = PendingRequests(end.name, of, handler, site.notifier)
         self.inbox: Inbox[_Sent] = Inbox(lambda sent: self._counter.take(*sent), None, end.name)
         self.join(site, node, end)
 

@@ -6,11 +6,16 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from llfsm.bridges.ros2.arrival import ArrivedBytes
 from llfsm.bridges.ros2.graph import Endpoint
 from llfsm.bridges.ros2.lifetime import Closable
-from llfsm.bridges.ros2.qos import Durability, History, Qos
-from llfsm.bridges.ros2.transport import Arrival, MessageInfo, Publisher, Subscription
+from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos
+from llfsm.bridges.ros2.transport import (
+    MessageInfo,
+    Publisher,
+    SerializedBytes,
+    SerializedMessage,
+    TopicSubscription,
+)
 from llfsm.bridges.ros2.types import RosMessage
 from llfsm.whiteboard.message import M
 
@@ -32,9 +37,9 @@ class MemoryPublisher(Publisher[M], Member):
         self.qos = qos
         self._encode = of.encode
         self._sequence = 0
-        kept = qos.depth if qos.history is History.KEEP_LAST else None
+        kept = qos.depth if qos.history is HistoryPolicy.KEEP_LAST else None
         self.past: deque[tuple[bytes, MessageInfo]] = deque(
-            maxlen=0 if qos.durability is Durability.VOLATILE else kept
+            maxlen=0 if qos.durability is DurabilityPolicy.VOLATILE else kept
         )
         self.join(site, node, end)
 
@@ -56,7 +61,7 @@ class MemoryPublisher(Publisher[M], Member):
         return f"the publisher of {self.name}"
 
 
-class MemorySubscription(Subscription, Member):
+class MemorySubscription(TopicSubscription, Member):
     """Has an inbox of the newest messages."""
 
     def __init__(
@@ -66,7 +71,7 @@ class MemorySubscription(Subscription, Member):
         node: str,
         end: Endpoint,
         of: RosMessage[M],
-        callback: Callable[[Arrival[M]], None],
+        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos,
     ) -> None:
         super().__init__(owner)
@@ -74,13 +79,13 @@ class MemorySubscription(Subscription, Member):
         self._qos = qos
 
         def receive(arrived: tuple[bytes, MessageInfo]) -> None:
-            site.teller.deliver(self.name, callback, ArrivedBytes(*arrived, of))
+            site.notifier.deliver(self.name, callback, SerializedBytes(*arrived, of))
 
-        limit = qos.depth if qos.history is History.KEEP_LAST else None
+        limit = qos.depth if qos.history is HistoryPolicy.KEEP_LAST else None
         self._inbox = Inbox(receive, limit, self.name)
         with site.world.changed:
             self.join(site, node, end)
-            if qos.durability is Durability.TRANSIENT_LOCAL:
+            if qos.durability is DurabilityPolicy.TRANSIENT_LOCAL:
                 for publisher in self.partners(MemoryPublisher):
                     for data, info in publisher.past:
                         self.take(publisher.qos, data, info)

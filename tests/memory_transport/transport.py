@@ -8,11 +8,11 @@ from typing import Any
 from llfsm.bridges.ros2.defaults import check_domain
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
 from llfsm.bridges.ros2.graph import Endpoint, Graph, Role
-from llfsm.bridges.ros2.later import Later
-from llfsm.bridges.ros2.names import NO_REMAPPING, Names
+from llfsm.bridges.ros2.notices import Notifier, log_notice
 from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
-from llfsm.bridges.ros2.telling import Teller, log_notice
-from llfsm.bridges.ros2.transport import Arrival, Node, Notice, Request, Transport
+from llfsm.bridges.ros2.ros_names import NO_REMAPPING, Names
+from llfsm.bridges.ros2.timer_thread import TimerThread
+from llfsm.bridges.ros2.transport import Node, Notice, SerializedMessage, ServiceRequest, Transport
 from llfsm.bridges.ros2.types import RosMessage, RosService
 from llfsm.whiteboard.message import M
 
@@ -36,8 +36,8 @@ class MemoryTransport(Transport):
         """Open it; raise :class:`.DomainIdError`."""
         super().__init__()
         self.domain = check_domain(domain)
-        self._site = Site(world, domain, Teller(notify), Later("ros2 answers"))
-        world.open(self._site.teller)
+        self._site = Site(world, domain, Notifier(notify), TimerThread("ros2 answers"))
+        world.open(self._site.notifier)
 
     @property
     def up(self) -> bool:
@@ -64,8 +64,8 @@ class MemoryTransport(Transport):
         return done
 
     def _close(self) -> None:
-        self._site.world.shut(self._site.teller)
-        self._site.later.close()
+        self._site.world.shut(self._site.notifier)
+        self._site.timer.close()
 
     def __str__(self) -> str:
         return "the transport in memory"
@@ -87,7 +87,7 @@ class _MemoryNode(Node, Member):
         self,
         topic: str,
         of: RosMessage[M],
-        callback: Callable[[Arrival[M]], None],
+        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos = TOPIC,
     ) -> MemorySubscription:
         with self._lifetime:
@@ -103,7 +103,7 @@ class _MemoryNode(Node, Member):
         self,
         service: str,
         of: RosService,
-        handler: Callable[[Request[Any, Any]], None],
+        handler: Callable[[ServiceRequest[Any, Any]], None],
         qos: Qos = SERVICE,
     ) -> MemoryServer:
         if of.name in self.site.world.missing_types:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 from llfsm.bridges.ros2.graph import Endpoint, Graph
-from llfsm.bridges.ros2.later import Later
-from llfsm.bridges.ros2.telling import Teller
+from llfsm.bridges.ros2.notices import Notifier
+from llfsm.bridges.ros2.timer_thread import TimerThread
 from llfsm.bridges.ros2.transport import NoticeKind
 
 __all__ = ["Member", "MemoryWorld", "Site"]
@@ -51,7 +51,7 @@ class MemoryWorld:
 
     def __init__(self) -> None:
         self._members: dict[Member, None] = {}
-        self._tellers: dict[Teller, None] = {}
+        self._notifiers: dict[Notifier, None] = {}
         self._gids = itertools.count(1)
         self.changed = threading.Condition()
         """Held while who is there changes, or while something is delivered to all of them."""
@@ -70,24 +70,24 @@ class MemoryWorld:
     def _turn(self, up: bool, kind: NoticeKind, text: str) -> None:
         with self.changed:
             changed, self.up = self.up is not up, up
-            tellers = list(self._tellers)
+            notifiers = list(self._notifiers)
         if changed:
-            for teller in tellers:
-                teller.tell(kind, text)
+            for notifier in notifiers:
+                notifier.notify(kind, text)
 
     def new_gid(self) -> bytes:
         """Return 16 bytes that nobody else has."""
         return next(self._gids).to_bytes(16, "little")
 
-    def open(self, teller: Teller) -> None:
+    def open(self, notifier: Notifier) -> None:
         """Tell this transport from now on."""
         with self.changed:
-            self._tellers[teller] = None
+            self._notifiers[notifier] = None
 
-    def shut(self, teller: Teller) -> None:
+    def shut(self, notifier: Notifier) -> None:
         """Tell this transport no more; who waits for the graph looks whether it is closed."""
         with self.changed:
-            self._tellers.pop(teller, None)
+            self._notifiers.pop(notifier, None)
             self.changed.notify_all()
 
     def enter(self, member: Member) -> None:
@@ -98,8 +98,8 @@ class MemoryWorld:
             self.changed.notify_all()
         for other in others:
             if member.end and other.end:
-                member.site.teller.compare(member.end, other.end)
-                other.site.teller.compare(other.end, member.end)
+                member.site.notifier.compare(member.end, other.end)
+                other.site.notifier.compare(other.end, member.end)
 
     def leave(self, member: Member) -> None:
         """Remove a member."""
@@ -138,5 +138,5 @@ class Site(NamedTuple):
 
     world: MemoryWorld
     domain: int
-    teller: Teller
-    later: Later
+    notifier: Notifier
+    timer: TimerThread

@@ -33,7 +33,7 @@ from use import Use
 from llfsm.bridges.ros2.graph import Graph, Role
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.router import open_router
-from llfsm.bridges.ros2.transport import Arrival
+from llfsm.bridges.ros2.transport import SerializedMessage
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
@@ -86,7 +86,7 @@ class Series:
             self.wrong.append(f"{number} after {self.last}")
         self.last = number
 
-    def arrived(self, arrival: Arrival[Twist]) -> None:
+    def arrived(self, arrival: SerializedMessage[Twist]) -> None:
         """Take what the bridge published, which counts its messages."""
         self.sequence += 1
         if arrival.info.sequence != self.sequence:

@@ -13,6 +13,6 @@ presets   configurations that ship
 bridge    all of it, running
 """
 
-from .numbered import ServiceSlots, service_slots
+from .service_slots import ServiceSlots, service_slots
 
 __all__ = ["ServiceSlots", "service_slots"]

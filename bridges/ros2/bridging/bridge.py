@@ -12,18 +12,17 @@ from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
 
 from ..errors import TransportUnavailableError
-from ..later import Later
-from ..qos import Durability
-from ..telling import log_notice
+from ..notices import log_notice
+from ..qos import DurabilityPolicy
+from ..timer_thread import TimerThread
 from ..transport import Node, Notice, Transport
-from .answering import SlotAnswerer
-from .calling import SlotCaller
-from .echo import Echo
-from .faults import Faults
-from .planning import Plan, PositionPlan, RelayPlan, ServicePlan
-from .position import NODE, SERVICE, PositionServer
+from .bridge_plan import BridgePlan, PositionPlan, RelayPlan, ServicePlan
+from .echo_filter import EchoFilter
+from .link import BridgeLink, LinkFaults
 from .relays import FromRos, ToRos
-from .tally import Link
+from .slot_client import SlotClient
+from .slot_server import SlotServer
+from .turtle_position import NODE, SERVICE, PositionServer
 
 __all__ = ["Bridge"]
 
@@ -43,7 +42,7 @@ class Bridge:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: BridgePlan,
         board: Board,
         transport: Transport,
         notify: Callable[[Notice], None] = log_notice,
@@ -56,11 +55,11 @@ class Bridge:
         slot is published. Raise :class:`.SlotTypeError` if a slot was made with another type since
         the plan was made.
         """
-        self.links: list[Link] = []
+        self.links: list[BridgeLink] = []
         self._board = board
         self._history = history
-        self._faults = Faults(notify)
-        self._later = Later("bridge rates")
+        self._faults = LinkFaults(notify)
+        self._timer = TimerThread("bridge rates")
         self._workers: list[_Worker] = []
         self._to_ros: list[ToRos[Any]] = []
         self._nodes: list[Node] = []
@@ -78,7 +77,7 @@ class Bridge:
             worker.close()
         for node in self._nodes:
             node.close()
-        self._later.close()
+        self._timer.close()
 
     def linger(self, at_most: float = 1.5) -> None:
         """Give the programs that command robots through the bridge time to command a stop.
@@ -95,7 +94,7 @@ class Bridge:
             return False
         return any(map(_is_commanded, self._to_ros))
 
-    def _connect(self, plan: Plan, transport: Transport) -> None:
+    def _connect(self, plan: BridgePlan, transport: Transport) -> None:
         node = transport.node(plan.node.node, plan.node.namespace)
         self._nodes.append(node)
         for relay in plan.relays:
@@ -107,8 +106,8 @@ class Bridge:
         if plan.position:
             self._position(transport, plan.position)
 
-    def _link(self, slot: str, arrow: str, name: str, type_name: str) -> Link:
-        link = Link(slot, arrow, name, type_name)
+    def _link(self, slot: str, arrow: str, name: str, type_name: str) -> BridgeLink:
+        link = BridgeLink(slot, arrow, name, type_name)
         self.links.append(link)
         return link
 
@@ -117,10 +116,10 @@ class Bridge:
         if plan.to_ros:
             publisher = node.publisher(plan.topic, plan.of, plan.to_ros)
             if plan.from_ros:
-                echo = Echo(publisher, plan.of)
+                echo = EchoFilter(publisher, plan.of)
         if plan.from_ros:
             link = self._link(plan.slot.name, "<-", plan.topic, plan.of.name)
-            relay = FromRos(slot, link, self._faults, self._later, period=plan.period, echo=echo)
+            relay = FromRos(slot, link, self._faults, self._timer, period=plan.period, echo=echo)
             node.subscription(plan.topic, plan.of, relay.arrived, plan.from_ros)
         if publisher is not None and plan.to_ros is not None:
             link = self._link(plan.slot.name, "->", plan.topic, plan.of.name)
@@ -130,7 +129,7 @@ class Bridge:
                 link,
                 self._faults,
                 period=plan.period,
-                latched=plan.to_ros.durability is Durability.TRANSIENT_LOCAL,
+                latched=plan.to_ros.durability is DurabilityPolicy.TRANSIENT_LOCAL,
                 history=self._history,
                 echo=echo,
             )
@@ -141,13 +140,13 @@ class Bridge:
         slots = plan.slots
         link = self._link(slots.request.name, "->", plan.service, slots.of.name)
         client = node.client(plan.service, slots.of)
-        caller = SlotCaller(self._board, slots, client, plan.timeout, link, self._faults)
+        caller = SlotClient(self._board, slots, client, plan.timeout, link, self._faults)
         self._workers.append(caller)
 
     def _server(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
         link = self._link(slots.request.name, "<-", plan.service, slots.of.name)
-        answerer = SlotAnswerer(self._board, slots, plan.timeout, link, self._faults)
+        answerer = SlotServer(self._board, slots, plan.timeout, link, self._faults)
         self._workers.append(answerer)
         node.server(plan.service, slots.of, answerer.asked)
 
@@ -163,7 +162,7 @@ class Bridge:
         except (
             TransportUnavailableError
         ) as error:  # rclpy, where nobody has built the type's package
-            self._faults.say(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
+            self._faults.report(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
 
 
 def _is_commanded(relay: ToRos[Any]) -> bool:

@@ -18,11 +18,10 @@ from llfsm.whiteboard.errors import BoardClosedError
 from llfsm.whiteboard.message import M
 
 from ..errors import TransportClosedError
-from ..later import Later
-from ..transport import Arrival, Publisher
-from .echo import Echo
-from .faults import Faults
-from .tally import Link
+from ..timer_thread import TimerThread
+from ..transport import Publisher, SerializedMessage
+from .echo_filter import EchoFilter
+from .link import BridgeLink, LinkFaults
 
 __all__ = ["FromRos", "ToRos"]
 
@@ -39,13 +38,13 @@ class ToRos(Generic[M]):
         self,
         slot: BoundSlot[M],
         publisher: Publisher[M],
-        link: Link,
-        faults: Faults,
+        link: BridgeLink,
+        faults: LinkFaults,
         *,
         period: float = 0.0,
         latched: bool = False,
         history: float = 1.0,
-        echo: Echo[M] | None = None,
+        echo: EchoFilter[M] | None = None,
     ) -> None:
         """Begin to publish, at most once in ``period`` seconds.
 
@@ -94,7 +93,7 @@ class ToRos(Generic[M]):
 
     def _failed(self, error: Exception) -> bool:
         if not isinstance(error, TransportClosedError):
-            self._faults.tell(self._link, error)
+            self._faults.count(self._link, error)
         return True
 
 
@@ -108,38 +107,38 @@ class FromRos(Generic[M]):
     def __init__(
         self,
         slot: BoundSlot[M],
-        link: Link,
-        faults: Faults,
-        later: Later,
+        link: BridgeLink,
+        faults: LinkFaults,
+        timer: TimerThread,
         *,
         period: float = 0.0,
-        echo: Echo[M] | None = None,
+        echo: EchoFilter[M] | None = None,
     ) -> None:
         self._slot = slot
         self._link = link
         self._faults = faults
-        self._later = later
+        self._timer = timer
         self._period = period
         self._echo = echo
-        self._held: Arrival[M] | None = None
+        self._held: SerializedMessage[M] | None = None
         self._due = 0.0
         self._lock = threading.Lock()
 
-    def arrived(self, arrival: Arrival[M]) -> None:
+    def arrived(self, arrival: SerializedMessage[M]) -> None:
         """Add what arrives, now or when it is time for it; raise :class:`.CdrError`."""
         if self._echo is not None and self._echo.is_ours(arrival):
             return
         if not self._period or self._begins_period(arrival):
             self._add(arrival)
 
-    def _begins_period(self, arrival: Arrival[M]) -> bool:
+    def _begins_period(self, arrival: SerializedMessage[M]) -> bool:
         with self._lock:
             now = time.monotonic()
             if self._held is None and now >= self._due:
                 self._due = now + self._period
                 return True
             if self._held is None:
-                self._later.after(self._due - now, self._add_held)
+                self._timer.call_later(self._due - now, self._add_held)
             self._held = arrival
             return False
 
@@ -150,7 +149,7 @@ class FromRos(Generic[M]):
         if arrival is not None:
             self._add(arrival)
 
-    def _add(self, arrival: Arrival[M]) -> None:
+    def _add(self, arrival: SerializedMessage[M]) -> None:
         try:
             message = arrival.decode()
             if self._echo is None:
@@ -160,6 +159,6 @@ class FromRos(Generic[M]):
         except BoardClosedError:
             return  # it ends
         except Exception as error:  # bad bytes, too large for the slot: the next may be right
-            self._faults.tell(self._link, error)
+            self._faults.count(self._link, error)
             return
         self._link.count()

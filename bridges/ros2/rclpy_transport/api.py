@@ -10,13 +10,13 @@ from typing import Any, NamedTuple, Protocol
 from ..errors import TransportUnavailableError
 
 __all__ = [
-    "Client",
+    "ClientApi",
     "Context",
     "EndpointInfo",
     "Executor",
     "Future",
-    "Node",
-    "Publisher",
+    "NodeApi",
+    "PublisherApi",
     "Rclpy",
     "Service",
     "find_class",
@@ -33,7 +33,7 @@ class Context(Protocol):
     def try_shutdown(self) -> None: ...
 
 
-class Publisher(Protocol):
+class PublisherApi(Protocol):
     """``rclpy.publisher.Publisher``."""
 
     def publish(self, msg: Any) -> None: ...
@@ -59,7 +59,7 @@ class Future(Protocol):
     def add_done_callback(self, callback: Callable[[Future], None]) -> None: ...
 
 
-class Client(Taken, Protocol):
+class ClientApi(Taken, Protocol):
     """``rclpy.client.Client``."""
 
     def call_async(self, request: Any) -> Future: ...
@@ -86,16 +86,16 @@ class EndpointInfo(Protocol):
 _Types = list[tuple[str, list[str]]]
 
 
-class Node(Protocol):
+class NodeApi(Protocol):
     """``rclpy.node.Node``."""
 
     subscriptions: Iterable[Taken]
-    clients: Iterable[Client]
+    clients: Iterable[ClientApi]
     services: Iterable[Service]
 
     def create_publisher(
         self, msg_type: Any, topic: str, qos_profile: Any, *, event_callbacks: Any
-    ) -> Publisher: ...
+    ) -> PublisherApi: ...
     def create_subscription(
         self,
         msg_type: Any,
@@ -106,13 +106,13 @@ class Node(Protocol):
         event_callbacks: Any,
         raw: bool,
     ) -> object: ...
-    def create_client(self, srv_type: Any, srv_name: str, *, qos_profile: Any) -> Client: ...
+    def create_client(self, srv_type: Any, srv_name: str, *, qos_profile: Any) -> ClientApi: ...
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], *, qos_profile: Any
     ) -> Service: ...
-    def destroy_publisher(self, publisher: Publisher) -> bool: ...
+    def destroy_publisher(self, publisher: PublisherApi) -> bool: ...
     def destroy_subscription(self, subscription: Any) -> bool: ...
-    def destroy_client(self, client: Client) -> bool: ...
+    def destroy_client(self, client: ClientApi) -> bool: ...
     def destroy_service(self, service: Service) -> bool: ...
     def destroy_node(self) -> None: ...
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]: ...
@@ -126,9 +126,9 @@ class Node(Protocol):
 class Executor(Protocol):
     """``rclpy.executors.SingleThreadedExecutor``."""
 
-    def add_node(self, node: Node) -> bool: ...
-    def remove_node(self, node: Node) -> None: ...
-    def get_nodes(self) -> list[Node]: ...
+    def add_node(self, node: NodeApi) -> bool: ...
+    def remove_node(self, node: NodeApi) -> None: ...
+    def get_nodes(self) -> list[NodeApi]: ...
     def create_task(self, callback: Callable[..., Any], *args: Any) -> object: ...
     def spin_once(self) -> None: ...
     def shutdown(self, timeout_sec: float | None = None) -> bool: ...
@@ -140,7 +140,7 @@ class Rclpy(NamedTuple):
     new_context: Callable[[], Context]
     init: Callable[..., None]
     no_signal_handlers: Any
-    new_node: Callable[..., Node]
+    new_node: Callable[..., NodeApi]
     new_executor: Callable[..., Executor]
     shut_down: type[Exception]
     """What ``spin_once`` raises when the context is shut down by somebody else."""

@@ -12,27 +12,32 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
-from ..calling import Calls
 from ..lifetime import Closable
+from ..pending import PendingCalls, PendingRequests
 from ..qos import Qos
-from ..serving import Counter
-from ..transport import Client, MessageInfo, Request, Server
+from ..transport import Client, MessageInfo, Server, ServiceRequest
 from ..types import RosService
 from . import api
-from .world import RclWorld
+from .context import RclpyContext
 
-__all__ = ["RclClient", "RclServer"]
+__all__ = ["RclpyClient", "RclpyServer"]
 
 # Requests that wait for a server, and responses for a client. DDS drops older ones beyond the
 # depth, which is 10 by default; who asked would wait in vain.
 _DEPTH = 1000
 
 
-class RclClient(Client[Any, Any]):
+class RclpyClient(Client[Any, Any]):
     """Calls a service. Here rclpy has no time-out that does not block."""
 
     def __init__(
-        self, owner: Closable, world: RclWorld, node: api.Node, name: str, of: RosService, qos: Qos
+        self,
+        owner: Closable,
+        world: RclpyContext,
+        node: api.NodeApi,
+        name: str,
+        of: RosService,
+        qos: Qos,
     ) -> None:
         found = api.find_class(of.name)  # first: what is not there has nothing to close
         super().__init__(owner)
@@ -41,7 +46,7 @@ class RclClient(Client[Any, Any]):
         self._node = node
         self._of = of
         self._class = found
-        self._calls = Calls(name, of.response, world.teller)
+        self._calls = PendingCalls(name, of.response, world.notifier)
         self._client = node.create_client(self._class, name, qos_profile=_profile(world, qos))
 
     @property
@@ -53,13 +58,13 @@ class RclClient(Client[Any, Any]):
 
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
         """Send the request; a server that is not known now gets none."""
-        rclpy, later = self._world.rclpy, self._world.later
+        rclpy, timer = self._world.rclpy, self._world.timer
         sent = rclpy.deserialize(self._of.request.encode(request), self._class.Request)
         with self._lifetime:
             self._check_open()
             call = self._calls.begin()
         if not self.ready:
-            later.soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
+            timer.call_soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
             return call
         try:
             future = self._client.call_async(sent)
@@ -67,14 +72,14 @@ class RclClient(Client[Any, Any]):
             return call
 
         def on_response(done: api.Future) -> None:
-            later.soon(partial(self._calls.answered, call, rclpy.serialize(done.result())))
+            timer.call_soon(partial(self._calls.answered, call, rclpy.serialize(done.result())))
 
         def too_late() -> None:
             self._client.remove_pending_request(future)
             self._calls.timed_out(call)
 
         future.add_done_callback(on_response)
-        later.after(timeout, too_late)
+        timer.call_later(timeout, too_late)
         return call
 
     def _close(self) -> None:
@@ -85,17 +90,17 @@ class RclClient(Client[Any, Any]):
         return f"the client of {self.name}"
 
 
-class RclServer(Server):
+class RclpyServer(Server):
     """Serves a service. A request that fails is not answered: ROS has no message for that."""
 
     def __init__(
         self,
         owner: Closable,
-        world: RclWorld,
-        node: api.Node,
+        world: RclpyContext,
+        node: api.NodeApi,
         name: str,
         of: RosService,
-        handler: Callable[[Request[Any, Any]], None],
+        handler: Callable[[ServiceRequest[Any, Any]], None],
         qos: Qos,
     ) -> None:
         found = api.find_class(of.name)
@@ -104,7 +109,7 @@ class RclServer(Server):
         self._world = world
         self._node = node
         self._class = found
-        self._counter = Counter(name, of, handler, world.teller)
+        self._counter = PendingRequests(name, of, handler, world.notifier)
         self._service = node.create_service(
             self._class, name, lambda request, _: request, qos_profile=_profile(world, qos)
         )
@@ -132,12 +137,12 @@ class RclServer(Server):
         self._node.destroy_service(self._service)
 
 
-def _profile(world: RclWorld, qos: Qos) -> object:
+def _profile(world: RclpyContext, qos: Qos) -> object:
     return world.qos(qos._replace(depth=max(qos.depth, _DEPTH)))
 
 
 class _Reply(NamedTuple):
-    server: RclServer
+    server: RclpyServer
     header: Any
 
     def answer(self, data: bytes) -> None:

@@ -7,20 +7,25 @@ from typing import Any
 
 from llfsm.whiteboard.message import M
 
-from ..arrival import ArrivedBytes
 from ..errors import TransportClosedError
 from ..graph import Endpoint
 from ..lifetime import Closable
 from ..qos import Qos
-from ..transport import Arrival, MessageInfo, Publisher, Subscription
+from ..transport import (
+    MessageInfo,
+    Publisher,
+    SerializedBytes,
+    SerializedMessage,
+    TopicSubscription,
+)
 from ..types import RosMessage
 from . import api
-from .world import RclWorld
+from .context import RclpyContext
 
-__all__ = ["RclPublisher", "RclSubscription"]
+__all__ = ["RclpyPublisher", "RclpySubscription"]
 
 
-class RclPublisher(Publisher[M]):
+class RclpyPublisher(Publisher[M]):
     """Gives rclpy what our codec wrote."""
 
     gid = b""  # rclpy does not tell
@@ -28,8 +33,8 @@ class RclPublisher(Publisher[M]):
     def __init__(
         self,
         owner: Closable,
-        world: RclWorld,
-        node: api.Node,
+        world: RclpyContext,
+        node: api.NodeApi,
         end: Endpoint,
         of: RosMessage[M],
         qos: Qos,
@@ -59,17 +64,17 @@ class RclPublisher(Publisher[M]):
         self._node.destroy_publisher(self._publisher)
 
 
-class RclSubscription(Subscription):
+class RclpySubscription(TopicSubscription):
     """Takes messages from rclpy as they came; the middleware keeps the newest."""
 
     def __init__(
         self,
         owner: Closable,
-        world: RclWorld,
-        node: api.Node,
+        world: RclpyContext,
+        node: api.NodeApi,
         end: Endpoint,
         of: RosMessage[M],
-        callback: Callable[[Arrival[M]], None],
+        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos,
     ) -> None:
         found = api.find_class(of.name)
@@ -84,7 +89,7 @@ class RclSubscription(Subscription):
                 arrived = MessageInfo(
                     info["source_timestamp"], info["publication_sequence_number"] or 0, b""
                 )
-                world.teller.deliver(self.name, callback, ArrivedBytes(data, arrived, of))
+                world.notifier.deliver(self.name, callback, SerializedBytes(data, arrived, of))
 
         self._subscription = node.create_subscription(
             found,

@@ -10,14 +10,14 @@ from llfsm.whiteboard.message import M
 from ..defaults import check_domain, default_domain
 from ..errors import TransportClosedError
 from ..graph import Endpoint, Graph, Role
-from ..names import NO_REMAPPING, Names
+from ..notices import Notifier, log_notice
 from ..qos import SERVICE, TOPIC, Qos
-from ..telling import Teller, log_notice
-from ..transport import Arrival, Node, Notice, Request, Transport
+from ..ros_names import NO_REMAPPING, Names
+from ..transport import Node, Notice, SerializedMessage, ServiceRequest, Transport
 from ..types import RosMessage, RosService
-from .services import RclClient, RclServer
-from .topics import RclPublisher, RclSubscription
-from .world import RclWorld
+from .context import RclpyContext
+from .services import RclpyClient, RclpyServer
+from .topics import RclpyPublisher, RclpySubscription
 
 __all__ = ["RclpyTransport"]
 
@@ -34,7 +34,7 @@ class RclpyTransport(Transport):
         """Open it; ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise :class:`.DomainIdError`."""
         super().__init__()
         self.domain = default_domain() if domain is None else check_domain(domain)
-        self._world = RclWorld(self.domain, Teller(notify))
+        self._world = RclpyContext(self.domain, Notifier(notify))
 
     @property
     def up(self) -> bool:
@@ -47,7 +47,7 @@ class RclpyTransport(Transport):
         """Put a node on the graph."""
         with self._lifetime:
             self._check_open()
-            return _RclNode(self, self._world, Names(name, namespace, remap))
+            return _RclpyNode(self, self._world, Names(name, namespace, remap))
 
     def graph(self) -> Graph:
         """Return what rclpy tells."""
@@ -68,46 +68,46 @@ class RclpyTransport(Transport):
         return "the transport on rclpy"
 
 
-class _RclNode(Node):
-    def __init__(self, owner: RclpyTransport, world: RclWorld, names: Names) -> None:
+class _RclpyNode(Node):
+    def __init__(self, owner: RclpyTransport, world: RclpyContext, names: Names) -> None:
         super().__init__(owner)
         self.name = names.full_node
         self._world = world
         self._names = names
         self._node = world.new_node(names)
 
-    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> RclPublisher[M]:
+    def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> RclpyPublisher[M]:
         with self._lifetime:
             end = self._end(Role.PUBLISHER, topic, of, qos)
-            return RclPublisher(self, self._world, self._node, end, of, qos)
+            return RclpyPublisher(self, self._world, self._node, end, of, qos)
 
     def subscription(
         self,
         topic: str,
         of: RosMessage[M],
-        callback: Callable[[Arrival[M]], None],
+        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos = TOPIC,
-    ) -> RclSubscription:
+    ) -> RclpySubscription:
         with self._lifetime:
             end = self._end(Role.SUBSCRIPTION, topic, of, qos)
-            return RclSubscription(self, self._world, self._node, end, of, callback, qos)
+            return RclpySubscription(self, self._world, self._node, end, of, callback, qos)
 
-    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> RclClient:
+    def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> RclpyClient:
         with self._lifetime:
             self._check_open()
-            return RclClient(self, self._world, self._node, self._names.full(service), of, qos)
+            return RclpyClient(self, self._world, self._node, self._names.full(service), of, qos)
 
     def server(
         self,
         service: str,
         of: RosService,
-        handler: Callable[[Request[Any, Any]], None],
+        handler: Callable[[ServiceRequest[Any, Any]], None],
         qos: Qos = SERVICE,
-    ) -> RclServer:
+    ) -> RclpyServer:
         with self._lifetime:
             self._check_open()
             name = self._names.full(service)
-            return RclServer(self, self._world, self._node, name, of, handler, qos)
+            return RclpyServer(self, self._world, self._node, name, of, handler, qos)
 
     def _end(self, role: Role, topic: str, of: RosMessage[Any], qos: Qos) -> Endpoint:
         self._check_open()

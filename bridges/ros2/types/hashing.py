@@ -28,16 +28,16 @@ def rihs01(definition: Definition, find: Callable[[str], Definition]) -> str:
 
 def describe(definition: Definition, find: Callable[[str], Definition]) -> dict[str, Any]:
     """Return what is hashed: a type_description_interfaces/msg/TypeDescription without defaults."""
-    told: dict[str, dict[str, Any]] = {}
+    described: dict[str, dict[str, Any]] = {}
     waiting = [definition]
     while waiting:
         one = waiting.pop()
-        if one.name not in told:
-            told[one.name] = _description(one)
+        if one.name not in described:
+            described[one.name] = _description(one)
             waiting += [find(field.type.base) for field in one.fields if field.type.nested]
     return {
-        "type_description": told.pop(definition.name),
-        "referenced_type_descriptions": [told[name] for name in sorted(told)],
+        "type_description": described.pop(definition.name),
+        "referenced_type_descriptions": [described[name] for name in sorted(described)],
     }
 
 

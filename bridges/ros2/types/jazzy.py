@@ -17,10 +17,10 @@ _SHAPES = {3: Shape.ARRAY, 4: Shape.SEQUENCE}  # as rosbags numbers them
 
 def find(name: str) -> Definition | None:
     """Return the definition of a message; None if there is none, or no rosbags."""
-    told = _store().get(name)
-    if told is None:
+    entry = _store().get(name)
+    if entry is None:
         return None
-    constants, fields = told
+    constants, fields = entry
     return Definition(
         name,
         tuple(Field(n, _type(kind)) for n, kind in fields if n != EMPTY_MEMBER),
@@ -42,8 +42,8 @@ def _store() -> dict[str, tuple[Any, Any]]:
     return cast("dict[str, tuple[Any, Any]]", get_typestore(Stores.ROS2_JAZZY).fielddefs)
 
 
-def _type(told: tuple[int, Any]) -> FieldType:
-    kind, inner = told
+def _type(entry: tuple[int, Any]) -> FieldType:
+    kind, inner = entry
     if kind == 1:
         return FieldType(inner[0], bound=inner[1])
     if kind == 2:

@@ -13,15 +13,15 @@ from llfsm.whiteboard.message import M
 from llfsm.whiteboard.schema import describe, differences
 
 from ..errors import DefinitionSyntaxError, TypeMismatchError, UnknownTypeError
-from .classes import make_class, shipped_class
+from .decoding import compile_decoder
 from .definition import Definition
-from .explaining import why_unreadable, why_unwritable
+from .diagnosis import why_unreadable, why_unwritable
+from .encoding import compile_encoder
 from .hashing import describe as describe_type
 from .hashing import rihs01
-from .places import Places
-from .reading import compile_decoder
-from .record import Record
-from .writing import compile_encoder
+from .message_classes import make_class, shipped_class
+from .record_type import RecordType
+from .search_path import SearchPath
 
 __all__ = ["RosAction", "RosMessage", "RosService", "TypeLibrary"]
 
@@ -51,7 +51,7 @@ class RosMessage(Generic[M]):
         self.message = message
         self._definition = definition
         self._find = find
-        self._record = record = Record.of(definition.name, message, find)
+        self._record = record = RecordType.of(definition.name, message, find)
         self.encode = compile_encoder(record, lambda m, error: why_unwritable(record, m, error))
         self.decode = cast(
             "Callable[[bytes | memoryview], M]",
@@ -115,12 +115,12 @@ class TypeLibrary:
     """Find ROS types by name, and make what is needed to use them.
 
     ``share`` are folders of packages, packages or files, asked before all others (see
-    :mod:`.places`). Raise :class:`.DefinitionPlaceError` if one is not there. All methods raise
+    :mod:`.places`). Raise :class:`.DefinitionPathError` if one is not there. All methods raise
     :class:`.UnknownTypeError` and :class:`.DefinitionSyntaxError`.
     """
 
     def __init__(self, *, share: Iterable[Path] = ()) -> None:
-        self._places = Places(share)
+        self._places = SearchPath(share)
         self._classes: dict[str, type[Message]] = {}
         self._making: list[str] = []
         self._messages: dict[type[Message], RosMessage[Any]] = {}

@@ -9,8 +9,8 @@ from typing import Any
 import zenoh
 
 from ..graph import Endpoint, Graph, Role
-from ..later import Later
-from ..telling import Teller
+from ..notices import Notifier
+from ..timer_thread import TimerThread
 from .receiving import hand_over
 from .tokens import Token, domain_tokens, parse
 
@@ -20,9 +20,11 @@ __all__ = ["Discovery"]
 class Discovery:
     """Knows the tokens of a domain, and tells which endpoints do not fit ours."""
 
-    def __init__(self, session: zenoh.Session, domain: int, teller: Teller, events: Later) -> None:
+    def __init__(
+        self, session: zenoh.Session, domain: int, notifier: Notifier, events: TimerThread
+    ) -> None:
         self._ours = str(session.zid())
-        self._teller = teller
+        self._notifier = notifier
         self._tokens: dict[str, Token] = {}
         self._by_name: dict[str, dict[str, Token]] = {}
         self._graph: Graph | None = None
@@ -104,7 +106,7 @@ class Discovery:
         for other in others:
             for ours, theirs in ((other, token), (token, other)):
                 if ours.session == self._ours and ours.endpoint and theirs.endpoint:
-                    self._teller.compare(ours.endpoint, theirs.endpoint)
+                    self._notifier.compare(ours.endpoint, theirs.endpoint)
 
     def _announce(self) -> None:
         self._graph = None

@@ -8,33 +8,33 @@ import xxhash
 import zenoh
 
 from ..graph import Endpoint
-from ..later import Later
-from ..telling import Teller
+from ..notices import Notifier
+from ..timer_thread import TimerThread
 from .attachment import GID_SIZE
 from .discovery import Discovery
 from .tokens import data_key, endpoint_token
 
-__all__ = ["Place", "Wire"]
+__all__ = ["Connection", "ZenohEndpoint"]
 
 
-class Wire(NamedTuple):
+class Connection(NamedTuple):
     """What every endpoint of a transport uses."""
 
     session: zenoh.Session
     discovery: Discovery
-    teller: Teller
+    notifier: Notifier
     domain: int
-    events: Later
+    events: TimerThread
     """What changes around us."""
-    answers: Later
+    answers: TimerThread
     """Results of calls, on a thread of their own: what follows one may wait for the others."""
 
 
-class Place:
+class ZenohEndpoint:
     """An endpoint's place on the graph: its key, its token, its gid."""
 
     def __init__(
-        self, wire: Wire, node_token: str, number: int, end: Endpoint, dds_type: str
+        self, wire: Connection, node_token: str, number: int, end: Endpoint, dds_type: str
     ) -> None:
         self.wire = wire
         self.name = end.name

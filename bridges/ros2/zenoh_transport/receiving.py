@@ -17,7 +17,7 @@ from typing import TypeVar
 import zenoh
 import zenoh.handlers
 
-from ..later import Later
+from ..timer_thread import TimerThread
 
 __all__ = ["hand_over", "receive"]
 
@@ -32,11 +32,11 @@ def _join() -> None:
         thread.join(1.0)
 
 
-def hand_over(do: Callable[[T], None], later: Later) -> zenoh.handlers.Callback[T]:
+def hand_over(do: Callable[[T], None], timer: TimerThread) -> zenoh.handlers.Callback[T]:
     """Return a handler that has ``do`` called on another thread, which Zenoh does not wait for."""
 
     def callback(thing: T) -> None:
-        later.soon(partial(do, thing))
+        timer.call_soon(partial(do, thing))
 
     return zenoh.handlers.Callback(callback, indirect=False)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..graph import Endpoint, Role
-from ..qos import Durability, History, Qos, Reliability
+from ..qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
 
 __all__ = ["Token", "data_key", "domain_tokens", "endpoint_token", "node_token", "parse"]
 
@@ -135,9 +135,9 @@ def _parse_qos(text: str) -> Qos:
     reliability, durability, history, *_ = text.split(":")
     kind, depth = history.split(",")
     return Qos(
-        Reliability(_number(reliability, _DEFAULT.reliability)),
-        Durability(_number(durability, _DEFAULT.durability)),
-        History(_number(kind, _DEFAULT.history)),
+        ReliabilityPolicy(_number(reliability, _DEFAULT.reliability)),
+        DurabilityPolicy(_number(durability, _DEFAULT.durability)),
+        HistoryPolicy(_number(kind, _DEFAULT.history)),
         _number(depth, _DEFAULT_DEPTH),
     )
 

@@ -15,11 +15,11 @@ from llfsm.whiteboard.message import M
 
 from ..errors import TransportClosedError, TransportError
 from ..lifetime import Closable
-from ..qos import Durability, History, Qos, Reliability
-from ..transport import Arrival, MessageInfo, Publisher, Subscription
+from ..qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
+from ..transport import MessageInfo, Publisher, SerializedMessage, TopicSubscription
 from ..types import RosMessage
 from .attachment import pack, unpack
-from .endpoint import Place
+from .endpoint import ZenohEndpoint
 from .receiving import receive
 
 __all__ = ["ZenohPublisher", "ZenohSubscription"]
@@ -32,7 +32,7 @@ _UNKNOWN = MessageInfo(0, 0, b"")
 class ZenohPublisher(Publisher[M]):
     """Puts messages under the topic's key."""
 
-    def __init__(self, owner: Closable, place: Place, of: RosMessage[M], qos: Qos) -> None:
+    def __init__(self, owner: Closable, place: ZenohEndpoint, of: RosMessage[M], qos: Qos) -> None:
         super().__init__(owner)
         self.name = place.name
         self.gid = place.gid
@@ -62,7 +62,7 @@ class ZenohPublisher(Publisher[M]):
         self._publisher.undeclare()
 
 
-class ZenohSubscription(Subscription):
+class ZenohSubscription(TopicSubscription):
     """Takes the newest messages from a ring that Zenoh fills, on a thread of its own.
 
     What the ring drops never reaches Python.
@@ -71,16 +71,16 @@ class ZenohSubscription(Subscription):
     def __init__(
         self,
         owner: Closable,
-        place: Place,
+        place: ZenohEndpoint,
         of: RosMessage[M],
-        callback: Callable[[Arrival[M]], None],
+        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos,
     ) -> None:
         super().__init__(owner)
         self.name = place.name
         self._place = place
         self._subscriber = _declare_subscriber(place, qos)
-        deliver = place.wire.teller.deliver
+        deliver = place.wire.notifier.deliver
 
         def take(sample: zenoh.Sample) -> None:
             if not self._closed:
@@ -94,12 +94,12 @@ class ZenohSubscription(Subscription):
         self._subscriber.undeclare()
 
 
-class _Sample(Arrival[M]):
+class _Sample(SerializedMessage[M]):
     """A Zenoh sample: nothing of it is copied before it is asked for."""
 
     __slots__ = ("_of", "_place", "_sample")
 
-    def __init__(self, sample: zenoh.Sample, of: RosMessage[M], place: Place) -> None:
+    def __init__(self, sample: zenoh.Sample, of: RosMessage[M], place: ZenohEndpoint) -> None:
         self._sample = sample
         self._of = of
         self._place = place
@@ -113,7 +113,7 @@ class _Sample(Arrival[M]):
         attachment = self._sample.attachment
         info = unpack(attachment.to_bytes()) if attachment is not None else None
         if info is None:
-            self._place.wire.teller.bad_message(self._place.name, "no attachment of ROS 2")
+            self._place.wire.notifier.bad_message(self._place.name, "no attachment of ROS 2")
             return _UNKNOWN
         return info
 
@@ -121,12 +121,12 @@ class _Sample(Arrival[M]):
         return self._of.decode(self._sample.payload.to_bytes())
 
 
-def _declare_publisher(place: Place, qos: Qos) -> Any:
+def _declare_publisher(place: ZenohEndpoint, qos: Qos) -> Any:
     """Return a publisher, of one of Zenoh's two kinds."""
-    reliable = qos.reliability is Reliability.RELIABLE
+    reliable = qos.reliability is ReliabilityPolicy.RELIABLE
     congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
     reliability = zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT
-    if qos.durability is Durability.VOLATILE:
+    if qos.durability is DurabilityPolicy.VOLATILE:
         return place.wire.session.declare_publisher(
             place.key, congestion_control=congestion, reliability=reliability
         )
@@ -142,16 +142,16 @@ def _declare_publisher(place: Place, qos: Qos) -> Any:
     )
 
 
-def _declare_subscriber(place: Place, qos: Qos) -> Any:
+def _declare_subscriber(place: ZenohEndpoint, qos: Qos) -> Any:
     """Return a subscriber, of one of Zenoh's two kinds, whose handler keeps what QoS says."""
     channel: zenoh.handlers.FifoChannel[Any] | zenoh.handlers.RingChannel[Any]
-    if qos.history is History.KEEP_ALL:
+    if qos.history is HistoryPolicy.KEEP_ALL:
         channel = zenoh.handlers.FifoChannel(_ALL)
     else:
         channel = zenoh.handlers.RingChannel(qos.depth)
-    if qos.durability is Durability.VOLATILE:
+    if qos.durability is DurabilityPolicy.VOLATILE:
         return place.wire.session.declare_subscriber(place.key, channel)
-    reliable = qos.reliability is Reliability.RELIABLE
+    reliable = qos.reliability is ReliabilityPolicy.RELIABLE
     recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
     return zenoh.ext.declare_advanced_subscriber(
         place.wire.session,
@@ -163,4 +163,4 @@ def _declare_subscriber(place: Place, qos: Qos) -> Any:
 
 
 def _kept(qos: Qos) -> int:
-    return _ALL if qos.history is History.KEEP_ALL else qos.depth
+    return _ALL if qos.history is HistoryPolicy.KEEP_ALL else qos.depth

@@ -15,17 +15,16 @@ from llfsm.whiteboard.message import M
 from ..defaults import check_domain, default_domain
 from ..errors import TransportClosedError
 from ..graph import Endpoint, Graph, Role
-from ..later import Later
-from ..names import NO_REMAPPING, Names
+from ..notices import Notifier, log_notice
 from ..qos import SERVICE, TOPIC, Qos
-from ..telling import Teller, log_notice
-from ..transport import Arrival, Node, Notice, NoticeKind, Request, Transport
+from ..ros_names import NO_REMAPPING, Names
+from ..timer_thread import TimerThread
+from ..transport import Node, Notice, NoticeKind, SerializedMessage, ServiceRequest, Transport
 from ..types import RosMessage, RosService
-from .client import ZenohClient
 from .discovery import Discovery
-from .endpoint import Place, Wire
+from .endpoint import Connection, ZenohEndpoint
 from .receiving import hand_over
-from .server import ZenohServer
+from .services import ZenohClient, ZenohServer
 from .session import open_session
 from .tokens import node_token
 from .topics import ZenohPublisher, ZenohSubscription
@@ -57,17 +56,17 @@ class ZenohTransport(Transport):
         """
         super().__init__()
         self.domain = default_domain() if domain is None else check_domain(domain)
-        self._teller = Teller(notify)
+        self._notifier = Notifier(notify)
         self._session, self._router = open_session(router)
         self._session_id = str(self._session.zid())
         self._numbers = itertools.count()
-        events, answers = Later("ros2 events"), Later("ros2 answers")
-        self._discovery = Discovery(self._session, self.domain, self._teller, events)
-        self._wire = Wire(
-            self._session, self._discovery, self._teller, self.domain, events, answers
+        events, answers = TimerThread("ros2 events"), TimerThread("ros2 answers")
+        self._discovery = Discovery(self._session, self.domain, self._notifier, events)
+        self._wire = Connection(
+            self._session, self._discovery, self._notifier, self.domain, events, answers
         )
         self._routers: set[str] = set()
-        self._told_up = True
+        self._reported_up = True
         self._met = threading.Condition()
         self._listener = self._session.info.declare_transport_events_listener(
             hand_over(self._on_transport, events), history=True
@@ -75,7 +74,7 @@ class ZenohTransport(Transport):
         atexit.register(self.close)  # who forgets to close it leaves no ghost either
         with self._met:
             self._met.wait_for(lambda: self.up, _GRACE)
-        self._tell_router()
+        self._report_router()
 
     @property
     def up(self) -> bool:
@@ -126,20 +125,20 @@ class ZenohTransport(Transport):
             else:
                 self._routers.discard(router)
             self._met.notify_all()
-        self._tell_router()
+        self._report_router()
 
-    def _tell_router(self) -> None:
+    def _report_router(self) -> None:
         """Tell whether there is a router, if that is news."""
         with self._met:
             up = self.up
-            if up is self._told_up or self._closed:
+            if up is self._reported_up or self._closed:
                 return
-            self._told_up = up
+            self._reported_up = up
         if up:
-            self._teller.tell(NoticeKind.UP, "connected to a router")
+            self._notifier.notify(NoticeKind.UP, "connected to a router")
         else:
             where = " or ".join(self._router)
-            self._teller.tell(
+            self._notifier.notify(
                 NoticeKind.DOWN, f"no router at {where}, still trying; `llfsm router` starts one"
             )
 
@@ -150,7 +149,7 @@ class _ZenohNode(Node):
         owner: ZenohTransport,
         names: Names,
         token: str,
-        wire: Wire,
+        wire: Connection,
         numbers: itertools.count[int],
     ) -> None:
         super().__init__(owner)
@@ -169,7 +168,7 @@ class _ZenohNode(Node):
         self,
         topic: str,
         of: RosMessage[M],
-        callback: Callable[[Arrival[M]], None],
+        callback: Callable[[SerializedMessage[M]], None],
         qos: Qos = TOPIC,
     ) -> ZenohSubscription:
         with self._lifetime:
@@ -184,7 +183,7 @@ class _ZenohNode(Node):
         self,
         service: str,
         of: RosService,
-        handler: Callable[[Request[Any, Any]], None],
+        handler: Callable[[ServiceRequest[Any, Any]], None],
         qos: Qos = SERVICE,
     ) -> ZenohServer:
         with self._lifetime:
@@ -193,11 +192,13 @@ class _ZenohNode(Node):
     def __str__(self) -> str:
         return f"the node {self.name}"
 
-    def _place(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Place:
+    def _place(
+        self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos
+    ) -> ZenohEndpoint:
         self._check_open()
         full = self._names.full(name)
         end = Endpoint(role, self.name, full, of.name, of.type_hash, qos)
-        return Place(self._wire, self._token_key, next(self._numbers), end, of.dds_name)
+        return ZenohEndpoint(self._wire, self._token_key, next(self._numbers), end, of.dds_name)
 
     def _close(self) -> None:
         self._token.undeclare()

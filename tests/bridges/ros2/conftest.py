@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from llfsm.bridges.ros2.graph import Endpoint, Graph
-from llfsm.bridges.ros2.rclpy_transport.topics import RclPublisher
+from llfsm.bridges.ros2.rclpy_transport.topics import RclpyPublisher
 from llfsm.bridges.ros2.transport import Notice, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 from memory_transport import MemoryTransport, MemoryWorld
@@ -77,7 +77,7 @@ class World:
     def matched(self, name: str, subscriptions: int) -> bool:
         """Tell whether publishers have met so many subscriptions; in DDS the graph is earlier."""
         nodes = [node for transport in self._transports for node in transport._owned]
-        ends = [end for node in nodes for end in node._owned if isinstance(end, RclPublisher)]
+        ends = [end for node in nodes for end in node._owned if isinstance(end, RclpyPublisher)]
         return all(
             end._publisher.get_subscription_count() >= subscriptions
             for end in ends

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from llfsm.bridges.ros2.actions import ActionServer
-from llfsm.bridges.ros2.backlog import Backlog
+from llfsm.bridges.ros2.call_queue import CallQueue
 from llfsm.bridges.ros2.errors import AlreadyAnsweredError, CallFailedError
 from llfsm.bridges.ros2.goals import GoalStatus
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.qos import Durability, Qos
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 from llfsm.bridges.ros2.stamps import from_ns, to_ns
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime import ManualClock
@@ -40,7 +40,7 @@ class Scene:
     def __init__(self):
         world = MemoryWorld()
         self.ours, self.theirs = MemoryTransport(world), MemoryTransport(world)
-        self.backlog, self.clock = Backlog(), ManualClock()
+        self.backlog, self.clock = CallQueue(), ManualClock()
         self.begun = {}
         self.server = ActionServer(
             self.ours.node("server"),
@@ -74,13 +74,13 @@ class Scene:
         self.theirs.close()
 
     def wait(self, ready):
-        wait_for(ready, between=self.backlog.work_off)
+        wait_for(ready, between=self.backlog.run_pending)
 
     def ask(self, name, **fields):
         client, of = self.services[name]
         future = client.call(of.request.message(**fields), timeout=20)
         self.wait(lambda: future.done() or len(self.backlog))
-        self.backlog.work_off()
+        self.backlog.run_pending()
         return future
 
     def call(self, name, **fields):
@@ -113,7 +113,7 @@ class Scene:
     def statuses(self):
         """Return what a subscription that comes now gets of the status topic."""
         got = []
-        kept = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
+        kept = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
         of = TYPES.message("action_msgs/msg/GoalStatusArray")
         with self.theirs.node("late") as node:
             node.subscription("turn/_action/status", of, got.append, kept)
@@ -201,7 +201,7 @@ def test_feedback_bears_the_goals_id(scene):
         "turn/_action/feedback", OF.feedback_message, got.append
     )
     scene.send(1)
-    scene.begun[key(1)].tell(OF.feedback.message(remaining=0.25))
+    scene.begun[key(1)].publish_feedback(OF.feedback.message(remaining=0.25))
     scene.wait(lambda: got)
     message = got[0].decode()
     assert (message.goal_id.uuid, message.feedback.remaining) == (key(1), 0.25)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from llfsm.bridges.ros2.errors import DomainIdError, NoServerError
-from llfsm.bridges.ros2.qos import Durability, History, Qos, Reliability
+from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.transport import NoticeKind
 from memory_transport import MemoryTransport, MemoryWorld
 
-LOOSE = Qos(Reliability.BEST_EFFORT)
-KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
+LOOSE = Qos(ReliabilityPolicy.BEST_EFFORT)
+KEPT = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_what_is_kept_is_not_for_who_does_not_ask_for_it(world, types, seen):
 
 def test_keep_all_keeps_all(world, types, seen):
     number, got = types.message("std_msgs/msg/Int64"), seen()
-    everything = Qos(history=History.KEEP_ALL, depth=1)
+    everything = Qos(history=HistoryPolicy.KEEP_ALL, depth=1)
     with MemoryTransport(world) as transport:
         node = transport.node("me")
         node.subscription("a", number, lambda arrival: got(arrival.decode().data), everything)

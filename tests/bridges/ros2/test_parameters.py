@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter, ParameterType, type_of
 from llfsm.bridges.ros2.parameter_server import ParameterServer
-from llfsm.bridges.ros2.parameters import Parameter, Parameters, ParameterType, type_of
 from llfsm.bridges.ros2.types import TypeLibrary
 from memory_transport import MemoryTransport, MemoryWorld
 
@@ -29,7 +29,7 @@ def message(kind, /, **fields):
 
 @pytest.fixture
 def parameters():
-    return Parameters(DECLARED)
+    return NodeParameters(DECLARED)
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def wanted(**values):
     ),
 )
 def test_a_parameter_keeps_its_type_and_its_range(name, value):
-    parameters = Parameters(DECLARED)
+    parameters = NodeParameters(DECLARED)
     declared = DECLARED[name]
     fits = type(value) is type(declared.default)
     if declared.range and fits:
@@ -108,7 +108,7 @@ def test_a_parameter_keeps_its_type_and_its_range(name, value):
 )
 def test_a_reason_names_both_types(value, kind):
     assert str(type_of(value)) == kind
-    parameters = Parameters({"x": Parameter(0 if kind == "string" else "")})
+    parameters = NodeParameters({"x": Parameter(0 if kind == "string" else "")})
     if kind == "string":
         assert "is of type {integer}, setting it to {string}" in parameters.refusal("x", value)
     else:

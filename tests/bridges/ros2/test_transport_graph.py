@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.qos import Durability, Qos, Reliability
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.transport import NoticeKind
 
 
@@ -14,10 +14,12 @@ def populated(world, types):
     """Return a transport that sees a node with an endpoint of each kind, and these."""
     node = world.open().node("there", "/ns")
     pose, spawn = types.message("turtlesim/msg/Pose"), types.service("turtlesim/srv/Spawn")
-    kept = Qos(Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, depth=3)
+    kept = Qos(ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, depth=3)
     ends = {
         "/pose": node.publisher("/pose", pose, kept),
-        "/ns/there/cmd": node.subscription("~/cmd", pose, print, Qos(Reliability.BEST_EFFORT)),
+        "/ns/there/cmd": node.subscription(
+            "~/cmd", pose, print, Qos(ReliabilityPolicy.BEST_EFFORT)
+        ),
         "/ns/spawn": node.server("spawn", spawn, print),
         "/kill": node.client("/kill", spawn),
     }
@@ -39,10 +41,12 @@ def test_the_graph_tells_nodes_and_endpoints_with_type_and_qos(populated, types,
     (publisher,) = graph.ends("/pose", Role.PUBLISHER)
     assert publisher.type_hash == types.message("turtlesim/msg/Pose").type_hash
     depth = 3 if world.tells_depth else Qos().depth
-    assert publisher.qos == Qos(Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, depth=depth)
+    assert publisher.qos == Qos(
+        ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, depth=depth
+    )
     (subscription,) = graph.ends("/ns/there/cmd", Role.SUBSCRIPTION)
     assert subscription.qos is not None
-    assert subscription.qos.reliability is Reliability.BEST_EFFORT
+    assert subscription.qos.reliability is ReliabilityPolicy.BEST_EFFORT
     topics = graph.topics()
     assert {name: topics[name] for name in topics.keys() - world.of_every_node} == {
         "/ns/there/cmd": ("turtlesim/msg/Pose",),

@@ -10,7 +10,7 @@ import pytest
 
 from llfsm.bridges.ros2.errors import RosNameError, TransportClosedError
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.qos import Durability, Qos, Reliability
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.transport import NoticeKind
 
 
@@ -115,7 +115,7 @@ def test_messages_of_one_publisher_arrive_in_order_and_all_within_the_depth(worl
 
 
 def test_a_late_subscription_gets_what_a_transient_local_publisher_keeps(world, number, seen):
-    kept = Qos(durability=Durability.TRANSIENT_LOCAL, depth=3)
+    kept = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=3)
     one, two = world.open(), world.open()
     publisher = one.node("talker").publisher("a", number, kept)
     for value in range(5):
@@ -134,7 +134,7 @@ def test_a_late_subscription_gets_what_a_transient_local_publisher_keeps(world, 
 
 
 def test_best_effort_is_heard_by_who_asks_for_no_more(world, number, seen):
-    loose = Qos(reliability=Reliability.BEST_EFFORT)
+    loose = Qos(reliability=ReliabilityPolicy.BEST_EFFORT)
     one, two = world.open(), world.open()
     got = seen()
     two.node("listener").subscription("a", number, got, loose)
@@ -149,7 +149,7 @@ def test_a_qos_that_is_less_than_asked_for_is_told_once(world, number, seen):
     two.node("listener").subscription("a", number, seen(), Qos(depth=5))
     node = one.node("talker")
     for _ in range(2):
-        node.publisher("a", number, Qos(Reliability.BEST_EFFORT))
+        node.publisher("a", number, Qos(ReliabilityPolicy.BEST_EFFORT))
     known(two, "/a", 2, 1)
     told.wait(len)
     assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.QOS_MISMATCH, "/a")]

@@ -12,7 +12,14 @@ from hypothesis import settings
 
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import Qos
-from llfsm.bridges.ros2.transport import Arrival, Client, Node, Notice, Publisher, Transport
+from llfsm.bridges.ros2.transport import (
+    Client,
+    Node,
+    Notice,
+    Publisher,
+    SerializedMessage,
+    Transport,
+)
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.turtlesim.ros import RosTurtlesim
 from llfsm.bridges.turtlesim.simulator import Simulator
@@ -72,13 +79,13 @@ class Ros:
             self.turtlesim.step()
 
     def until(self, ready: Callable[[], object]) -> None:
-        wait_for(ready, between=self.turtlesim.backlog.work_off)
+        wait_for(ready, between=self.turtlesim.backlog.run_pending)
 
     def hear(self, topic: str, type_name: str, qos: Qos = _ALL) -> list[Any]:
         """Return a list of the messages of a topic from now on; it grows as they come."""
         got: list[Any] = []
 
-        def receive(arrival: Arrival[Any]) -> None:
+        def receive(arrival: SerializedMessage[Any]) -> None:
             got.append(arrival.decode())
 
         subscription = self.node.subscription(topic, self.types.message(type_name), receive, qos)

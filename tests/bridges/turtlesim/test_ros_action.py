@@ -8,7 +8,7 @@ from uuid import uuid4
 import pytest
 
 from llfsm.bridges.ros2.goals import GoalStatus
-from llfsm.bridges.ros2.qos import Durability, Qos
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 
 NAME = "/turtle1/rotate_absolute/_action"
 TYPE = "turtlesim/action/RotateAbsolute"
@@ -20,7 +20,7 @@ class Client:
     def __init__(self, ros):
         self.ros = ros
         self.feedback = ros.hear(f"{NAME}/feedback", f"{TYPE}_FeedbackMessage")
-        kept = Qos(durability=Durability.TRANSIENT_LOCAL, depth=100)
+        kept = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=100)
         self.statuses = ros.hear(f"{NAME}/status", "action_msgs/msg/GoalStatusArray", kept)
 
     def send(self, theta):

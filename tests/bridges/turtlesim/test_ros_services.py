@@ -8,7 +8,7 @@ import pytest
 
 from llfsm.bridges.ros2.errors import CallFailedError
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.qos import Durability, Qos
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 from llfsm.whiteboard.schema import to_plain
 
 LINE = re.compile(r"\[(\w+)\] \[[\d.]+\] \[turtlesim\]: (.*)")
@@ -84,7 +84,7 @@ def poses_in(record):
 
 def test_the_log_is_on_rosout_for_who_comes_later(ros):
     call(ros, "/kill", name="nobody")
-    qos = Qos(durability=Durability.TRANSIENT_LOCAL, depth=100)
+    qos = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=100)
     lines = ros.hear("/rosout", "rcl_interfaces/msg/Log", qos)
     ros.until(lambda: len(lines) == 2)
     spawned, killed = lines
@@ -98,7 +98,7 @@ def test_the_log_is_on_rosout_for_who_comes_later(ros):
 def test_what_came_for_a_turtle_that_is_killed_first_has_failed_and_harms_nobody(ros, log, caplog):
     call(ros, "/spawn", name="bob")
     ros.command(x=2.0)
-    ros.turtlesim.backlog.work_off()
+    ros.turtlesim.backlog.run_pending()
     kill = ros.ask("/kill", TYPES["kill"], name="bob")
     late = ros.ask("/bob/teleport_absolute", TYPES["teleport_absolute"], x=1.0)
     log.clear()

@@ -9,8 +9,8 @@ from typing import NamedTuple, Self
 import click
 from msgspec.structs import replace
 
-from llfsm.bridges.ros2.bridging.config import BridgeConfig, RelayConfig
-from llfsm.bridges.ros2.bridging.planning import Plan, make_plan
+from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
+from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan, make_plan
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.plans.toml_files import line_of, read_toml
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
@@ -51,7 +51,7 @@ class Configured(NamedTuple):
         relays = (*config.relay, *(relay for _, relay in flags))
         return cls(replace(config, relay=relays), file, tuple(text for text, _ in flags))
 
-    def plan(self, slots: list[SlotInfo]) -> Plan:
+    def plan(self, slots: list[SlotInfo]) -> BridgePlan:
         """Return what to do on a board with these slots."""
         plan, faults = self.examine(slots)
         if faults:
@@ -59,7 +59,7 @@ class Configured(NamedTuple):
             raise BadConfigurationError(faults[0] + more)
         return plan
 
-    def examine(self, slots: list[SlotInfo]) -> tuple[Plan, list[str]]:
+    def examine(self, slots: list[SlotInfo]) -> tuple[BridgePlan, list[str]]:
         """Return what to do, and a line for each thing that is wrong with it."""
         folder = Path() if self.file is None else self.file.parent
         plan, faults = make_plan(self.config, folder, slots)

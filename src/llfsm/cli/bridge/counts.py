@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from llfsm.bridges.ros2.bridging.tally import Link
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,7 +25,7 @@ _RATE_S = 1.0  # over which messages are counted, at least
 class Count(NamedTuple):
     """Where a link stands."""
 
-    link: Link
+    link: BridgeLink
     rate: float
     """Messages a second of late."""
 
@@ -39,7 +39,9 @@ class Count(NamedTuple):
 class Counts:
     """Pulls the counts of links, as often as somebody looks."""
 
-    def __init__(self, links: Sequence[Link], now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, links: Sequence[BridgeLink], now: Callable[[], float] = time.monotonic
+    ) -> None:
         self._links = links
         self._now = now
         self._then = now()
@@ -59,7 +61,7 @@ class Counts:
         return [Count(*pair) for pair in zip(self._links, self._rates, strict=True)]
 
 
-def show_until(over: Callable[[float], bool], links: Sequence[Link]) -> None:
+def show_until(over: Callable[[float], bool], links: Sequence[BridgeLink]) -> None:
     """Show counts on standard output until ``over``, which waits for so many seconds, is true.
 
     A table that changes on a terminal, else lines now and then and at the end.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from llfsm.bridges.ros2.bridging.config import Direction, RelayConfig
+from llfsm.bridges.ros2.bridging.bridge_config import Direction, RelayConfig
 
 from ..ros_options import BridgeOptions, bridge_options
 from .configured import Configured

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from llfsm.bridges.ros2.bridging import presets
+from llfsm.bridges.ros2.bridging.bridge_config import turtlesim_config
 
 from ..ros_options import BridgeOptions, bridge_options
 from .configured import Configured
@@ -36,4 +36,4 @@ def turtlesim(turtles: tuple[str, ...], options: BridgeOptions) -> None:
     llfsm bridge turtlesim
     llfsm run RosWallTurttleBot -v
     """
-    run_bridge(Configured(presets.turtlesim(turtles)), options)
+    run_bridge(Configured(turtlesim_config(turtles)), options)

@@ -9,8 +9,8 @@ import msgspec
 import pytest
 
 from llfsm.bridges.ros2.bridging.bridge import Bridge
-from llfsm.bridges.ros2.bridging.config import BridgeConfig
-from llfsm.bridges.ros2.bridging.planning import make_plan
+from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
+from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.whiteboard import Whiteboard
 from memory_transport import MemoryTransport, MemoryWorld
 

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.planning import make_plan
+from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.whiteboard import Slot, SlotTypeError
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.std_msgs import Bool

@@ -9,8 +9,8 @@ import pytest
 
 from llfsm.bridges.ros2.bridging import service_slots
 from llfsm.bridges.ros2.bridging.bridge import Bridge
-from llfsm.bridges.ros2.bridging.config import BridgeConfig
-from llfsm.bridges.ros2.bridging.planning import make_plan
+from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
+from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.bridges.ros2.graph import Role
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64

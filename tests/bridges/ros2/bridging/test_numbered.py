@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.numbered import service_slots
+from llfsm.bridges.ros2.bridging.service_slots import service_slots
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
+from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.bridges.ros2.bridging.capacity import capacity_for
-from llfsm.bridges.ros2.bridging.config import BridgeConfig
-from llfsm.bridges.ros2.bridging.loops import Edge, find_loop
-from llfsm.bridges.ros2.bridging.planning import make_plan
-from llfsm.bridges.ros2.qos import Durability, Qos, Reliability
+from llfsm.bridges.ros2.bridging.cycles import RelayEdge, find_cycle
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, ReliabilityPolicy
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.std_msgs import String
@@ -49,7 +49,7 @@ def test_a_relay_as_it_is_when_all_is_said():
     plan, faults = planned({"node": "/robot/mouth", "relay": [relay]})
     assert not faults
     (made,) = plan.relays
-    qos = Qos(Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL, depth=3)
+    qos = Qos(ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.TRANSIENT_LOCAL, depth=3)
     assert (made.topic, made.to_ros, made.from_ros) == ("/robot/mouth/said", qos, qos)
     assert (made.period, made.slot.capacity) == (0.25, 99)
 
@@ -143,14 +143,14 @@ def test_messages_that_would_go_round_are_told():
 
 
 def test_a_star_of_relays_of_both_directions_is_no_loop():
-    edges = [Edge(i, *pair) for i in range(4) for pair in (("s", f"t{i}"), (f"t{i}", "s"))]
-    assert find_loop(edges) is None
+    edges = [RelayEdge(i, *pair) for i in range(4) for pair in (("s", f"t{i}"), (f"t{i}", "s"))]
+    assert find_cycle(edges) is None
 
 
 def test_a_ring_of_relays_of_both_directions_is_one():
     ring = [("s", "t"), ("t", "r"), ("r", "q"), ("q", "s")]
-    edges = [Edge(i, *pair) for i, (a, b) in enumerate(ring) for pair in ((a, b), (b, a))]
-    found = find_loop(edges)
+    edges = [RelayEdge(i, *pair) for i, (a, b) in enumerate(ring) for pair in ((a, b), (b, a))]
+    found = find_cycle(edges)
     assert found is not None
     assert set(found[1]) == {"s", "t", "r", "q"}
 
@@ -161,9 +161,9 @@ def test_a_loop_is_found_exactly_if_a_message_could_travel_for_ever(relays):
     edges = []
     for i, (slot, topic, way) in enumerate(relays):
         if way in (0, 2):
-            edges.append(Edge(i, str(slot), str(topic)))
+            edges.append(RelayEdge(i, str(slot), str(topic)))
         if way in (1, 2):
-            edges.append(Edge(i, str(topic), str(slot)))
+            edges.append(RelayEdge(i, str(topic), str(slot)))
     travelling = {(edge.target, edge.relay) for edge in edges}
     for _ in range(2 * len(edges) + 1):
         travelling = {
@@ -172,7 +172,7 @@ def test_a_loop_is_found_exactly_if_a_message_could_travel_for_ever(relays):
             for edge in edges
             if edge.source == place and edge.relay != relay
         }
-    assert (find_loop(edges) is not None) == bool(travelling)
+    assert (find_cycle(edges) is not None) == bool(travelling)
 
 
 @pytest.mark.parametrize(

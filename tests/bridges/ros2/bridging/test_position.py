@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from llfsm.bridges.ros2.bridging import presets
-from llfsm.bridges.ros2.bridging.position import TYPE
+from llfsm.bridges.ros2.bridging.bridge_config import turtlesim_config
+from llfsm.bridges.ros2.bridging.turtle_position import TYPE
 from llfsm.bridges.ros2.errors import CallFailedError
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, ManualClock
@@ -50,7 +50,7 @@ def preset(start):
     import msgspec
 
     def starting(*turtles):
-        return start(**msgspec.to_builtins(presets.turtlesim(turtles or ("turtle1",))))
+        return start(**msgspec.to_builtins(turtlesim_config(turtles or ("turtle1",))))
 
     return starting
 

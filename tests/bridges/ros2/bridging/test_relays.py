@@ -8,21 +8,19 @@ from itertools import pairwise
 
 import pytest
 
-from llfsm.bridges.ros2.arrival import ArrivedBytes
-from llfsm.bridges.ros2.bridging.echo import Echo
-from llfsm.bridges.ros2.bridging.faults import Faults
+from llfsm.bridges.ros2.bridging.echo_filter import EchoFilter
+from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
 from llfsm.bridges.ros2.bridging.relays import FromRos, ToRos
-from llfsm.bridges.ros2.bridging.tally import Link
-from llfsm.bridges.ros2.later import Later
-from llfsm.bridges.ros2.qos import Durability, Qos
-from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
+from llfsm.bridges.ros2.timer_thread import TimerThread
+from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind, SerializedBytes
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
 from waiting import wait_for
 
 N = Slot("n", Int64)
 TYPE = "std_msgs/msg/Int64"
-LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
+LATCHED = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
 
 
 @pytest.fixture
@@ -68,7 +66,7 @@ def to_ros(board, blocked):
     made = []
 
     def start(**options):
-        made.append(ToRos(board[N], blocked, link(), Faults(print), **options))
+        made.append(ToRos(board[N], blocked, link(), LinkFaults(print), **options))
 
     yield start
     for each in made:
@@ -77,7 +75,7 @@ def to_ros(board, blocked):
 
 
 def link():
-    return Link("n", "->", "/n", TYPE)
+    return BridgeLink("n", "->", "/n", TYPE)
 
 
 def test_each_change_of_a_slot_is_published(board, start, heard):
@@ -183,7 +181,7 @@ def test_a_topic_may_have_another_name_than_its_slot(board, start, talker):
     assert slot.get() == Int64(7)
 
 
-class Counted(ArrivedBytes):
+class Counted(SerializedBytes):
     """An arrival that counts how often it is decoded."""
 
     decoded = 0
@@ -194,8 +192,8 @@ class Counted(ArrivedBytes):
 
 
 def test_at_a_rate_only_what_is_added_is_decoded(board, number):
-    later = Later("test")
-    relay = FromRos(board[N], link(), Faults(print), later, period=0.05)
+    later = TimerThread("test")
+    relay = FromRos(board[N], link(), LinkFaults(print), later, period=0.05)
     Counted.decoded = 0
     stamps = []
     for value in range(1000):
@@ -241,11 +239,11 @@ class Nameless:
 
 
 def arrival(number, value):
-    return ArrivedBytes(number.encode(Int64(value)), MessageInfo(0, 0, b""), number)
+    return SerializedBytes(number.encode(Int64(value)), MessageInfo(0, 0, b""), number)
 
 
 def test_where_ros_does_not_tell_publishers_each_published_message_takes_one_back(number):
-    echo = Echo(Nameless(), number)
+    echo = EchoFilter(Nameless(), number)
     assert not echo.is_ours(arrival(number, 1))
     echo.publishing(Int64(1))
     echo.publishing(Int64(1))
@@ -258,7 +256,7 @@ def test_where_ros_does_not_tell_publishers_each_published_message_takes_one_bac
 
 
 def test_a_message_that_was_published_long_ago_takes_nothing_back(number, monkeypatch):
-    echo = Echo(Nameless(), number)
+    echo = EchoFilter(Nameless(), number)
     echo.publishing(Int64(1))
     now = time.monotonic()
     monkeypatch.setattr(time, "monotonic", lambda: now + 2)
@@ -300,9 +298,9 @@ def test_a_message_that_is_too_large_is_told_once_and_the_next_is_added(
 
 def test_bytes_that_are_no_message_are_told_once_and_the_next_is_added(board, number, told):
     each = link()
-    relay = FromRos(board[N], each, Faults(told), Later("test"))
+    relay = FromRos(board[N], each, LinkFaults(told), TimerThread("test"))
     for data in (b"", b"\0\1\0\0\1", number.encode(Int64(5))):
-        relay.arrived(ArrivedBytes(data, MessageInfo(0, 0, b""), number))
+        relay.arrived(SerializedBytes(data, MessageInfo(0, 0, b""), number))
     assert board.get_message(N) == Int64(5)
     assert (each.passed, each.failed) == (1, 2)
     assert len(told) == 1

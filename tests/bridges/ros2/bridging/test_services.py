@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.numbered import service_slots
+from llfsm.bridges.ros2.bridging.service_slots import service_slots
 from llfsm.bridges.ros2.errors import CallFailedError
 from llfsm.whiteboard import Slot
 

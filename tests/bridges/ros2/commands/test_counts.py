@@ -14,7 +14,7 @@ import time
 
 import pyte
 
-from llfsm.bridges.ros2.bridging.tally import Link
+from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.graph import Role
 from llfsm.cli.bridge.counts import Counts
 from llfsm.whiteboard import Slot
@@ -23,7 +23,7 @@ from llfsm.whiteboard.messages.std_msgs import String
 
 def test_rates_are_those_of_the_last_second_or_more():
     now = [100.0]
-    link = Link("pose", "<-", "/pose", "turtlesim/msg/Pose")
+    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
     counts = Counts([link], lambda: now[0])
     for _ in range(50):
         link.count()
@@ -36,7 +36,7 @@ def test_rates_are_those_of_the_last_second_or_more():
 
 
 def test_a_line_says_how_much_went_through_and_when():
-    link = Link("pose", "<-", "/pose", "turtlesim/msg/Pose")
+    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
     counts = Counts([link])
     assert str(counts.look()[0]) == "pose <- /pose: 0, 0.0/s"
     link.count()

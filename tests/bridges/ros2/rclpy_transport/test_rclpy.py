@@ -82,7 +82,7 @@ def test_a_shutdown_by_another_part_of_the_process_is_told(transport, told):
         told(notice)
         assert not transport.up  # which takes the lock that rclpy holds meanwhile
 
-    transport._world.teller._notify = notice_may_ask
+    transport._world.notifier._notify = notice_may_ask
     transport._world.context.try_shutdown()
     told.wait(len)
     assert [notice.kind for notice in told] == [NoticeKind.DOWN]

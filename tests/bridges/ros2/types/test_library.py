@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from llfsm.bridges.ros2.errors import (
-    DefinitionPlaceError,
+    DefinitionPathError,
     DefinitionSyntaxError,
     UnknownTypeError,
 )
@@ -165,7 +165,7 @@ def test_the_first_place_decides(package, tmp_path, monkeypatch):
 
 
 def test_a_place_that_is_not_there(tmp_path):
-    with pytest.raises(DefinitionPlaceError, match="nowhere: no such folder or file"):
+    with pytest.raises(DefinitionPathError, match="nowhere: no such folder or file"):
         TypeLibrary(share=[tmp_path / "nowhere"])
 
 

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from llfsm.bridges.ros2.types.places import Places
+from llfsm.bridges.ros2.types.search_path import SearchPath
 
 
 def built(annotation: Any, plain: Any) -> Any:
@@ -26,7 +26,7 @@ def built(annotation: Any, plain: Any) -> Any:
 def test_every_recorded_hash(types, recorded):
     hashes = recorded("type_hashes.json")
     kinds = {"message": types.message, "service": types.service, "action": types.action}
-    found = {name: kinds[Places([]).find(name).kind](name).type_hash for name in hashes}
+    found = {name: kinds[SearchPath([]).find(name).kind](name).type_hash for name in hashes}
     assert len(hashes) > 160
     assert found == hashes
 
@@ -38,7 +38,7 @@ def test_hashes_of_rosbags(types):
     wrong = {name for name in ours if ours[name] != theirs[name]}
 
     def has_char(name: str) -> bool:
-        kinds = [field.type for field in Places([]).find(name).fields]
+        kinds = [field.type for field in SearchPath([]).find(name).fields]
         return any(k.base == "char" or (k.nested and has_char(k.base)) for k in kinds)
 
     # rosbags takes a char for IDL's; in ROS 2 it is a uint8, as the recorded hashes tell.
@@ -50,7 +50,7 @@ def test_shipped_definitions_are_those_of_rosbags(types):
     """With their constants; rosbags does not know whether a constant is a byte or a uint8."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, (constants, _) in store.fielddefs.items():
-        ours = {c.name: c.value for c in Places([]).find(name).constants}
+        ours = {c.name: c.value for c in SearchPath([]).find(name).constants}
         assert ours == {constant: value for constant, _, value in constants}, name
 
 

@@ -8,8 +8,8 @@ import pytest
 
 import llfsm.whiteboard.messages
 from llfsm.bridges.ros2.errors import TypeMismatchError, UnknownTypeError
-from llfsm.bridges.ros2.types.classes import make_class
-from llfsm.bridges.ros2.types.places import Places
+from llfsm.bridges.ros2.types.message_classes import make_class
+from llfsm.bridges.ros2.types.search_path import SearchPath
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.schema import describe
@@ -30,7 +30,7 @@ def name_of(cls: type) -> str:
 @pytest.mark.parametrize("cls", [c for c in classes() if "/msg/" in name_of(c)], ids=name_of)
 def test_a_shipped_class_is_the_type_of_its_name(types, cls):
     """Fields, ranges, sizes, and the defaults: those of the definition."""
-    places = Places([])
+    places = SearchPath([])
 
     def made(name: str) -> type[Message]:
         return make_class(places.find(name), made)

@@ -10,7 +10,7 @@ import pytest
 
 from llfsm.bridges.ros2.errors import CallFailedError, NoServerError
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.qos import Durability, Qos, Reliability
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, ReliabilityPolicy
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_we_hear_the_peer_and_see_it_on_the_graph(transport, start_peer, twist, 
 
 def test_the_peer_hears_us_and_reads_our_tokens(transport, start_peer, twist):
     node = transport.node("we", "/ns")
-    publisher = node.publisher("/to_peer", twist, Qos(Reliability.BEST_EFFORT, depth=3))
+    publisher = node.publisher("/to_peer", twist, Qos(ReliabilityPolicy.BEST_EFFORT, depth=3))
     node.subscription("/to_peer", twist, lambda _: None)
     peer = start_peer()
     peer.do("subscriber", "/to_peer", None)
@@ -77,7 +77,7 @@ def test_the_peer_hears_us_and_reads_our_tokens(transport, start_peer, twist):
 
 
 def test_a_late_peer_gets_what_we_keep(transport, start_peer, twist):
-    kept = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
+    kept = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
     publisher = transport.node("we").publisher("/kept", twist, kept)
     for x in range(4):
         publisher.publish(make(twist, float(x), 0.0))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.ros2.graph import Endpoint, Role
-from llfsm.bridges.ros2.qos import Durability, History, Qos, Reliability
+from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.zenoh_transport.session import open_session
 from llfsm.bridges.ros2.zenoh_transport.tokens import (
     Token,
@@ -23,9 +23,9 @@ PARTS = st.from_regex(r"[a-z_][a-z0-9_]{0,5}", fullmatch=True)
 NAMES = st.lists(PARTS, min_size=1, max_size=3).map(lambda parts: "/" + "/".join(parts))
 QOSES = st.builds(
     Qos,
-    st.sampled_from(Reliability),
-    st.sampled_from(Durability),
-    st.sampled_from(History),
+    st.sampled_from(ReliabilityPolicy),
+    st.sampled_from(DurabilityPolicy),
+    st.sampled_from(HistoryPolicy),
     st.integers(1, 10_000),
 )
 
@@ -54,9 +54,9 @@ def test_keys_are_as_rmw_zenoh_writes_them():
         ("::,:,:,:,,", Qos(depth=42)),  # what rmw_zenoh leaves out
         ("1:2:1,10:,:,:,,", Qos()),
         ("0:0:0,10:,:,:,,", Qos()),  # system defaults
-        ("2::,5:,:,:,,", Qos(Reliability.BEST_EFFORT, depth=5)),
-        (":1:,1:,:,:,,", Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)),
-        ("::2,:,:,:,,", Qos(history=History.KEEP_ALL, depth=42)),
+        ("2::,5:,:,:,,", Qos(ReliabilityPolicy.BEST_EFFORT, depth=5)),
+        (":1:,1:,:,:,,", Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)),
+        ("::2,:,:,:,,", Qos(history=HistoryPolicy.KEEP_ALL, depth=42)),
         ("::,10:1,5:2,6:1,7,8", Qos()),  # deadline, lifespan, liveliness
     ],
 )

@@ -8,18 +8,19 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from enum import IntEnum
+from functools import partial
 from typing import TypeVar
 
 from ..errors import TransportUnavailableError
 from ..graph import Endpoint, Graph, Role
-from ..later import Later
-from ..names import Names
-from ..qos import Durability, History, Qos, Reliability
-from ..telling import Teller
+from ..notices import Notifier
+from ..qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
+from ..ros_names import Names
+from ..timer_thread import TimerThread
 from ..transport import NoticeKind
 from . import api
 
-__all__ = ["RclWorld"]
+__all__ = ["RclpyContext"]
 
 E = TypeVar("E", bound=IntEnum)
 
@@ -28,17 +29,17 @@ _LOOK = 1.0  # seconds between looks at who does not fit us: rclpy tells of no c
 _PAUSE = 0.01  # seconds after an error, so that one that stays costs little
 
 
-class RclWorld:
+class RclpyContext:
     """A context of its own, whose nodes' callbacks run on one thread.
 
     It takes no signal handlers. rclpy shuts it down when another part of the process has it do so.
     """
 
-    def __init__(self, domain: int, teller: Teller) -> None:
+    def __init__(self, domain: int, notifier: Notifier) -> None:
         """Open it; raise :class:`.TransportUnavailableError` if the middleware cannot be."""
         self.rclpy = api.import_rclpy()
-        self.teller = teller
-        self.later = Later("ros2 answers")
+        self.notifier = notifier
+        self.timer = TimerThread("ros2 answers")
         self.ours: dict[Endpoint, None] = {}
         self._over = threading.Event()
         self._ending = threading.Lock()
@@ -46,7 +47,7 @@ class RclWorld:
         try:
             self._open(domain)
         except self.rclpy.failure as error:
-            self.later.close()
+            self.timer.close()
             self.context.try_shutdown()
             raise TransportUnavailableError(f"rclpy cannot be opened: {error}") from error
         self._thread = threading.Thread(target=self._spin, name="ros2 executor", daemon=True)
@@ -66,7 +67,7 @@ class RclWorld:
         # A hidden node, which asks for the graph.
         self._asking = self.new_node(Names(f"_llfsm_{os.getpid()}"))
 
-    def new_node(self, names: Names) -> api.Node:
+    def new_node(self, names: Names) -> api.NodeApi:
         """Make a node with nothing on it but what every rclpy node has, and let it spin."""
         rclpy = self.rclpy
         node = rclpy.new_node(
@@ -81,7 +82,7 @@ class RclWorld:
         self.executor.add_node(node)
         return node
 
-    def remove_node(self, node: api.Node) -> None:
+    def remove_node(self, node: api.NodeApi) -> None:
         """Take a node off the graph."""
         self.executor.remove_node(node)
         node.destroy_node()
@@ -101,7 +102,7 @@ class RclWorld:
             self.executor.create_task(lambda: None)
         if threading.current_thread() is not self._thread:
             self._thread.join()
-        self.later.close()
+        self.timer.close()
 
     def qos(self, qos: Qos) -> object:
         """Return a profile as rclpy has it; the numbers are the same."""
@@ -175,7 +176,7 @@ class RclWorld:
         except self.rclpy.shut_down:
             raise
         except Exception as error:  # as of something cut short that rclpy cannot take
-            self.teller.bad_message("", error)
+            self.notifier.bad_message("", error)
             self._release()
             self._over.wait(_PAUSE)
 
@@ -188,7 +189,7 @@ class RclWorld:
                     entity.callback_group.ending_execution(entity)
 
     def _look_later(self) -> None:
-        self.later.after(_LOOK, self._look)
+        self.timer.call_later(_LOOK, self._look)
 
     def _look(self) -> None:
         """Tell which endpoints do not fit ours."""
@@ -196,12 +197,13 @@ class RclWorld:
             return
         for ours in list(self.ours):
             for theirs in self._ends_of(ours.name):
-                self.teller.compare(ours, theirs)
+                self.notifier.compare(ours, theirs)
         self._look_later()
 
     def _on_shutdown(self) -> None:
         if not self._over.is_set():  # rclpy holds a lock of the context meanwhile
-            self.later.soon(lambda: self.teller.tell(NoticeKind.DOWN, "rclpy was shut down"))
+            down = partial(self.notifier.notify, NoticeKind.DOWN, "rclpy was shut down")
+            self.timer.call_soon(down)
 
 
 def _full(name: str, namespace: str) -> str:
@@ -218,10 +220,10 @@ def _endpoint(role: Role, topic: str, info: api.EndpointInfo) -> Endpoint:
         info.topic_type,
         hash_text if hash_text.startswith("RIHS") else None,  # not every middleware tells it
         Qos(
-            _known(Reliability, profile.reliability, Reliability.RELIABLE),
-            _known(Durability, profile.durability, Durability.VOLATILE),
+            _known(ReliabilityPolicy, profile.reliability, ReliabilityPolicy.RELIABLE),
+            _known(DurabilityPolicy, profile.durability, DurabilityPolicy.VOLATILE),
             # Of others these are often unknown.
-            _known(History, profile.history, History.KEEP_LAST),
+            _known(HistoryPolicy, profile.history, HistoryPolicy.KEEP_LAST),
             profile.depth or Qos().depth,
         ),
     )

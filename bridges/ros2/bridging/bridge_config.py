@@ -1,7 +1,8 @@
-"""What a bridge's configuration may say, in a TOML file or as flags."""
+"""What a bridge's configuration may contain, in a TOML file or as flags; one that ships."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -12,6 +13,7 @@ __all__ = [
     "PositionConfig",
     "RelayConfig",
     "ServiceConfig",
+    "turtlesim_config",
 ]
 
 Direction = Literal["to_ros", "from_ros", "both"]
@@ -72,3 +74,30 @@ class BridgeConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
     server: tuple[ServiceConfig, ...] = ()
     """Answered from a slot."""
     turtle_position: PositionConfig | None = None
+
+
+def turtlesim_config(turtles: Sequence[str]) -> BridgeConfig:
+    """Return the configuration with which machines drive turtles of turtlesim_node.
+
+    ``turtles`` are their names, at least one; ``turtle_position`` reports the first.
+    """
+    return BridgeConfig(
+        relay=(
+            *_turtles(turtles),
+            RelayConfig(slot="pinpong", type="std_msgs/msg/String", direction="to_ros"),
+        ),
+        turtle_position=PositionConfig(pose=f"{turtles[0]}/pose"),
+    )
+
+
+def _turtles(names: Iterable[str]) -> list[RelayConfig]:
+    each: list[tuple[str, str, Direction]] = [
+        ("cmd_vel", "geometry_msgs/msg/Twist", "to_ros"),
+        ("pose", "turtlesim/msg/Pose", "from_ros"),
+        ("color_sensor", "turtlesim/msg/Color", "from_ros"),
+    ]
+    return [
+        RelayConfig(slot=f"{name}/{what}", type=kind, direction=direction)
+        for name in names
+        for what, kind, direction in each
+    ]

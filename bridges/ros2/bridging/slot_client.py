@@ -9,14 +9,13 @@ from llfsm.whiteboard.errors import WhiteboardError
 
 from ..errors import Ros2Error
 from ..transport import Client
-from .faults import Faults
-from .numbered import ServiceSlots
-from .tally import Link
+from .link import BridgeLink, LinkFaults
+from .service_slots import ServiceSlots
 
-__all__ = ["SlotCaller", "unanswered"]
+__all__ = ["SlotClient", "unanswered"]
 
 
-class SlotCaller:
+class SlotClient:
     """Calls a service for whoever posts requests, one call at a time.
 
     A request from before the bridge has not been carried out for all that is known, and perhaps
@@ -29,8 +28,8 @@ class SlotCaller:
         slots: ServiceSlots,
         client: Client[Any, Any],
         timeout: float,
-        link: Link,
-        faults: Faults,
+        link: BridgeLink,
+        faults: LinkFaults,
     ) -> None:
         self._slots = slots
         self._client = client
@@ -58,7 +57,7 @@ class SlotCaller:
         lost, self._seen = sample.count - self._seen - 1, sample.count
         if lost:
             text = f"{lost} of the requests were replaced by newer ones before they were sent"
-            self._faults.say(self._link, text, "lost")
+            self._faults.report(self._link, text, "lost")
         number = sample.message.number
         try:
             request = self._slots.ros_request(sample.message)
@@ -74,7 +73,7 @@ class SlotCaller:
         self._answers.add(self._slots.failed(number, why))
 
     def _failed(self, error: Exception) -> bool:
-        self._faults.tell(self._link, error)
+        self._faults.count(self._link, error)
         return True
 
 

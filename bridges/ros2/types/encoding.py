@@ -10,16 +10,16 @@ from collections.abc import Callable
 from struct import Struct, error, pack
 from typing import Any
 
-from . import wire
+from . import primitives as wire
 from .definition import PRIMITIVES, FieldType, Shape
-from .layout import HEADER, At, Item, fixed_items, formats, padded
-from .record import Member, Record
+from .offsets import HEADER, At, Item, fixed_items, formats, padded
+from .record_type import RecordField, RecordType
 
 __all__ = ["compile_encoder"]
 
 
 def compile_encoder(
-    record: Record, explain: Callable[[Any, Exception], Any]
+    record: RecordType, explain: Callable[[Any, Exception], Any]
 ) -> Callable[[Any], bytes]:
     """Return what encodes that message, header included.
 
@@ -72,7 +72,7 @@ class _Function:
     """The lines of one function: of the message, or of one that stands in a sequence."""
 
     def __init__(
-        self, names: dict[str, Any], functions: dict[Record, str], offset: list[str], at: At
+        self, names: dict[str, Any], functions: dict[RecordType, str], offset: list[str], at: At
     ) -> None:
         self.lines: list[str] = []
         self.chunks: list[str] = []  # not yet put
@@ -117,14 +117,14 @@ class _Function:
         self.lines += [f"put({chunk})" for chunk in self.chunks]
         self.chunks = []
 
-    def message(self, record: Record, variable: str) -> None:
+    def message(self, record: RecordType, variable: str) -> None:
         """Write the message in a variable."""
         for member in record.members:
             self._member(member, f"{variable}.{member.name}")
         if not record.members:
             self._batch.append(Item("x", 1, 1))
 
-    def _member(self, member: Member, value: str) -> None:
+    def _member(self, member: RecordField, value: str) -> None:
         kind, record = member.type, member.record
         if kind.shape is Shape.SINGLE:
             if record is not None:
@@ -187,7 +187,7 @@ class _Function:
         else:
             self._row(kind, value, f'pack(f"<{{len({value})}}{code}", *{value})', size, size)
 
-    def _messages(self, kind: FieldType, record: Record, value: str) -> None:
+    def _messages(self, kind: FieldType, record: RecordType, value: str) -> None:
         items = fixed_items(record)
         if items is not None:
             codes, size = padded(items, HEADER)
@@ -219,7 +219,7 @@ class _Function:
         self._chunk(self._assign(row))
         self._at = at
 
-    def _function(self, record: Record) -> str:
+    def _function(self, record: RecordType) -> str:
         """Return the name of the function that writes such a message anywhere."""
         if record not in self._functions:
             name = self._functions[record] = f"write_{len(self._functions)}"
@@ -269,7 +269,7 @@ def _checked(kind: FieldType, value: str) -> str:
     return f"zero_one({value})" if kind.base == "bool" else value
 
 
-def _values(record: Record, variable: str) -> list[str]:
+def _values(record: RecordType, variable: str) -> list[str]:
     """Return the expressions of all values of a message of fixed size."""
     found: list[str] = []
     for member in record.members:

@@ -11,7 +11,7 @@ from .errors import CdrError
 from .graph import Endpoint, qos_conflict, type_conflict
 from .transport import Notice, NoticeKind
 
-__all__ = ["Teller", "log_notice"]
+__all__ = ["Notifier", "log_notice"]
 
 T = TypeVar("T")
 
@@ -24,7 +24,7 @@ def log_notice(notice: Notice) -> None:
     _LOG.log(level, "%s", ": ".join(part for part in (notice.name, notice.text) if part))
 
 
-class Teller:
+class Notifier:
     """Gives notices to the function that a transport was opened with.
 
     That function cannot break a transport: what it raises is logged.
@@ -32,10 +32,10 @@ class Teller:
 
     def __init__(self, notify: Callable[[Notice], None]) -> None:
         self._notify = notify
-        self._told: set[tuple[NoticeKind, str, str]] = set()
+        self._reported: set[tuple[NoticeKind, str, str]] = set()
         self._lock = threading.Lock()
 
-    def tell(self, kind: NoticeKind, text: str, name: str = "") -> None:
+    def notify(self, kind: NoticeKind, text: str, name: str = "") -> None:
         """Tell something that is news each time."""
         try:
             self._notify(Notice(kind, name, text))
@@ -45,10 +45,10 @@ class Teller:
     def once(self, kind: NoticeKind, name: str, text: str, about: str = "") -> None:
         """Tell something that is news only the first time for this name and what it is about."""
         with self._lock:
-            if (kind, name, about) in self._told:
+            if (kind, name, about) in self._reported:
                 return
-            self._told.add((kind, name, about))
-        self.tell(kind, text, name)
+            self._reported.add((kind, name, about))
+        self.notify(kind, text, name)
 
     def bad_message(self, name: str, error: object) -> None:
         """Tell that what arrived could not be decoded."""

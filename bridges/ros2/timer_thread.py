@@ -10,12 +10,12 @@ import time
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 
-__all__ = ["Later"]
+__all__ = ["TimerThread"]
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 
-class Later:
+class TimerThread:
     """Runs actions one after the other on a thread of its own.
 
     Middleware calls back on threads where nothing may wait; a future's result is given here, so
@@ -27,11 +27,11 @@ class Later:
         self._count = itertools.count()  # so that actions are never compared
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
-    def soon(self, do: Callable[[], object]) -> None:
+    def call_soon(self, do: Callable[[], object]) -> None:
         """Run ``do`` after what was asked for before."""
         self._todo.put((0.0, next(self._count), do))
 
-    def after(self, seconds: float, do: Callable[[], object]) -> None:
+    def call_later(self, seconds: float, do: Callable[[], object]) -> None:
         """Run ``do`` when ``seconds`` have passed, unless it is closed before."""
         self._todo.put((time.monotonic() + seconds, next(self._count), do))
 

@@ -15,16 +15,16 @@ from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.schema import fingerprint
 
 from ..errors import RosNameError, RosTypeError
-from ..names import Names
-from ..qos import Durability, Qos, Reliability
+from ..qos import DurabilityPolicy, Qos, ReliabilityPolicy
+from ..ros_names import Names
 from ..types import RosMessage, RosService, TypeLibrary
+from .bridge_config import BridgeConfig, RelayConfig, ServiceConfig
 from .capacity import capacity_for
-from .config import BridgeConfig, RelayConfig, ServiceConfig
-from .loops import Edge, find_loop
-from .numbered import ServiceSlots, service_slots
-from .position import NODE, SERVICE, TYPE
+from .cycles import RelayEdge, find_cycle
+from .service_slots import ServiceSlots, service_slots
+from .turtle_position import NODE, SERVICE, TYPE
 
-__all__ = ["Plan", "PositionPlan", "RelayPlan", "ServicePlan", "make_plan"]
+__all__ = ["BridgePlan", "PositionPlan", "RelayPlan", "ServicePlan", "make_plan"]
 
 _Where = tuple[str | int, ...]
 C = TypeVar("C")
@@ -61,7 +61,7 @@ class PositionPlan(NamedTuple):
     of: RosService
 
 
-class Plan(NamedTuple):
+class BridgePlan(NamedTuple):
     """All that a bridge does."""
 
     node: Names
@@ -73,7 +73,7 @@ class Plan(NamedTuple):
 
 def make_plan(
     config: BridgeConfig, folder: Path, slots: list[SlotInfo]
-) -> tuple[Plan, list[ConfigurationError]]:
+) -> tuple[BridgePlan, list[ConfigurationError]]:
     """Return what to do, and all that is wrong with it; without a fault nothing is left out.
 
     ``folder`` is where ``types`` are looked for, ``slots`` what is on the board. The errors have a
@@ -100,7 +100,7 @@ class _Planner:
             namespace, _, name = config.node.rpartition("/")
             self._node = Names(name, namespace or "/")
 
-    def plan(self) -> Plan:
+    def plan(self) -> BridgePlan:
         config = self._config
         relays = self._each("relay", config.relay, self._relay)
         clients = self._each("client", config.client, self._service)
@@ -109,7 +109,7 @@ class _Planner:
         self._check_pairs(relays)
         self._check_loops(relays)
         self._check_services(clients, servers, position)
-        return Plan(
+        return BridgePlan(
             self._node,
             list(relays.values()),
             list(clients.values()),
@@ -232,10 +232,10 @@ class _Planner:
         for i, relay in relays.items():
             slot, topic = f"slot {relay.slot.name}", f"topic {relay.topic}"
             if relay.to_ros:
-                edges.append(Edge(i, slot, topic))
+                edges.append(RelayEdge(i, slot, topic))
             if relay.from_ros:
-                edges.append(Edge(i, topic, slot))
-        loop = find_loop(edges)
+                edges.append(RelayEdge(i, topic, slot))
+        loop = find_cycle(edges)
         if loop:
             self._fault(f"messages go round and round: {' -> '.join(loop[1])}", "relay", loop[0])
 
@@ -262,7 +262,7 @@ class _Planner:
 
 def _qos(config: RelayConfig, usual_depth: int) -> Qos:
     return Qos(
-        Reliability[config.reliability.upper()],
-        Durability[config.durability.upper()],
+        ReliabilityPolicy[config.reliability.upper()],
+        DurabilityPolicy[config.durability.upper()],
         depth=config.depth or usual_depth,
     )

@@ -11,7 +11,7 @@ from math import gcd
 from typing import NamedTuple
 
 from .definition import PRIMITIVES, Shape
-from .record import Record
+from .record_type import RecordType
 
 __all__ = ["HEADER", "At", "Item", "fixed_items", "formats", "padded"]
 
@@ -79,7 +79,7 @@ def formats(items: list[Item], at: At) -> tuple[list[tuple[str, int]], At]:
     return found, end
 
 
-def fixed_items(record: Record) -> list[Item] | None:
+def fixed_items(record: RecordType) -> list[Item] | None:
     """Return the items of a message that always has the same size, and so may stand in a row.
 
     None if it has fields of varying size or arrays of numbers, or if padding would be needed
@@ -92,7 +92,7 @@ def fixed_items(record: Record) -> list[Item] | None:
     return None if size % max(item.align for item in items) else items
 
 
-def _items(record: Record) -> list[Item] | None:
+def _items(record: RecordType) -> list[Item] | None:
     items: list[Item] = []
     for member in record.members:
         kind = member.type

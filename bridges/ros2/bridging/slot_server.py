@@ -12,22 +12,21 @@ from llfsm.whiteboard.errors import MessageUnreadableError, WhiteboardError
 from llfsm.whiteboard.subscription import LOOK_S, Cursor
 
 from ..errors import CdrError
-from ..transport import Request
-from .faults import Faults
-from .numbered import ServiceSlots
-from .tally import Link
+from ..transport import ServiceRequest
+from .link import BridgeLink, LinkFaults
+from .service_slots import ServiceSlots
 
-__all__ = ["SlotAnswerer"]
+__all__ = ["SlotServer"]
 
 _MOST = 10  # requests that may wait, the depth of ROS 2's profile for services
 
 
 class _Waiting(NamedTuple):
-    request: Request[Any, Any]
+    request: ServiceRequest[Any, Any]
     until: float
 
 
-class SlotAnswerer:
+class SlotServer:
     """Posts requests one after the other, each when the one before it has its answer or none.
 
     :meth:`asked` is a server's handler. Who answers adds to the answer slot with the request's
@@ -39,8 +38,8 @@ class SlotAnswerer:
         board: Board,
         slots: ServiceSlots,
         timeout: float,
-        link: Link,
-        faults: Faults,
+        link: BridgeLink,
+        faults: LinkFaults,
     ) -> None:
         """``timeout`` is how many seconds from its arrival a request may wait for its answer."""
         self._slots = slots
@@ -56,7 +55,7 @@ class SlotAnswerer:
         self._thread = threading.Thread(target=self._run, name=f"slot {link.slot}", daemon=True)
         self._thread.start()
 
-    def asked(self, request: Request[Any, Any]) -> None:
+    def asked(self, request: ServiceRequest[Any, Any]) -> None:
         """Take a request in."""
         if self._waiting.qsize() < _MOST:
             self._waiting.put(_Waiting(request, time.monotonic() + self._timeout))
@@ -83,10 +82,10 @@ class SlotAnswerer:
                     request.answer(self._slots.ros_response(answer))
                     self._link.count()
             except (CdrError, WhiteboardError) as error:
-                self._faults.tell(self._link, error)
+                self._faults.count(self._link, error)
                 request.fail(str(error))
 
-    def _ask(self, request: Request[Any, Any], until: float) -> Any:
+    def _ask(self, request: ServiceRequest[Any, Any], until: float) -> Any:
         """Post a request; return the answer, or a text that says why there is none."""
         answers = Cursor(self._answers, after=self._answers.count)
         self._number += 1
@@ -98,12 +97,12 @@ class SlotAnswerer:
             try:
                 sample = answers.next(min(left, LOOK_S))
             except MessageUnreadableError as error:
-                self._faults.tell(self._link, error)
+                self._faults.count(self._link, error)
                 continue
             if sample is not None and sample.message.number == self._number:
                 return sample.message.failure or sample.message
         return f"no answer in slot {self._slots.answer.name} within {self._timeout:g} s"
 
-    def _fail(self, request: Request[Any, Any], why: str) -> None:
+    def _fail(self, request: ServiceRequest[Any, Any], why: str) -> None:
         self._link.failed += 1
         request.fail(why)

@@ -3,7 +3,7 @@
 1. the places that the library was given, in their order;
 2. ``share`` of each folder in AMENT_PREFIX_PATH, which a sourced ROS 2 sets;
 3. the definitions that ship with llfsm;
-4. those of rosbags, if it is installed.
+4. those of rosbags, if it is installed (see :mod:`.jazzy`).
 """
 
 from __future__ import annotations
@@ -13,29 +13,29 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from ..errors import DefinitionPlaceError, DefinitionSyntaxError, UnknownTypeError
+from ..errors import DefinitionPathError, DefinitionSyntaxError, UnknownTypeError
 from . import jazzy
 from .definition import Definition
 from .parsing import TYPE_NAME, parse
 
-__all__ = ["Places"]
+__all__ = ["SearchPath"]
 
 _SHIPPED = Path(__file__).parents[1] / "definitions"
 
 
-class Places:
+class SearchPath:
     """Find definitions by name, and keep those found.
 
     A place is a folder of packages (``/opt/ros/jazzy/share``, a workspace's ``src``), one package,
     or one file. In all of them a type is ``package/msg/Type.msg``, likewise ``srv`` and
-    ``action``. Raise :class:`.DefinitionPlaceError` if a place is not there.
+    ``action``. Raise :class:`.DefinitionPathError` if a place is not there.
     """
 
     def __init__(self, given: Iterable[Path]) -> None:
         self._places = [Path(place).absolute() for place in given]
         for place in self._places:
             if not place.exists():
-                raise DefinitionPlaceError(f"{place}: no such folder or file of definitions")
+                raise DefinitionPathError(f"{place}: no such folder or file of definitions")
         ament = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
         self._places += [Path(prefix, "share") for prefix in ament if prefix]
         self._places.append(_SHIPPED)

@@ -10,9 +10,9 @@ from typing import Any
 
 from ..errors import CdrError
 from .definition import INTEGERS, PRIMITIVES, FieldType, Shape
-from .layout import HEADER
-from .record import Member, Record
-from .wire import ZERO_ONE
+from .offsets import HEADER
+from .primitives import ZERO_ONE
+from .record_type import RecordField, RecordType
 
 __all__ = ["why_unreadable", "why_unwritable"]
 
@@ -23,7 +23,7 @@ class _FoundError(Exception):
     """What is wrong, with the field."""
 
 
-def why_unreadable(record: Record, data: bytes) -> CdrError:
+def why_unreadable(record: RecordType, data: bytes) -> CdrError:
     """Return the error that says what of the bytes is no such message."""
     if len(data) < HEADER:
         return CdrError(f"{record.name}: the header has {HEADER} bytes, and here are {len(data)}")
@@ -47,13 +47,13 @@ class _Walk:
         self._data = data
         self._order = "<" if data[1] else ">"
 
-    def message(self, record: Record, path: str) -> None:
+    def message(self, record: RecordType, path: str) -> None:
         if not record.members:
             self._take(1, 1, path or "the byte of an empty message")
         for member in record.members:
             self._member(member, f"{path}.{member.name}".lstrip("."))
 
-    def _member(self, member: Member, path: str) -> None:
+    def _member(self, member: RecordField, path: str) -> None:
         kind, count = member.type, member.type.size
         if kind.shape is Shape.SINGLE:
             self._one(member, path)
@@ -69,7 +69,7 @@ class _Walk:
         for index in range(count):
             self._one(member, f"{path}[{index}]")
 
-    def _one(self, member: Member, path: str) -> None:
+    def _one(self, member: RecordField, path: str) -> None:
         kind = member.type
         if member.record is not None:
             self.message(member.record, path)
@@ -110,7 +110,7 @@ class _Walk:
         return start
 
 
-def why_unwritable(record: Record, message: Any, error: Exception) -> CdrError:
+def why_unwritable(record: RecordType, message: Any, error: Exception) -> CdrError:
     """Return the error that says which value of a message cannot be encoded."""
     try:
         _check_message(record, message, "")
@@ -119,7 +119,7 @@ def why_unwritable(record: Record, message: Any, error: Exception) -> CdrError:
     return CdrError(f"{record.name}: {type(error).__name__}: {error}")
 
 
-def _check_message(record: Record, message: Any, path: str) -> None:
+def _check_message(record: RecordType, message: Any, path: str) -> None:
     for member in record.members:
         where = f"{path}.{member.name}".lstrip(".")
         if not hasattr(message, member.name):
@@ -127,7 +127,7 @@ def _check_message(record: Record, message: Any, path: str) -> None:
         _check(member, getattr(message, member.name), where)
 
 
-def _check(member: Member, value: Any, path: str) -> None:
+def _check(member: RecordField, value: Any, path: str) -> None:
     kind = member.type
     if kind.shape is Shape.SINGLE:
         _check_one(member, value, path)
@@ -143,7 +143,7 @@ def _check(member: Member, value: Any, path: str) -> None:
         _check_one(member, one, f"{path}[{index}]")
 
 
-def _check_one(member: Member, value: Any, path: str) -> None:
+def _check_one(member: RecordField, value: Any, path: str) -> None:
     kind = member.type
     if member.record is not None:
         _check_message(member.record, value, path)

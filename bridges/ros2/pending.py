@@ -1,22 +1,83 @@
-"""Requests that wait for their answer, whatever carries them."""
+"""Calls and requests that wait for their response, whatever carries them."""
 
 from __future__ import annotations
 
 import threading
 import weakref
 from collections.abc import Callable
+from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from typing import Any, Protocol
 
-from .errors import AlreadyAnsweredError, CdrError
-from .telling import Teller
-from .transport import MessageInfo, Request
+from .errors import (
+    AlreadyAnsweredError,
+    CallFailedError,
+    CallTimeoutError,
+    CdrError,
+    NoServerError,
+    TransportClosedError,
+)
+from .notices import Notifier
+from .transport import MessageInfo, ServiceRequest
 from .types import RosMessage, RosService
 
-__all__ = ["Counter", "WayBack"]
+__all__ = ["PendingCalls", "PendingRequests", "Responder"]
 
 
-class WayBack(Protocol):
+class PendingCalls:
+    """A client's calls; each ends in the first way that is told."""
+
+    def __init__(self, service: str, response: RosMessage[Any], notifier: Notifier) -> None:
+        self._service = service
+        self._decode = response.decode
+        self._notifier = notifier
+        self._pending: set[Future[Any]] = set()
+
+    def begin(self) -> Future[Any]:
+        """Return the future of a new call."""
+        call: Future[Any] = Future()
+        self._pending.add(call)
+        call.add_done_callback(self._pending.discard)
+        return call
+
+    def answered(self, call: Future[Any], data: bytes) -> None:
+        """End a call with its response."""
+        try:
+            response = self._decode(data)
+        except CdrError as error:
+            self._notifier.bad_message(self._service, error)
+            _end(call, error)
+        else:
+            with suppress(InvalidStateError):
+                call.set_result(response)
+
+    def failed(self, call: Future[Any], reason: str) -> None:
+        """End a call that the server refused, or cannot answer any more."""
+        _end(call, CallFailedError(f"{self._service}: {reason}"))
+
+    def timed_out(self, call: Future[Any]) -> None:
+        """End a call that took too long."""
+        _end(call, CallTimeoutError(f"{self._service}: no answer in time"))
+
+    def unserved(self, call: Future[Any], reason: str) -> None:
+        """End a call that nobody got."""
+        _end(call, NoServerError(reason))
+
+    def close(self) -> None:
+        """End all calls that are open."""
+        for call in list(self._pending):
+            _end(
+                call,
+                TransportClosedError(f"{self._service}: the client was closed before an answer"),
+            )
+
+
+def _end(call: Future[Any], error: Exception) -> None:
+    with suppress(InvalidStateError):  # it has ended already, or was cancelled
+        call.set_exception(error)
+
+
+class Responder(Protocol):
     """How an answer reaches who asked. Exactly one of these is called, at most once."""
 
     def answer(self, data: bytes) -> None:
@@ -26,32 +87,32 @@ class WayBack(Protocol):
         """Say that there is none."""
 
 
-class Counter:
+class PendingRequests:
     """Takes a server's requests in, and remembers those that are open."""
 
     def __init__(
         self,
         name: str,
         of: RosService,
-        handler: Callable[[Request[Any, Any]], None],
-        teller: Teller,
+        handler: Callable[[ServiceRequest[Any, Any]], None],
+        notifier: Notifier,
     ) -> None:
         self._name = name
         self._of = of
         self._handler = handler
-        self._teller = teller
+        self._notifier = notifier
         self._open: weakref.WeakSet[_Request] = weakref.WeakSet()
         self._lock = threading.Lock()
         self._closed = False
 
-    def take(self, data: bytes, info: MessageInfo | None, back: WayBack) -> None:
+    def take(self, data: bytes, info: MessageInfo | None, back: Responder) -> None:
         """Have a request handled. ``info`` is None if it came without."""
         try:
             if info is None:
                 raise CdrError("a request without the attachment of ROS 2")
             message = self._of.request.decode(data)
         except CdrError as error:
-            self._teller.bad_message(self._name, error)
+            self._notifier.bad_message(self._name, error)
             back.fail(str(error))
             return
         request = _Request(self._name, message, info, self._of.response, back)
@@ -63,7 +124,7 @@ class Counter:
         try:
             self._handler(request)
         except Exception as error:
-            self._teller.callback_failed(self._name, error)
+            self._notifier.callback_failed(self._name, error)
             request.fail_if_open(f"the server failed: {error}")
 
     def close(self) -> None:
@@ -75,20 +136,20 @@ class Counter:
             request.fail_if_open("the server was closed")
 
 
-class _Request(Request[Any, Any]):
+class _Request(ServiceRequest[Any, Any]):
     def __init__(
         self,
         service: str,
         message: Any,
         info: MessageInfo,
         response: RosMessage[Any],
-        back: WayBack,
+        back: Responder,
     ) -> None:
         self.message = message
         self.info = info
         self._service = service
         self._response = response
-        self._back: WayBack | None = back
+        self._back: Responder | None = back
         self._taking = threading.Lock()
 
     def answer(self, response: Any) -> None:
@@ -102,7 +163,7 @@ class _Request(Request[Any, Any]):
         with suppress(AlreadyAnsweredError):
             self.fail(reason)
 
-    def _take_back(self) -> WayBack:
+    def _take_back(self) -> Responder:
         with self._taking:
             back, self._back = self._back, None
         if back is None:

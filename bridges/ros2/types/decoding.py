@@ -12,10 +12,10 @@ from collections.abc import Callable
 from struct import Struct, error, unpack_from
 from typing import Any
 
-from . import wire
+from . import primitives as wire
 from .definition import PRIMITIVES, FieldType, Shape
-from .layout import HEADER, At, Item, fixed_items, formats, padded
-from .record import Member, Record
+from .offsets import HEADER, At, Item, fixed_items, formats, padded
+from .record_type import RecordField, RecordType
 
 __all__ = ["compile_decoder"]
 
@@ -23,7 +23,10 @@ _MOST_PADDING = 3  # that a sender may leave behind a message
 
 
 def compile_decoder(
-    record: Record, order: str, otherwise: Callable[[bytes], Any], explain: Callable[[bytes], Any]
+    record: RecordType,
+    order: str,
+    otherwise: Callable[[bytes], Any],
+    explain: Callable[[bytes], Any],
 ) -> Callable[[bytes], Any]:
     """Return what decodes that message in a byte order of struct's, header included.
 
@@ -42,7 +45,7 @@ def compile_decoder(
         "read_wide_texts": wire.read_wide_texts,
         "narrow": wire.narrow,
     }
-    functions: dict[Record, str] = {}
+    functions: dict[RecordType, str] = {}
     code = _Function(names, functions, order, "", 0, At(8, 0))
     header = code.add(Item("H2x", HEADER, 1))
     message = code.message(record)
@@ -72,7 +75,7 @@ class _Function:
     def __init__(
         self,
         names: dict[str, Any],
-        functions: dict[Record, str],
+        functions: dict[RecordType, str],
         order: str,
         base: str,
         distance: int,
@@ -121,14 +124,14 @@ class _Function:
             self._reach(self._assign(f"{self.offset} + {layout}.size"))
         self._at, self._batch, self._targets = end, [], []
 
-    def message(self, record: Record) -> str:
+    def message(self, record: RecordType) -> str:
         """Read a message; return the expression that builds it."""
         values = [self._member(member) for member in record.members]
         if not values:
             self._batch.append(Item("x", 1, 1))
         return f"{self._name(record.cls)}({', '.join(values)})"
 
-    def _member(self, member: Member) -> str:
+    def _member(self, member: RecordField) -> str:
         kind, record = member.type, member.record
         if kind.shape is Shape.SINGLE:
             if record is not None:
@@ -194,7 +197,7 @@ class _Function:
             return self._assign(f"{reader}(data, {start})")
         return self._assign(f'unpack_from(f"{self._order}{{{count}}}{code}", data, {start})')
 
-    def _messages(self, record: Record, count: str) -> str:
+    def _messages(self, record: RecordType, count: str) -> str:
         items = fixed_items(record)
         if items is not None:
             codes, size = padded(items, HEADER)
@@ -233,7 +236,7 @@ class _Function:
         self._reach(end)
         return start, end
 
-    def _function(self, record: Record) -> str:
+    def _function(self, record: RecordType) -> str:
         """Return the name of the function that reads such a message anywhere."""
         if record not in self._functions:
             name = self._functions[record] = f"read_{len(self._functions)}"

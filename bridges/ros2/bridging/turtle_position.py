@@ -17,11 +17,10 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
 )
 from llfsm.whiteboard.messages.turtlesim import Pose
 
-from ..transport import Request
+from ..transport import ServiceRequest
 from ..types import RosService
-from .calling import unanswered
-from .faults import Faults
-from .tally import Link
+from .link import BridgeLink, LinkFaults
+from .slot_client import unanswered
 
 __all__ = ["NODE", "SERVICE", "TYPE", "PositionServer"]
 
@@ -41,9 +40,9 @@ class PositionServer:
         board: Board,
         pose: Slot[Pose],
         of: RosService,
-        in_ros: Link,
-        in_slots: Link,
-        faults: Faults,
+        in_ros: BridgeLink,
+        in_slots: BridgeLink,
+        faults: LinkFaults,
     ) -> None:
         self._pose = board[pose]
         self._pose_slot = pose.name
@@ -61,7 +60,7 @@ class PositionServer:
             self._asked_in_slot, after=after, on_error=self._failed
         )
 
-    def asked(self, request: Request[Any, Any]) -> None:
+    def asked(self, request: ServiceRequest[Any, Any]) -> None:
         """Answer a request of ROS, or fail it."""
         pose = self._latest()
         if isinstance(pose, str):
@@ -97,5 +96,5 @@ class PositionServer:
             self._in_slots.count()
 
     def _failed(self, error: Exception) -> bool:
-        self._faults.tell(self._in_slots, error)
+        self._faults.count(self._in_slots, error)
         return True

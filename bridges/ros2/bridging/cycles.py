@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-__all__ = ["Edge", "find_loop"]
+__all__ = ["RelayEdge", "find_cycle"]
 
 
-class Edge(NamedTuple):
+class RelayEdge(NamedTuple):
     """A relay in one of its directions."""
 
     relay: int
@@ -24,7 +24,7 @@ class _Stop(NamedTuple):
     relay: int
 
 
-def find_loop(edges: Iterable[Edge]) -> tuple[int, list[str]] | None:
+def find_cycle(edges: Iterable[RelayEdge]) -> tuple[int, list[str]] | None:
     """Return a relay and the places that a message passes from there until it is there again."""
     edges = list(edges)
     harmless: set[_Stop] = set()
@@ -35,7 +35,7 @@ def find_loop(edges: Iterable[Edge]) -> tuple[int, list[str]] | None:
     return None
 
 
-def _follow(edges: list[Edge], way: list[_Stop], harmless: set[_Stop]) -> list[_Stop] | None:
+def _follow(edges: list[RelayEdge], way: list[_Stop], harmless: set[_Stop]) -> list[_Stop] | None:
     here = way[-1]
     if here in harmless:
         return None

@@ -10,9 +10,9 @@ from functools import partial
 from typing import Any
 
 from .errors import AlreadyAnsweredError
-from .transport import Request
+from .transport import ServiceRequest
 
-__all__ = ["Backlog", "Put", "through"]
+__all__ = ["CallQueue", "Put", "through"]
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
@@ -20,7 +20,7 @@ Put = Callable[[Callable[[], object]], None]
 """What takes something to be done on the one thread where a state lives."""
 
 
-class Backlog:
+class CallQueue:
     """Brings things from any thread to one, in the order in which they came.
 
     So that what they change needs no lock, and changes only when that thread is ready for it. An
@@ -37,7 +37,7 @@ class Backlog:
         """Have it done when the backlog is worked off next."""
         self._waiting.append(do)
 
-    def work_off(self) -> None:
+    def run_pending(self) -> None:
         """Do all that waits now; what comes meanwhile has to wait for the next time."""
         for _ in range(len(self._waiting)):
             try:
@@ -47,11 +47,11 @@ class Backlog:
 
 
 def through(
-    put: Put, handle: Callable[[Request[Any, Any]], None]
-) -> Callable[[Request[Any, Any]], None]:
+    put: Put, handle: Callable[[ServiceRequest[Any, Any]], None]
+) -> Callable[[ServiceRequest[Any, Any]], None]:
     """Return a server's handler that has requests handled there; what raises fails the request."""
 
-    def work(request: Request[Any, Any]) -> None:
+    def work(request: ServiceRequest[Any, Any]) -> None:
         try:
             handle(request)
         except Exception as error:

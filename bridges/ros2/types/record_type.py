@@ -12,35 +12,35 @@ from llfsm.whiteboard import Message
 
 from .definition import Definition, FieldType
 
-__all__ = ["Member", "Record"]
+__all__ = ["RecordField", "RecordType"]
 
 
 @dataclass(frozen=True, eq=False)
-class Member:
+class RecordField:
     """A field; ``record`` is that of the messages in it."""
 
     name: str  # in Python
     type: FieldType
-    record: Record | None
+    record: RecordType | None
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class RecordType:
     """A message: its class and its fields."""
 
     name: str
     cls: type[Message]
-    members: tuple[Member, ...]
+    members: tuple[RecordField, ...]
 
     @classmethod
-    def of(cls, name: str, message: type[Message], find: Callable[[str], Definition]) -> Record:
+    def of(cls, name: str, message: type[Message], find: Callable[[str], Definition]) -> RecordType:
         """Bind a class to the definition whose fields it has; nested classes are the class's own.
 
         ``find`` returns the definition of a name.
         """
         held = msgspec.structs.fields(message)
         members = [
-            Member(
+            RecordField(
                 field.attribute,
                 field.type,
                 cls.of(field.type.base, _inmost(info.type), find) if field.type.nested else None,

@@ -11,7 +11,7 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-__all__ = ["Parameter", "ParameterType", "Parameters", "Value", "type_of"]
+__all__ = ["NodeParameters", "Parameter", "ParameterType", "Value", "type_of"]
 
 Value = bool | int | float | str | bytes | tuple[bool | int | float | str, ...] | None
 """A parameter's value; several of a kind are a tuple, several bytes are bytes; None: not set."""
@@ -67,7 +67,7 @@ class Parameter(NamedTuple):
     """The least and the greatest integer it may be."""
 
 
-class Parameters:
+class NodeParameters:
     """The values of the parameters that a node has declared."""
 
     def __init__(self, declared: Mapping[str, Parameter]) -> None:

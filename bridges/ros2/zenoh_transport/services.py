@@ -1,38 +1,44 @@
-"""Clients over Zenoh: a call is a query to all servers, and the first reply counts."""
+"""Clients and servers over Zenoh.
+
+A call is a query to all servers, of which the first reply counts. Servers are queryables that
+answer with the number and the sender of the request.
+"""
 
 from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
 import zenoh
 import zenoh.handlers
 
-from ..calling import Calls
 from ..lifetime import Closable
-from ..transport import Client
+from ..pending import PendingCalls, PendingRequests
+from ..transport import Client, MessageInfo, Server, ServiceRequest
 from ..types import RosService
-from .attachment import pack
-from .endpoint import Place
-from .receiving import hand_over
+from .attachment import pack, unpack
+from .endpoint import ZenohEndpoint
+from .receiving import hand_over, receive
 
-__all__ = ["ZenohClient"]
+__all__ = ["ZenohClient", "ZenohServer"]
 
 
 class ZenohClient(Client[Any, Any]):
     """Calls a service whose servers are queryables."""
 
-    def __init__(self, owner: Closable, place: Place, of: RosService) -> None:
+    def __init__(self, owner: Closable, place: ZenohEndpoint, of: RosService) -> None:
         super().__init__(owner)
         self.name = place.name
         self._place = place
         self._of = of
-        self._soon = place.wire.answers.soon
+        self._call_soon = place.wire.answers.call_soon
         self._sequence = itertools.count(1)
-        self._calls = Calls(place.name, of.response, place.wire.teller)
+        self._calls = PendingCalls(place.name, of.response, place.wire.notifier)
         # It knows whether a queryable is there, which a server's token may tell too early.
         self._querier = place.wire.session.declare_querier(
             place.key, target=zenoh.QueryTarget.ALL_COMPLETE
@@ -61,10 +67,10 @@ class ZenohClient(Client[Any, Any]):
         served = self.ready
 
         def on_reply(reply: zenoh.Reply) -> None:
-            self._soon(partial(self._on_reply, call, deadline, reply))
+            self._call_soon(partial(self._on_reply, call, deadline, reply))
 
         def on_end() -> None:
-            self._soon(partial(self._on_end, call, served))
+            self._call_soon(partial(self._on_end, call, served))
 
         try:
             self._place.wire.session.get(
@@ -107,3 +113,56 @@ class ZenohClient(Client[Any, Any]):
 
     def __str__(self) -> str:
         return f"the client of {self.name}"
+
+
+_WAITING = 256  # requests that may wait for the handler; more, and who asks is held up
+
+
+class ZenohServer(Server):
+    """Serves a service as a queryable, on a thread of its own."""
+
+    def __init__(
+        self,
+        owner: Closable,
+        place: ZenohEndpoint,
+        of: RosService,
+        handler: Callable[[ServiceRequest[Any, Any]], None],
+    ) -> None:
+        super().__init__(owner)
+        self.name = place.name
+        self._place = place
+        self._counter = PendingRequests(place.name, of, handler, place.wire.notifier)
+        channel: zenoh.handlers.FifoChannel[zenoh.Query] = zenoh.handlers.FifoChannel(_WAITING)
+        self._queryable = place.wire.session.declare_queryable(place.key, channel, complete=True)
+        receive(self._queryable.handler.recv, self._on_query, place.name)
+        place.show()
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        attachment, payload = query.attachment, query.payload
+        info = unpack(attachment.to_bytes()) if attachment is not None else None
+        data = payload.to_bytes() if payload is not None else b""
+        self._counter.take(data, info, _Reply(query, self._place.key, info))
+
+    def _close(self) -> None:
+        self._place.hide()
+        self._queryable.undeclare()
+        self._counter.close()
+
+
+class _Reply:
+    """A way back that ends the query. If who asked or the session is gone, nothing happens."""
+
+    def __init__(self, query: zenoh.Query, key: str, info: MessageInfo | None) -> None:
+        self._query = query
+        self._key = key
+        self._info = info
+
+    def answer(self, data: bytes) -> None:
+        assert self._info is not None
+        attachment = pack(self._info.sequence, time.time_ns(), self._info.gid)
+        with self._query as query, suppress(zenoh.ZError):
+            query.reply(self._key, data, attachment=attachment)
+
+    def fail(self, reason: str) -> None:
+        with self._query as query, suppress(zenoh.ZError):
+            query.reply_err(reason)

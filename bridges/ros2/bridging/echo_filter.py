@@ -10,16 +10,16 @@ from typing import Generic
 from llfsm.whiteboard import BoundSlot, Sample
 from llfsm.whiteboard.message import M
 
-from ..transport import Arrival, Publisher
+from ..transport import Publisher, SerializedMessage
 from ..types import RosMessage
 
-__all__ = ["Echo"]
+__all__ = ["EchoFilter"]
 
 _RETURN_S = 1.0  # in which a message that was published comes back, if it does
 _MOST = 1000
 
 
-class Echo(Generic[M]):
+class EchoFilter(Generic[M]):
     """Remembers what one relay did on either side.
 
     On the board a message is identified by its count in the slot, in ROS by its publisher: an equal
@@ -50,7 +50,7 @@ class Echo(Generic[M]):
             with self._lock:
                 self._published.append((time.monotonic(), self._encode(message)))
 
-    def is_ours(self, arrival: Arrival[M]) -> bool:
+    def is_ours(self, arrival: SerializedMessage[M]) -> bool:
         """Tell whether what arrives is what was published here.
 
         Raise :class:`.CdrError` if that cannot be told as it is no message.

@@ -1,0 +1,73 @@
+"""A link between the board and ROS: what it has done so far, and what went wrong in it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from llfsm.whiteboard.errors import MessageTooLargeError, WhiteboardError
+
+from ..errors import Ros2Error
+from ..notices import Notifier
+from ..transport import Notice, NoticeKind
+
+__all__ = ["BridgeLink", "LinkFaults"]
+
+
+class BridgeLink:
+    """One direction of a relay, or a service: who is connected, and how much went through.
+
+    Each is counted up by one thread; any may read it.
+    """
+
+    def __init__(self, slot: str, arrow: str, name: str, type_name: str) -> None:
+        self.slot = slot
+        self.arrow = arrow
+        self.name = name
+        """The topic's or service's full name."""
+        self.type_name = type_name
+        self.passed = 0
+        """Messages, or answered requests."""
+        self.failed = 0
+        """Those that could not be passed on, or were not answered."""
+        self._last: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.slot} {self.arrow} {self.name}"
+
+    def count(self) -> None:
+        """Count one that went through, now."""
+        self.passed += 1
+        self._last = time.monotonic()
+
+    @property
+    def age(self) -> float | None:
+        """Seconds since the last one went through, or None before the first."""
+        last = self._last
+        return None if last is None else time.monotonic() - last
+
+
+class LinkFaults:
+    """Gives notices of links to the function that a transport gives its own to."""
+
+    def __init__(self, notify: Callable[[Notice], None]) -> None:
+        self._notifier = Notifier(notify)
+        self._lock = threading.Lock()
+
+    def count(self, link: BridgeLink, error: Exception) -> None:
+        """Count a failure, and tell it if it is the link's first of its kind."""
+        with self._lock:
+            link.failed += 1
+        if not isinstance(error, Ros2Error | WhiteboardError):
+            self._notifier.callback_failed(link.name, error)
+            return
+        text = f"{error}; more of this is only counted"
+        if isinstance(error, MessageTooLargeError):
+            text = f"{error} (`capacity` makes a new slot larger); more of this is only counted"
+        self.report(link, text, type(error).__name__)
+
+    def report(self, link: BridgeLink, text: str, kind: str) -> None:
+        """Tell something of a link, the first time for this kind."""
+        text = f"slot {link.slot}: {text}"
+        self._notifier.once(NoticeKind.BAD_MESSAGE, link.name, text, about=f"{link} {kind}")
