@@ -1,7 +1,7 @@
-"""A typed whiteboard: messages in memory that any number of processes add to and pull from.
+"""A typed whiteboard: any number of processes add messages to it and read the latest ones.
 
 Read in this order: :mod:`.message` and :mod:`.schema` (what a message is), :mod:`.slots`
-(a name with a message type), :mod:`.board` (the interface), then the boards that implement it,
+(a name with a message type), :mod:`.board` (the interface), then its implementations,
 :mod:`.shared` and :mod:`.local`.
 """
 

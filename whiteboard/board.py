@@ -1,6 +1,6 @@
-"""The interface that every whiteboard has, wherever its messages are.
+"""The interface of all whiteboards, wherever their messages are.
 
-A board binds slots; a bound slot is what a hot path keeps.
+A board binds slots; code that uses a slot often keeps the bound slot.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self
 
 from .errors import MessageTypeError
-from .message import M
-from .schema import Schema, type_from_schema
+from .message import M, type_from_schema
+from .schema import Schema
 from .slots import Sample, Slot
 
 if TYPE_CHECKING:
@@ -22,21 +22,22 @@ __all__ = ["Board", "BoundSlot", "SlotInfo"]
 
 
 class SlotInfo(NamedTuple):
-    """A slot as the board describes it."""
+    """A slot as listed by its board."""
 
     name: str
     type_name: str
     schema: Schema
     capacity: int
-    """Bytes of the longest encoded message."""
+    """The longest encoded message, in bytes."""
     problem: str = ""
-    """Why nobody can use it: what some process wrote of it is damaged, or no schema. Then the
-    schema is empty."""
+    """Why it is unusable (its record is damaged, or holds no valid schema), else empty. An
+    unusable slot's schema is empty."""
 
     def slot(self) -> Slot[Any]:
         """Return the slot, with a class made from its schema.
 
-        Raise :class:`.MessageTypeError` if there is none, :class:`.SlotNameError` for its name.
+        Raise :class:`.MessageTypeError` for an unusable schema and :class:`.SlotNameError` for an
+        invalid name.
         """
         if self.problem:
             raise MessageTypeError(f"slot {self.name!r}: {self.problem}")
@@ -44,41 +45,42 @@ class SlotInfo(NamedTuple):
 
 
 class BoundSlot(ABC, Generic[M]):
-    """A slot on a board: what to keep where a slot is used often."""
+    """A slot on a board; keep it where a slot is used often."""
 
     __slots__ = ()
 
     @property
     @abstractmethod
     def count(self) -> int:
-        """Messages added so far; each completed add makes it one more."""
+        """The number of messages added so far; each completed add increments it by one."""
 
     @property
     @abstractmethod
     def capacity(self) -> int:
-        """Bytes of the longest encoded message."""
+        """The longest encoded message, in bytes."""
 
     @abstractmethod
     def add(self, message: M, /) -> int:
-        """Make this the slot's latest message, without ever blocking; return its count.
+        """Make this the slot's latest message and return its count; never block.
 
-        Raise :class:`.SlotTypeError` if it is not exactly of the slot's type,
-        :class:`.MessageFieldError` if a field's value is not, and
-        :class:`.MessageTooLargeError` if it exceeds the capacity; then nothing was added.
+        Raise :class:`.SlotTypeError` if the message is not exactly of the slot's type,
+        :class:`.MessageFieldError` if a field's value is not of its type, and
+        :class:`.MessageTooLargeError` if it exceeds the capacity; nothing was added then.
         """
 
     @abstractmethod
     def add_after(self, message: M, count: int, /) -> int:
-        """Add the message if the slot's count is `count`, else return 0: someone was faster.
+        """Add the message if the slot's count still is `count`, else return 0.
 
-        So what is based on a message replaces no newer one. Raise as :meth:`add` does.
+        So a message derived from an older one never replaces a newer one. Raise as :meth:`add`
+        does.
         """
 
     @abstractmethod
     def get(self) -> M | None:
         """Return the latest message, or None before the first.
 
-        While no newer one was added it is the same object, at the cost of a comparison.
+        Until a newer one is added, this returns the same object, at the cost of a comparison.
         """
 
     @abstractmethod
@@ -87,17 +89,17 @@ class BoundSlot(ABC, Generic[M]):
 
     @abstractmethod
     def encoded(self) -> tuple[bytes, int, int, int] | None:
-        """Return what :meth:`sample` does, but the message as its bytes, and those unchecked."""
+        """Return the latest message like :meth:`sample`, but as bytes that are not validated."""
 
     @abstractmethod
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
-        """Block until a message newer than number ``after`` is there, and return the latest.
+        """Block until there is a message newer than number ``after``, and return the latest.
 
-        ``timeout`` is in seconds, None for ever; None is returned when it has passed. Raise
-        :class:`.BoardClosedError` if the board is closed or removed meanwhile.
+        Return None after ``timeout`` seconds; with None, wait without limit. Raise
+        :class:`.BoardClosedError` if the board is closed or removed while waiting.
         """
 
-    # Every board does what follows in the same way; imported when used, as few programs do.
+    # The same for every board; imported when used, because few programs use them.
 
     def subscribe(
         self,
@@ -110,14 +112,14 @@ class BoundSlot(ABC, Generic[M]):
         """Call ``callback`` with each newer sample, in a thread of its own, until closed.
 
         It begins with the latest message if there is one, or with the first one newer than number
-        ``after``. Writers never wait for it: while it runs, messages wait in a ``backlog`` of at
-        most so many, and the oldest one makes room. With 1, the newest alone waits; with more,
-        every message that could be observed does. Messages that it did not get are counted as
-        ``missed``; a gap between two samples' counts shows where.
+        ``after``. Writers never wait for it: while the callback runs, up to ``backlog`` messages
+        are queued, and a new one replaces the oldest. With 1, only the newest is kept. Messages
+        that the callback never receives are counted as ``missed``; gaps in the samples' counts
+        show where.
 
-        What it raises is given to ``on_error`` and logged, unless that returns True; so is a
-        message that cannot be read. The subscription goes on. It ends with the board, and does not
-        keep the process alive.
+        An exception from the callback, and a message that cannot be decoded, are passed to
+        ``on_error``, and logged unless that returns True; the subscription continues. It ends with
+        the board, and does not keep the process alive.
         """
         from .subscription import Subscription
 
@@ -126,7 +128,7 @@ class BoundSlot(ABC, Generic[M]):
     def stream(self, *, after: int | None = None, backlog: int = 1) -> Stream[M]:
         """Return an asynchronous iterator over newer samples: ``async for sample in ...``.
 
-        ``after`` and ``backlog`` are as for :meth:`subscribe`. Needs a running event loop.
+        ``after`` and ``backlog`` are as in :meth:`subscribe`. Needs a running event loop.
         """
         from .stream import Stream
 
@@ -134,7 +136,7 @@ class BoundSlot(ABC, Generic[M]):
 
 
 class _Bound(dict[Slot[Any], BoundSlot[Any]]):
-    """The slots bound so far; looking up another one binds it."""
+    """The bound slots; looking up a slot binds it."""
 
     def __init__(self, bind: Callable[[Slot[Any]], BoundSlot[Any]]) -> None:
         super().__init__()
@@ -146,16 +148,16 @@ class _Bound(dict[Slot[Any], BoundSlot[Any]]):
 
 
 class Board(ABC):
-    """A whiteboard. Bind a slot with ``board[slot]``, or use the two methods by name."""
+    """A whiteboard. Bind a slot with ``board[slot]``, or use the methods that take a slot."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self._bound = _Bound(self._bind)
 
     def __getitem__(self, slot: Slot[M]) -> BoundSlot[M]:
-        """Bind a slot, making it on the board if it is not there.
+        """Bind a slot; make it if the board does not have it.
 
-        Raise :class:`.SlotTypeError` if the board has it with another type.
+        Raise :class:`.SlotTypeError` if it has another type on the board.
         """
         return self._bound[slot]
 
@@ -178,30 +180,31 @@ class Board(ABC):
 
     @abstractmethod
     def slots(self) -> list[SlotInfo]:
-        """Describe the slots on the board, in the order in which they were made."""
+        """Return the slots on the board, in the order in which they were made."""
 
     @abstractmethod
     def find(self, name: str) -> Slot[Any]:
-        """Return the slot of that name, for those who do not have its class.
+        """Return the slot of that name, for callers that do not have its class.
 
         Raise :class:`.SlotNotFoundError`.
         """
 
     @abstractmethod
     def watcher(self) -> Callable[[float], list[str]]:
-        """Return a function that waits, so many seconds at most, until any slot has news.
+        """Return a function that waits until any slot has a new message; its argument: seconds.
 
-        It returns the names of the slots with messages added since it was called last.
+        It returns the names of the slots with messages added since its last call, or none when the
+        time has passed.
         """
 
     @property
     @abstractmethod
     def alive(self) -> bool:
-        """False once the board is closed here or removed by anybody."""
+        """False once the board is closed here or removed by any process."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the board; its messages stay for other processes. Closing twice is fine."""
+        """Release the board; its messages stay for other processes. Closing twice is fine."""
 
     @abstractmethod
     def remove(self) -> None:

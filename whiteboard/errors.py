@@ -1,27 +1,27 @@
-"""What can go wrong with a whiteboard.
+"""The errors of whiteboards.
 
 ::
 
     WhiteboardError
-    ├── BoardError                    the board as a whole
-    │   ├── SharedMemoryUnavailableError   no extension, or no Linux: use Whiteboard.local()
-    │   ├── BoardNotFoundError             nobody has made it
-    │   ├── BoardPermissionError           somebody else's, or a file that is no whiteboard
+    ├── BoardError                    a board as a whole
+    │   ├── SharedMemoryUnavailableError   no extension, or not Linux: use Whiteboard.local()
+    │   ├── BoardNotFoundError             the board does not exist
+    │   ├── BoardPermissionError           another user's file, or not a whiteboard
     │   ├── BoardVersionError              made by another version: remove it
     │   ├── BoardCorruptError              damaged: remove it
     │   ├── BoardFullError                 no memory, or no room for a slot or a writer
-    │   ├── BoardClosedError               closed by this process, or removed under a wait
+    │   ├── BoardClosedError               closed by this process, or removed during a wait
     │   ├── BoardMirroredError             another daemon mirrors it
-    │   └── NetworkError                   no Zenoh, or an endpoint that cannot be used
-    ├── SlotError                     one slot of it
+    │   └── NetworkError                   no Zenoh, or an unusable endpoint
+    ├── SlotError                     one slot of a board
     │   ├── SlotNotFoundError              no slot of that name
-    │   ├── SlotNameError                  not a possible name
+    │   ├── SlotNameError                  an invalid name
     │   └── SlotTypeError                  the slot holds messages of another type
     └── MessageError                  one message or its class
         ├── MessageTypeError               a class with a field that is not immutable
         ├── MessageFieldError              a field's value is not of the declared type
         ├── MessageTooLargeError           longer than the slot's capacity
-        └── MessageUnreadableError         what the slot holds is no message of its type
+        └── MessageUnreadableError         the slot's data is not a message of its type
 """
 
 from __future__ import annotations
@@ -57,67 +57,67 @@ __all__ = [
 
 
 class WhiteboardError(LlfsmError):
-    """Stand for every error of the whiteboard."""
+    """Base of all errors of whiteboards."""
 
 
 class BoardError(WhiteboardError):
-    """Tell that the board as a whole cannot be used."""
+    """A board as a whole cannot be used."""
 
 
 class SharedMemoryUnavailableError(BoardError):
-    """Tell that this installation or system has no shared-memory board."""
+    """Boards in shared memory do not exist on this installation or system."""
 
 
 class BoardNotFoundError(BoardError):
-    """Tell that there is no board of that name, and it was not to be made."""
+    """The board does not exist, and was not to be made."""
 
 
 class BoardPermissionError(BoardError):
-    """Tell that the file belongs to somebody else, is protected, or is no whiteboard."""
+    """The file belongs to another user, is protected, or is not a whiteboard."""
 
 
 class BoardVersionError(BoardError):
-    """Tell that the board was made by another version or on another kind of machine."""
+    """The board was made by another version or on another kind of machine."""
 
 
 class BoardCorruptError(BoardError):
-    """Tell that the board's file is damaged."""
+    """The board's file is damaged."""
 
 
 class BoardFullError(BoardError):
-    """Tell that memory, the table of slots or the places of writers are used up."""
+    """The memory, the table of slots or the table of writers is full."""
 
 
 class BoardClosedError(BoardError):
-    """Tell that this process has closed the board, or that it was removed under a wait."""
+    """The board was closed by this process, or removed during a wait."""
 
 
 class BoardMirroredError(BoardError):
-    """Tell that another daemon mirrors the board."""
+    """Another daemon mirrors the board."""
 
 
 class NetworkError(BoardError):
-    """Tell that a board cannot be mirrored or reached as asked, and why."""
+    """A board cannot be mirrored or reached; the text gives the reason."""
 
 
 class SlotError(WhiteboardError):
-    """Tell that a slot cannot be used as asked."""
+    """A slot cannot be used as requested."""
 
 
 class SlotNotFoundError(SlotError):
-    """Tell that the board has no slot of that name."""
+    """The board has no slot of that name."""
 
 
 class SlotNameError(SlotError, ValueError):
-    """Tell that a text cannot name a slot or a board."""
+    """The name of a slot or a board is invalid."""
 
 
 class SlotTypeError(SlotError, TypeError):
-    """Tell that the slot holds messages of another type, and how the two differ."""
+    """The slot holds messages of another type; the text describes the difference."""
 
 
-class SchemaClash(Exception):  # noqa: N818  not for users: the board makes a SlotTypeError of it
-    """Carry the schema, as JSON, that the board has for a slot opened with another."""
+class SchemaClash(Exception):  # noqa: N818  not for users: converted to a SlotTypeError
+    """A slot was opened with another schema than the board's, which this carries as JSON."""
 
     def __init__(self, schema: bytes) -> None:
         super().__init__(schema)
@@ -125,23 +125,23 @@ class SchemaClash(Exception):  # noqa: N818  not for users: the board makes a Sl
 
 
 class MessageError(WhiteboardError):
-    """Tell that a message, or its class, cannot be used."""
+    """A message, or its class, cannot be used."""
 
 
 class MessageTypeError(MessageError, TypeError):
-    """Tell which field of a Message class is not of an immutable type."""
+    """A field of a Message class is not of an immutable type; the text names it."""
 
 
 class MessageFieldError(MessageError, TypeError):
-    """Tell which field's value is not of the declared type; nothing was added."""
+    """A field's value is not of the declared type; nothing was added."""
 
 
 class MessageTooLargeError(MessageError, ValueError):
-    """Tell that an encoded message exceeds its slot's capacity; nothing was added."""
+    """An encoded message exceeds its slot's capacity; nothing was added."""
 
 
 class MessageUnreadableError(MessageError):
-    """Tell that a slot's latest message, number ``count``, does not decode, and who wrote it."""
+    """A slot's latest message, number ``count``, cannot be decoded; the text names its writer."""
 
     def __init__(self, text: str, *, count: int) -> None:
         super().__init__(text)
@@ -149,7 +149,7 @@ class MessageUnreadableError(MessageError):
 
 
 def too_large(slot: str, length: int, capacity: int) -> MessageTooLargeError:
-    """Describe a message that does not fit."""
+    """Return the error for a message that does not fit."""
     return MessageTooLargeError(
         f"slot {slot!r}: the message takes {length} bytes, the slot holds {capacity}; "
         f"give the Slot a larger capacity where the board is first used"
@@ -157,21 +157,21 @@ def too_large(slot: str, length: int, capacity: int) -> MessageTooLargeError:
 
 
 def wrong_type(slot: str, wanted: type, message: object) -> SlotTypeError:
-    """Describe a message of a class that the slot does not take."""
+    """Return the error for a message of another class."""
     return SlotTypeError(
-        f"slot {slot!r} takes {wanted.__qualname__} messages, not {type(message).__qualname__}"
+        f"slot {slot!r} accepts {wanted.__qualname__} messages, not {type(message).__qualname__}"
     )
 
 
 def wrong_field(slot: str, kind: type, cause: object) -> MessageFieldError:
-    """Describe a message with a wrong value in a field."""
+    """Return the error for a message with a wrong value in a field."""
     return MessageFieldError(
         f"slot {slot!r}: the {kind.__qualname__} was not added: {name_fields(kind, cause)}"
     )
 
 
 def name_fields(kind: type, cause: object) -> str:
-    """Put field names in place of the array indices by which the decoder tells a place."""
+    """Return the decoder's error text with field names in place of array indices."""
     from msgspec import inspect as mi
 
     def names(match: re.Match[str]) -> str:
@@ -179,7 +179,7 @@ def name_fields(kind: type, cause: object) -> str:
         for index in map(int, re.findall(r"\d+", match[0])):
             if isinstance(node, mi.StructType):
                 path, node = f"{path}.{node.fields[index].name}", node.fields[index].type
-            else:  # within a tuple; what is deeper is not named
+            else:  # within a tuple; deeper levels are not named
                 path, node = f"{path}[{index}]", mi.AnyType()
         return f"`{path.lstrip('.')}`"
 
@@ -197,7 +197,7 @@ _FULL = {
 def raise_status(status: int, number: int, where: str | None, detail: object) -> NoReturn:
     """Raise the error for a status of the C protocol (``enum lwb_status``) or of the extension.
 
-    ``number`` is the C ``errno`` then, ``where`` the board's path or the slot's name.
+    ``number`` is the C ``errno``; ``where`` is the board's path or the slot's name.
     """
     match status, detail:
         case -1, _:
@@ -210,13 +210,14 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
             raise wrong_field(str(where), kind, cause) from cause
         case -4, (type() as kind, BaseException() as cause, int(process), int(count)):
             raise MessageUnreadableError(
-                f"slot {where!r}: what process {process} wrote is no {kind.__qualname__}: "
-                f"{name_fields(kind, cause)}",
+                f"slot {where!r}: the data that process {process} wrote is not a "
+                f"{kind.__qualname__}: {name_fields(kind, cause)}",
                 count=count,
             ) from cause
         case 3, _:
             raise BoardNotFoundError(
-                f"{where}: no such whiteboard; start what makes it, or see `llfsm whiteboard list`"
+                f"{where}: no such whiteboard; start the program that makes it, or see "
+                f"`llfsm whiteboard list`"
             )
         case 5, bytes(schema):
             raise SchemaClash(schema)
@@ -226,8 +227,8 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
             raise BoardFullError(f"{where}: {_FULL[status]}")
         case 9, _:
             raise BoardPermissionError(
-                f"{where}: no whiteboard of yours: another user's file, a link or another kind "
-                f"of file; choose another board name"
+                f"{where}: not a whiteboard of this user: another user's file, a link or another "
+                f"kind of file; choose another board name"
             )
         case 10, _:
             raise BoardVersionError(
@@ -240,18 +241,18 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
             )
         case 12, _:
             raise SlotNameError(
-                f"{where!r}: names take 1 to 255 bytes, capacities 1 byte to 1 GiB, "
-                f"schemas 1 MiB at most"
+                f"{where!r}: names must have 1 to 255 bytes, capacities 1 byte to 1 GiB, "
+                f"schemas at most 1 MiB"
             )
     raise from_errno(number, str(where))
 
 
 def from_errno(number: int, where: str) -> BoardError:
-    """Describe a system call on a board's file that failed."""
+    """Return the error for a failed system call on a board's file."""
     text = f"{where}: {os.strerror(number)}"
     match OSError(number, ""):
         case PermissionError():
-            return BoardPermissionError(f"{text}; it belongs to somebody else or is protected")
+            return BoardPermissionError(f"{text}; it belongs to another user or is protected")
         case FileNotFoundError() | NotADirectoryError():
             return BoardNotFoundError(f"{text}; the folder for whiteboards must exist")
         case _:

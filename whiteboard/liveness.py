@@ -1,4 +1,4 @@
-"""Whether a process lives. A number alone does not tell: the system uses it again one day."""
+"""Whether a process still runs. A process id is not enough: the system reuses ids."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def host_name() -> str:
 
 
 def born(pid: int) -> int:
-    """Return when a process started, in clock ticks since the host booted; 0 if it is dead."""
+    """Return when a process started, in clock ticks since boot; 0 if it does not run."""
     try:
         with open(f"/proc/{pid}/stat", "rb") as file:
-            # The name, in parentheses, may contain anything: what comes after it begins with
-            # the third field, the state, and the start is the twenty-second.
+            # The second field is the name, in parentheses, which may contain anything. The rest
+            # begins with the third field, the state; the start time is the 22nd.
             state, *fields = file.read().rpartition(b")")[2].split()
     except OSError:
         return 0
@@ -40,10 +40,13 @@ def lives(pid: int, started: int) -> bool:
 
 
 def writer_lives(sample: Sample[Any]) -> bool:
-    """Return whether the process that added a message still runs; one started later did not."""
+    """Return whether the process that added a message still runs.
+
+    A process with the same id that started after the message was added is a different one.
+    """
     started = born(sample.writer)
     if started == 0:
         return False
-    # Stamps leave out the time for which the host was suspended, the start of a process does not.
+    # Start times include the time in which the host was suspended, stamps do not.
     suspended_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()
     return started * 1_000_000_000 // _TICKS_PER_S <= sample.stamp_ns + suspended_ns

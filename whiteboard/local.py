@@ -1,4 +1,4 @@
-"""A board in this process only: for tests, simulation, and where there is no shared memory."""
+"""A board in one process: for tests, simulation, and systems without shared memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["LocalBoard"]
 
 
 class _Added(NamedTuple):
-    """A message as it was added: encoded, because slots of one name may have other classes."""
+    """A message as it was added: encoded, because slots of one name may differ in class."""
 
     data: bytes
     number: int
@@ -26,7 +26,7 @@ class _Added(NamedTuple):
 
 
 class _Cell:
-    """A slot as the board has it."""
+    """A slot of the board."""
 
     def __init__(self, slot: Slot[Any]) -> None:
         self.slot = slot
@@ -64,10 +64,10 @@ class _LocalSlot(BoundSlot[M]):
         slot = self._slot
         if type(message) is not slot.type:
             raise wrong_type(slot.name, slot.type, message)
-        try:  # as on its way through shared memory, so that a test finds what a robot would
+        try:  # as in shared memory, so that a test finds the same errors as a robot
             data = slot.encoder.encode(message)
             message = slot.decoder.decode(data)
-        except Exception as error:  # whatever the encoder or a field's own code raises
+        except Exception as error:  # the encoder and a field's own code may raise anything
             raise wrong_field(slot.name, slot.type, error) from error
         if len(data) > self.capacity:
             raise too_large(slot.name, len(data), self.capacity)
@@ -108,7 +108,7 @@ class _LocalSlot(BoundSlot[M]):
 
 
 class LocalBoard(Board):
-    """A whiteboard for the threads of one process; every new one is empty."""
+    """A whiteboard for the threads of one process; a new one is empty."""
 
     def __init__(self, name: str = "local", now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         super().__init__(name)
@@ -116,7 +116,7 @@ class LocalBoard(Board):
         self.changed = threading.Condition()
         self._cells: dict[str, _Cell] = {}
         self._open = True
-        self._calls = 0
+        self._wakes = 0
 
     def check_open(self) -> None:
         """Raise :class:`.BoardClosedError` if the board was closed."""
@@ -131,42 +131,42 @@ class LocalBoard(Board):
         return _LocalSlot(self, slot, cell)
 
     def slots(self) -> list[SlotInfo]:
-        """Describe the slots."""
+        """Return the slots on the board."""
         self.check_open()
         slots = [cell.slot for cell in self._cells.values()]
         return [SlotInfo(slot.name, slot.type_name, slot.schema, slot.capacity) for slot in slots]
 
     def find(self, name: str) -> Slot[Any]:
-        """Return the slot of that name, as it was first used."""
+        """Return the slot of that name, with the class of its first use."""
         self.check_open()
         if name not in self._cells:
             raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}")
         return self._cells[name].slot
 
     def watcher(self) -> Callable[[float], list[str]]:
-        """Return a function that waits until any slot has news."""
+        """Return a function that waits until any slot has a new message."""
         counts: dict[str, int] = {}
-        heard = self._calls
+        seen = self._wakes
 
-        def news() -> list[str]:
+        def changed() -> list[str]:
             self.check_open()
             cells = list(self._cells.items())
             return [name for name, cell in cells if cell.count != counts.get(name, 0)]
 
         def wait(timeout: float) -> list[str]:
-            nonlocal heard
+            nonlocal seen
             with self.changed:
-                self.changed.wait_for(lambda: news() or self._calls != heard, timeout)
-                heard, found = self._calls, news()
+                self.changed.wait_for(lambda: changed() or self._wakes != seen, timeout)
+                seen, found = self._wakes, changed()
                 counts.update((name, self._cells[name].count) for name in found)
                 return found
 
         return wait
 
-    def call_watchers(self) -> None:
-        """Let each watcher return, news or not."""
+    def wake_watchers(self) -> None:
+        """Let each watcher return, also without a new message."""
         with self.changed:
-            self._calls += 1
+            self._wakes += 1
             self.changed.notify_all()
 
     @property
@@ -175,9 +175,9 @@ class LocalBoard(Board):
         return self._open
 
     def close(self) -> None:
-        """Close the board, and with it forget every message."""
+        """Close the board and discard its messages."""
         self._open = False
-        with self.changed:  # let those who wait see it
+        with self.changed:  # waiting threads look at it
             self.changed.notify_all()
 
     def remove(self) -> None:

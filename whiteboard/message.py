@@ -1,16 +1,17 @@
-"""What goes on a whiteboard: immutable, typed messages."""
+"""Messages: immutable, typed values on a whiteboard."""
 
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any, TypeVar, dataclass_transform
+from types import new_class
+from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform
 
 import msgspec
 
 from .errors import MessageTypeError
-from .schema import describe
+from .schema import Schema, describe, limits, summarize
 
-__all__ = ["M", "Message"]
+__all__ = ["M", "Message", "type_from_schema"]
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
@@ -28,25 +29,25 @@ class _MessageMeta(msgspec.StructMeta):
     ) -> _MessageMeta:
         namespace["__type_name__"] = type_name = type_name or name
         if not type_name.isprintable() or len(type_name.encode()) > 255:
-            raise MessageTypeError(f"{name}: {type_name!r} cannot name a type")
-        # An array of values, not a map, makes a message cheaper to read and easy to write from
-        # C; the names stand in the slot's schema, once. Unknown fields are forbidden so that a
-        # larger message in place of a smaller one is not cut to size.
+            raise MessageTypeError(f"{name}: {type_name!r} is not a valid type name")
+        # An array of values, not a map, is cheaper to decode and easy to write from C; the names
+        # are in the slot's schema, once. Unknown fields are forbidden so that a larger message in
+        # place of a smaller one is an error instead of being truncated.
         config = {"frozen": True, "array_like": True, "forbid_unknown_fields": True, **config}
         cls = super().__new__(mcls, name, bases, namespace, **config)
-        with suppress(NameError):  # an annotation names what comes later: the Slot asks again
+        with suppress(NameError):  # an annotation refers to a later class: the Slot checks again
             describe(cls)
         return cls
 
 
 class Message(msgspec.Struct, metaclass=_MessageMeta):
-    """Stand for one message on a whiteboard; subclass it and annotate the fields.
+    """A message on a whiteboard; subclass it and annotate the fields.
 
-    A message never changes, so readers share it. Fields are ``bool``, ``int`` (64 bit, or a
+    A message is immutable, so readers share it. Fields are ``bool``, ``int`` (64 bit, or a
     narrower ``Annotated`` range), ``float``, ``str``, ``bytes``, ``None``, ``Enum``, ``Literal``,
-    other messages, and ``tuple``, ``frozenset`` or unions of these; anything else raises
-    :class:`.MessageTypeError` naming the field. ``type_name`` is the name by which other
-    processes know the type (default: the class's)::
+    other messages, and ``tuple``, ``frozenset`` or unions of these; any other type raises
+    :class:`.MessageTypeError`, which names the field. ``type_name`` is the type's name for other
+    processes (default: the class's name)::
 
         class Twist(Message, type_name="geometry_msgs/msg/Twist"):
             linear: Vector3 = Vector3()
@@ -55,3 +56,59 @@ class Message(msgspec.Struct, metaclass=_MessageMeta):
 
 
 M = TypeVar("M", bound=Message)
+
+
+def type_from_schema(schema: Schema) -> type[Message]:
+    """Make a class for a slot whose Python class is not available, as tools need it.
+
+    Raise :class:`.MessageTypeError` unless it is a schema as :func:`.describe` makes it.
+    """
+    try:
+        return _made(schema)
+    except MessageTypeError:
+        raise
+    except Exception as error:  # another process may write anything as a schema
+        raise MessageTypeError(f"not a message's schema: {error}") from error
+
+
+def _made(schema: Schema) -> type[Message]:
+    if not ("title" in schema and isinstance(schema.get("properties"), dict)):
+        raise MessageTypeError(f"not a message's schema: {summarize(schema)}")
+
+    fields = [(name, _annotation(s)) for name, s in schema["properties"].items()]
+    title = schema["title"]
+    return new_class(
+        title.rpartition("/")[2],
+        (Message,),
+        {"type_name": title},
+        lambda namespace: namespace.update(__annotations__=dict(fields)),
+    )
+
+
+_SIMPLE = {"boolean": bool, "integer": int, "number": float, "string": str, "null": None}
+
+
+def _annotation(schema: Schema) -> Any:
+    match schema:
+        case {"anyOf": options}:
+            return Union[tuple(_annotation(o) for o in options)]  # noqa: UP007  from a list
+        case {"enum": values}:
+            return Literal[tuple(values)]
+        case {"type": "object"}:
+            return _made(schema)
+        case {"type": "array", "prefixItems": items}:
+            return tuple[tuple(_annotation(i) for i in items)]  # type: ignore[misc]
+        case {"type": "array", "items": item}:
+            if schema.get("uniqueItems"):
+                return _limited(frozenset[_annotation(item)], schema)  # type: ignore[misc]
+            return _limited(tuple[_annotation(item), ...], schema)  # type: ignore[misc]
+        case {"type": "string", "contentEncoding": "base64"}:
+            return _limited(bytes, schema)
+        case {"type": str(kind)} if kind in _SIMPLE:
+            return _limited(_SIMPLE[kind], schema)
+    raise MessageTypeError(f"not a message's schema: {summarize(schema)}")
+
+
+def _limited(annotation: Any, schema: Schema) -> Any:
+    found = limits(schema)
+    return Annotated[annotation, msgspec.Meta(**found)] if found else annotation

@@ -15,9 +15,9 @@ import msgspec
 
 from .board import Board, BoundSlot, SlotInfo
 from .errors import BoardClosedError, MessageTypeError, WhiteboardError
-from .message import Message
+from .message import Message, type_from_schema
 from .messages.llfsm import DEFINITIONS, JOURNALS, MACHINES, MachineDefinition, MachineStatus
-from .schema import describe, type_from_schema
+from .schema import describe
 from .slots import Sample, Slot
 
 __all__ = ["BoardPoller", "PolledSlot", "class_of", "is_data"]

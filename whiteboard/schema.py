@@ -1,8 +1,8 @@
-"""Message types as JSON schemas, there and back.
+"""Message types as JSON schemas, and messages as JSON.
 
-A slot carries its type's schema, so that tools show a message without its Python class. What
-has no schema here is not immutable (or not portable), and so cannot be in a message: making the
-schema is the check.
+A slot carries its type's schema, so that tools can show a message without its Python class. A type
+that has no schema here is not immutable (or not portable), and so cannot be part of a message:
+making the schema is the check.
 """
 
 from __future__ import annotations
@@ -10,34 +10,38 @@ from __future__ import annotations
 import binascii
 import math
 from collections.abc import Iterator
-from types import new_class
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
+from typing import Any
 
 import msgspec
 from msgspec import inspect as mi
 
 from .errors import MessageTypeError
 
-if TYPE_CHECKING:
-    from .message import Message
-
-__all__ = ["describe", "differences", "fingerprint", "from_plain", "to_plain", "type_from_schema"]
+__all__ = [
+    "Schema",
+    "describe",
+    "differences",
+    "fingerprint",
+    "from_plain",
+    "limits",
+    "summarize",
+    "to_plain",
+]
 
 Schema = dict[str, Any]
 
 _MUTABLE = {
-    mi.ListType: "a list changes; use tuple[X, ...]",
-    mi.DictType: "a dict changes; use a tuple of pairs, or a Message of its own",
-    mi.SetType: "a set changes; use frozenset[X]",
-    mi.ByteArrayType: "a bytearray changes; use bytes",
-    mi.MemoryViewType: "a memoryview changes; use bytes",
-    mi.AnyType: "Any can hold what changes; name the types",
+    mi.ListType: "a list is mutable; use tuple[X, ...]",
+    mi.DictType: "a dict is mutable; use a tuple of pairs, or a Message of its own",
+    mi.SetType: "a set is mutable; use frozenset[X]",
+    mi.ByteArrayType: "a bytearray is mutable; use bytes",
+    mi.MemoryViewType: "a memoryview is mutable; use bytes",
+    mi.AnyType: "Any permits mutable values; name the types",
     mi.DataclassType: "use a Message instead of a dataclass",
-    mi.TypedDictType: "a dict changes; use a Message",
+    mi.TypedDictType: "a dict is mutable; use a Message",
 }
 
-
-# What JSON schema calls the limits that msgspec's types may have.
+# The limits of msgspec's types, by their names in JSON schema.
 _OF_NUMBERS = {
     "minimum": "ge",
     "exclusiveMinimum": "gt",
@@ -53,12 +57,12 @@ def describe(cls: type) -> Schema:
     """Return the JSON schema (2020-12) of a Message class, nested messages inline.
 
     Raise :class:`.MessageTypeError` naming the first field that is not deeply immutable, and
-    ``NameError`` while an annotation names something not yet defined.
+    ``NameError`` while an annotation refers to a name that is not defined yet.
     """
     for field in msgspec.structs.fields(cls):
         try:
             msgspec.msgpack.Decoder(field.type)
-        except TypeError as error:  # a union whose members a reader cannot tell apart
+        except TypeError as error:  # a union whose members a decoder cannot distinguish
             raise MessageTypeError(f"{cls.__qualname__}.{field.name}: {error}") from error
     return _schema(mi.type_info(cls), cls.__qualname__, ())
 
@@ -79,7 +83,7 @@ def _schema(node: mi.Type, path: str, outer: tuple[type, ...]) -> Schema:
         case mi.NoneType():
             return {"type": "null"}
         case mi.EnumType(cls=cls):
-            return {"enum": sorted(member.value for member in cls)}  # as a Literal's values are
+            return {"enum": sorted(member.value for member in cls)}  # sorted, like a Literal's
         case mi.LiteralType(values=values):
             return {"enum": list(values)}
         case mi.VarTupleType() | mi.FrozenSetType():
@@ -94,11 +98,15 @@ def _schema(node: mi.Type, path: str, outer: tuple[type, ...]) -> Schema:
             return {"anyOf": [_schema(t, path, outer) for t in types]}
         case mi.StructType(cls=cls, fields=fields):
             if not (cls.__struct_config__.frozen and cls.__struct_config__.array_like):
-                raise MessageTypeError(f"{path}: {cls.__qualname__} is no Message, or not frozen")
+                raise MessageTypeError(
+                    f"{path}: {cls.__qualname__} is not a Message, or not frozen"
+                )
             if cls in outer:
                 raise MessageTypeError(f"{path}: {cls.__qualname__} contains itself")
             if cls.__struct_config__.tag is not None:
-                raise MessageTypeError(f"{path}: {cls.__qualname__} has a tag, schemas have none")
+                raise MessageTypeError(
+                    f"{path}: {cls.__qualname__} has a tag, which a schema cannot express"
+                )
             inner = (*outer, cls)
             return {
                 "title": getattr(cls, "__type_name__", cls.__name__),
@@ -117,102 +125,51 @@ def _limits(node: mi.Type, names: dict[str, str]) -> Schema:
 
 
 def fingerprint(schema: Schema) -> int:
-    """Return 64 bits that are equal exactly if two schemas are."""
-    import hashlib  # here: it would be a tenth of the time that importing the whiteboard takes
+    """Return a 64-bit hash, equal exactly if two schemas are."""
+    import hashlib  # here, because it takes a tenth of the time of importing the whiteboard
 
     digest = hashlib.blake2b(msgspec.json.encode(schema), digest_size=8).digest()
     return int.from_bytes(digest, "little")
 
 
 def differences(board: Schema, ours: Schema, path: str = "") -> Iterator[str]:
-    """Tell field by field how the board's schema and ours differ."""
+    """Describe, field by field, how the board's schema and ours differ."""
     if board.get("type") == ours.get("type") == "object":
         theirs, mine = board["properties"], ours["properties"]
         for name in {**theirs, **mine}:
             where = f"{path}.{name}".lstrip(".")
             if name not in mine:
-                yield f"the board has {where} ({_short(theirs[name])}), ours has not"
+                yield f"only the board has {where} ({summarize(theirs[name])})"
             elif name not in theirs:
-                yield f"ours has {where} ({_short(mine[name])}), the board has not"
+                yield f"only ours has {where} ({summarize(mine[name])})"
             else:
                 yield from differences(theirs[name], mine[name], where)
         if theirs.keys() == mine.keys() and list(theirs) != list(mine):
             yield f"{path or 'the fields'}: the board's order is {', '.join(theirs)}"
     if board.get("title") != ours.get("title") or _bare(board) != _bare(ours):
-        yield f"{path or 'the message'} is {_short(board)} on the board, {_short(ours)} in ours"
+        shown = f"{summarize(board)} on the board, {summarize(ours)} in ours"
+        yield f"{path or 'the message'} is {shown}"
 
 
 def _bare(schema: Schema) -> Schema:
     return {k: v for k, v in schema.items() if k not in ("properties", "required", "title")}
 
 
-def _short(schema: Schema) -> str:
+def summarize(schema: Schema) -> str:
+    """Return a short text for a schema: its type's name, or its keys and values."""
     if "title" in schema:
         return str(schema["title"])
     return msgspec.json.encode(schema).decode().replace('"', "").strip("{}")
 
 
-def type_from_schema(schema: Schema) -> type[Message]:
-    """Make a class for a slot whose Python class is not at hand, as tools need it.
-
-    Raise :class:`.MessageTypeError` if it is no schema as :func:`describe` makes them.
-    """
-    try:
-        return _made(schema)
-    except MessageTypeError:
-        raise
-    except Exception as error:  # whatever another process calls a schema
-        raise MessageTypeError(f"not a message's schema: {error}") from error
-
-
-def _made(schema: Schema) -> type[Message]:
-    from .message import Message
-
-    if not ("title" in schema and isinstance(schema.get("properties"), dict)):
-        raise MessageTypeError(f"not a message's schema: {_short(schema)}")
-
-    fields = [(name, _annotation(s)) for name, s in schema["properties"].items()]
-    title = schema["title"]
-    return new_class(
-        title.rpartition("/")[2],
-        (Message,),
-        {"type_name": title},
-        lambda namespace: namespace.update(__annotations__=dict(fields)),
-    )
-
-
-_SIMPLE = {"boolean": bool, "integer": int, "number": float, "string": str, "null": None}
-
-
-def _annotation(schema: Schema) -> Any:
-    match schema:
-        case {"anyOf": options}:
-            return Union[tuple(_annotation(o) for o in options)]  # noqa: UP007  from a list
-        case {"enum": values}:
-            return Literal[tuple(values)]
-        case {"type": "object"}:
-            return _made(schema)
-        case {"type": "array", "prefixItems": items}:
-            return tuple[tuple(_annotation(i) for i in items)]  # type: ignore[misc]
-        case {"type": "array", "items": item}:
-            if schema.get("uniqueItems"):
-                return _meta(frozenset[_annotation(item)], schema)  # type: ignore[misc]
-            return _meta(tuple[_annotation(item), ...], schema)  # type: ignore[misc]
-        case {"type": "string", "contentEncoding": "base64"}:
-            return _meta(bytes, schema)
-        case {"type": str(kind)} if kind in _SIMPLE:
-            return _meta(_SIMPLE[kind], schema)
-    raise MessageTypeError(f"not a message's schema: {_short(schema)}")
-
-
-def _meta(annotation: Any, schema: Schema) -> Any:
+def limits(schema: Schema) -> dict[str, Any]:
+    """Return the limits in a schema as arguments of `msgspec.Meta`."""
     names = _OF_NUMBERS | _OF_TEXTS | _OF_ARRAYS
-    found = {names[key]: value for key, value in schema.items() if key in names}
-    return Annotated[annotation, msgspec.Meta(**found)] if found else annotation
+    return {names[key]: value for key, value in schema.items() if key in names}
 
 
 def to_plain(value: Any) -> Any:
-    """Turn a message into what JSON can say: dicts, lists, texts (bytes as base64)."""
+    """Convert a message to JSON values: dicts, lists, texts (bytes as base64)."""
     if isinstance(value, msgspec.Struct):
         return {name: to_plain(getattr(value, name)) for name in value.__struct_fields__}
     if isinstance(value, tuple | frozenset):
@@ -221,10 +178,10 @@ def to_plain(value: Any) -> Any:
 
 
 def from_plain(value: Any, schema: Schema) -> Any:
-    """Turn what JSON said into the arrays that a message's decoder takes.
+    """Convert JSON values to the arrays that a message's decoder accepts.
 
-    Fields that are left out are zero, empty or false. A field that the schema does not have
-    raises ``ValueError``.
+    Omitted fields are zero, empty or false. Raise ``ValueError`` for a field that the schema does
+    not have.
     """
     match schema, value:
         case {"type": "object", "properties": fields, "title": title}, dict():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
@@ -14,14 +13,8 @@ import msgspec
 from msgspec import inspect as mi
 
 from .board import Board, BoundSlot, SlotInfo
-from .errors import (
-    BoardNotFoundError,
-    SchemaClash,
-    SharedMemoryUnavailableError,
-    SlotNameError,
-    SlotNotFoundError,
-    from_errno,
-)
+from .board_files import DIRECTORY, board_files, board_path, default_name, remove_board
+from .errors import SchemaClash, SharedMemoryUnavailableError, SlotNotFoundError
 from .local import LocalBoard
 from .message import M, Message
 from .schema import Schema
@@ -29,18 +22,15 @@ from .slots import Slot
 
 try:
     from . import _shm
-except ImportError as error:  # no compiler at the installation, or no Linux
+except ImportError as error:  # no Linux, or no compiler when it was installed
     _MISSING: ImportError | None = error
 else:
     _MISSING = None
-    BoundSlot.register(_shm.Port)
+    BoundSlot.register(_shm.SharedSlot)
 
-__all__ = ["BoardInfo", "Whiteboard", "boards", "default_name", "journal_path", "remove_board"]
+__all__ = ["BoardInfo", "Whiteboard", "boards"]
 
-_DIRECTORY = Path("/dev/shm")
-_PREFIX = "llfsm."
 _MOST_SLOTS = 4096
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 
 Field = tuple[str, int, int, int, Any, tuple["Field", ...]]
 
@@ -50,11 +40,11 @@ class Whiteboard(Board):
 
     Args:
         name: letters, digits, ``_ . -``; by default ``$WHITEBOARD_NAME``, else ``whiteboard``.
-        directory: where its file is; by default the shared memory of the host, ``/dev/shm``.
-        create: make the board if it is not there; else raise :class:`.BoardNotFoundError`.
+        directory: the folder of its file; by default the host's shared memory, ``/dev/shm``.
+        create: make the board if it does not exist; else raise :class:`.BoardNotFoundError`.
 
-    One object may be used by all threads of a process; a forked child may go on using it.
-    Messages live as long as the board's file, until :meth:`remove`; closing only lets go.
+    All threads of a process may use one object; a forked child may continue to use it. Messages
+    live as long as the board's file, until :meth:`remove`; closing only releases it.
 
     """
 
@@ -62,15 +52,15 @@ class Whiteboard(Board):
         self,
         name: str | None = None,
         *,
-        directory: str | os.PathLike[str] = _DIRECTORY,
+        directory: str | os.PathLike[str] = DIRECTORY,
         create: bool = True,
     ) -> None:
         super().__init__(default_name() if name is None else name)
-        self.path = _path(self.name, directory)
+        self.path = board_path(self.name, directory)
         if _MISSING:
             raise SharedMemoryUnavailableError(
-                "this installation of llfsm has no shared memory (Linux and a C compiler when it "
-                "is installed are needed); use Whiteboard.local()"
+                "this installation of llfsm has no shared memory (it needs Linux, and a C compiler "
+                "at installation); use Whiteboard.local()"
             ) from _MISSING
         self._core = _shm.Board(str(self.path), create)
 
@@ -84,20 +74,20 @@ class Whiteboard(Board):
         """Return a board of other hosts, for a process without shared memory or a daemon.
 
         Args:
-            endpoint: where a daemon listens, in Zenoh's words: ``tcp/robot:7447``.
-            name: of the board; by default as that of one in shared memory.
-            zenoh: a file of Zenoh's configuration, for TLS.
+            endpoint: the Zenoh endpoint on which a daemon listens: ``tcp/robot:7447``.
+            name: the board's name; by default that of a board in shared memory.
+            zenoh: a Zenoh configuration file, for TLS.
 
-        Raise :class:`.NetworkError` if no daemon of such a board answers within five seconds.
+        Raise :class:`.NetworkError` if no daemon of that board answers within five seconds.
 
         """
-        from .mirror.client import RemoteBoard
+        from .mirror.remote_board import RemoteBoard
 
         return RemoteBoard(endpoint, default_name() if name is None else name, zenoh)
 
     def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
         try:
-            return _shm.Port(
+            return _shm.SharedSlot(
                 self._core,
                 slot.name,
                 slot.type_name,
@@ -113,23 +103,23 @@ class Whiteboard(Board):
             raise slot.clash(_schema(clash.schema)[0]) from None
 
     def slots(self) -> list[SlotInfo]:
-        """Describe the slots on the board, in the order in which they were made."""
-        return [_info(*told) for told in self._core.slots()]
+        """Return the slots on the board, in the order in which they were made."""
+        return [_info(*record) for record in self._core.slots()]
 
     def find(self, name: str) -> Slot[Message]:
         """Return a slot that is on the board, with a class made from its schema.
 
         For tools that do not have the slot's own class. Raise :class:`.SlotNotFoundError`, or
-        :class:`.MessageTypeError` if its schema is none.
+        :class:`.MessageTypeError` if its schema is invalid.
         """
         for info in self.slots():
             if info.name == name:
                 return info.slot()
-        there = ", ".join(info.name for info in self.slots()) or "none"
-        raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}; its slots: {there}")
+        names = ", ".join(info.name for info in self.slots()) or "none"
+        raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}; its slots: {names}")
 
     def watcher(self) -> Callable[[float], list[str]]:
-        """Return a function that waits until any slot has news."""
+        """Return a function that waits until any slot has a new message."""
         words = bytearray(8 * _MOST_SLOTS)
         names: list[str] = []
 
@@ -143,15 +133,15 @@ class Whiteboard(Board):
 
     @property
     def alive(self) -> bool:
-        """False once the board is closed here or removed by anybody."""
+        """False once the board is closed here or removed by any process."""
         return self._core.linked()
 
     def close(self) -> None:
-        """Let go of the board; its messages stay for other processes. Closing twice is fine."""
+        """Release the board; its messages stay for other processes. Closing twice is fine."""
         self._core.close()
 
     def remove(self) -> None:
-        """Remove the board for everybody and close it here; nothing if it is closed."""
+        """Remove the board for all processes and close it here; do nothing if it is closed."""
         if self.alive:
             remove_board(self.name, self.path.parent)
         self.close()
@@ -160,41 +150,41 @@ class Whiteboard(Board):
 def _info(
     name: str, type_name: str, text: bytes | None, _fingerprint: int, capacity: int
 ) -> SlotInfo:
-    """Describe a slot; one whose record makes no sense is no reason to refuse the others."""
+    """Describe a slot; a damaged record does not prevent listing the others."""
     damaged: Schema = {}
-    schema, problem = damaged, "what the board's file says of it is damaged"
+    schema, problem = damaged, "its record in the board's file is damaged"
     if text is not None:
         schema, problem = _schema(text)
-    if not name.isprintable():  # as bytes that are no UTF-8
+    if not name.isprintable():  # for example bytes that are not UTF-8
         name = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
-        problem = "its name is no text"
+        problem = "its name is not valid text"
     return SlotInfo(name, type_name, schema, capacity, problem)
 
 
 @lru_cache(maxsize=1024)  # slots are listed again and again, and many have the same type
 def _schema(text: bytes) -> tuple[Schema, str]:
-    """Return a schema, or an empty one and why it is none."""
+    """Return a schema and "", or an empty schema and why the text is invalid."""
     try:
         return msgspec.json.decode(text, type=Schema), ""
     except (msgspec.DecodeError, RecursionError) as error:
-        return {}, f"its schema is no JSON object: {error}"
+        return {}, f"its schema is not a JSON object: {error}"
 
 
 class BoardInfo(NamedTuple):
-    """A board as the tools list it."""
+    """A board as tools list it."""
 
     name: str
     used: bool
-    """Some process has it open; False for one that a crash left behind."""
+    """Whether a process has it open; False for one that a crash left behind."""
 
 
-def boards(directory: str | os.PathLike[str] = _DIRECTORY) -> list[BoardInfo]:
-    """List this user's boards, damaged ones included (as not used)."""
+def boards(directory: str | os.PathLike[str] = DIRECTORY) -> list[BoardInfo]:
+    """List this user's boards, including damaged ones (as not used)."""
     found = []
-    for path in sorted(Path(directory).glob(f"{_PREFIX}*")):
+    for name, path in board_files(directory):
         with suppress(FileNotFoundError):  # removed since it was listed
             if path.lstat().st_uid == os.geteuid() and not path.is_symlink():
-                found.append(BoardInfo(path.name.removeprefix(_PREFIX), _is_used(path)))
+                found.append(BoardInfo(name, _is_used(path)))
     return found
 
 
@@ -209,46 +199,13 @@ def _is_used(path: Path) -> bool:
         core.close()
 
 
-def remove_board(name: str, directory: str | os.PathLike[str] = _DIRECTORY) -> None:
-    """Remove a board's file, damaged or not, used or not."""
-    path = _path(name, directory)
-    try:
-        path.unlink()
-        journal_path(path).unlink(missing_ok=True)
-    except FileNotFoundError:
-        raise BoardNotFoundError(
-            f"{path}: no such whiteboard; see `llfsm whiteboard list`"
-        ) from None
-    except OSError as error:
-        raise from_errno(error.errno or 0, str(path)) from error
-
-
-def journal_path(board: Path) -> Path:
-    """Return where a daemon keeps what it knows of a board: by a name that is no board's."""
-    return board.with_name("llfsm-mirror." + board.name.removeprefix(_PREFIX))
-
-
-def default_name() -> str:
-    """Return ``$WHITEBOARD_NAME``, or ``whiteboard``."""
-    return os.environ.get("WHITEBOARD_NAME") or "whiteboard"
-
-
-def _path(name: str, directory: str | os.PathLike[str]) -> Path:
-    if not _NAME.fullmatch(name):
-        raise SlotNameError(
-            f"{name!r} cannot name a whiteboard: 1 to 200 letters, digits, '_', '.' and '-', "
-            f"not beginning with '.' or '-'"
-        )
-    return Path(directory, _PREFIX + name)
-
-
 # The kinds of _fields.h, in its order.
 _FLOAT, _INT, _BOOL, _STR, _BYTES, _MESSAGE, _OTHER = range(7)
 _SMALLEST, _LARGEST = -(2**63), 2**63 - 1
 
 
 def _fields(node: mi.Type) -> tuple[Field, ...]:
-    """Tell the extension how to recognise a plainly right message (see ``_fields.h``)."""
+    """Return how the extension recognises an obviously valid message (see ``_fields.h``)."""
     assert isinstance(node, mi.StructType)
     return tuple(_field(f.name, f.type) for f in node.fields)
 

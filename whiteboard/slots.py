@@ -19,29 +19,33 @@ _NAME = re.compile(r"[^\s\x00-\x1f\x7f\ud800-\udfff]{1,255}")
 
 
 class Slot(Generic[M]):
-    """Name a slot and the type of its messages; define it once, beside the code that shares it.
+    """The name of a slot and the type of its messages; define it once, in code that users share.
 
     Args:
-        name: 1 to 255 bytes without white space, by custom ``owner/what``: ``turtle1/cmd_vel``.
-        type: a :class:`.Message` class; checked here for immutability if it could not be before.
-        capacity: bytes of the longest encoded message, 1 to 2**30. The first process to use the
-            slot sets it aside for every writer, four times over.
+        name: 1 to 255 bytes without white space, by convention ``owner/what``:
+            ``turtle1/cmd_vel``.
+        type: a :class:`.Message` class; its immutability is checked here if that was impossible
+            when the class was made.
+        capacity: bytes of the longest encoded message, 1 to 2**30. The first process that uses the
+            slot determines it; each writer reserves four times as much.
 
     Raises:
-        SlotNameError: the name or the capacity is impossible.
-        MessageTypeError: the type is no Message class, or a field of it is not immutable.
+        SlotNameError: the name or the capacity is invalid.
+        MessageTypeError: the type is not a Message class, or has a field that is not immutable.
 
     """
 
     def __init__(self, name: str, type: type[M], capacity: int = DEFAULT_CAPACITY) -> None:
         if not _NAME.fullmatch(name) or len(name.encode()) > 255:
             raise SlotNameError(
-                f"{name!r} cannot name a slot: 1 to 255 bytes without white space are needed"
+                f"{name!r} is not a valid slot name: use 1 to 255 bytes without white space"
             )
         if not 1 <= capacity <= 1 << 30:
-            raise SlotNameError(f"slot {name!r}: a capacity of {capacity} is not in 1 to 2**30")
+            raise SlotNameError(
+                f"slot {name!r}: the capacity {capacity} is not between 1 and 2**30"
+            )
         if not (isinstance(type, msgspec.StructMeta) and issubclass(type, Message)):
-            raise MessageTypeError(f"slot {name!r}: {type!r} is no Message class")
+            raise MessageTypeError(f"slot {name!r}: {type!r} is not a Message class")
         self.name = name
         self.type = type
         self.capacity = capacity
@@ -58,12 +62,12 @@ class Slot(Generic[M]):
 
     @cached_property
     def type_name(self) -> str:
-        """The name by which other processes know the type."""
+        """The type's name for other processes."""
         return str(self.schema["title"])
 
     @cached_property
     def fingerprint(self) -> int:
-        """64 bits that are equal exactly if two types have the same schema."""
+        """A 64-bit hash, equal exactly if two types have the same schema."""
         return fingerprint(self.schema)
 
     @cached_property
@@ -73,15 +77,15 @@ class Slot(Generic[M]):
 
     @cached_property
     def decoder(self) -> msgspec.msgpack.Decoder[M]:
-        """The slot's decoder, which checks every field."""
+        """The slot's decoder, which validates every field."""
         return msgspec.msgpack.Decoder(self.type)
 
     def clash(self, theirs: Schema) -> SlotTypeError:
-        """Describe how the type of the board's slot of this name differs from ours."""
+        """Return the error for a slot of this name that has another type on the board."""
         try:
             how = "; ".join(differences(theirs, self.schema))
-        except Exception:  # whatever another process calls a schema
-            how = "its schema is none of a message"
+        except Exception:  # another process may write anything as a schema
+            how = "its schema is not a message's"
         holds = theirs.get("title", "something else")
         return SlotTypeError(f"slot {self.name!r} holds {holds}, not our {self.type_name}: {how}")
 

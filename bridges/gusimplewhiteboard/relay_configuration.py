@@ -11,7 +11,7 @@ import msgspec
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.plans.toml_files import read_toml
 from llfsm.whiteboard import Message, Slot, SlotNameError, SlotNotFoundError
-from llfsm.whiteboard.text import message_class
+from llfsm.whiteboard.message_text import message_class
 
 from .errors import LayoutError
 from .file import DEFAULT_PATH, TYPES

@@ -10,9 +10,9 @@ from llfsm.runtime.engine.errors import FsmError
 from llfsm.runtime.engine.events import Status
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import WhiteboardError
+from llfsm.whiteboard.message_text import parse_message
 from llfsm.whiteboard.messages.llfsm import Action
 from llfsm.whiteboard.shared import Whiteboard
-from llfsm.whiteboard.text import parse_message
 
 from .errors import RequestError
 from .page_source import PageSource

@@ -19,7 +19,7 @@ from llfsm.whiteboard.messages.llfsm import (
     DefinedTransition,
     MachineDefinition,
     MachineVariables,
-    Variable,
+    VariableValue,
 )
 
 from ..engine.errors import DefinitionError
@@ -150,7 +150,7 @@ def variables_of(machine: Machine) -> MachineVariables:
         left -= 4 * (len(name) + (len(value) if isinstance(value, str) else 2)) + 8
         if left < 0:
             break
-        values.append(Variable(name, value))
+        values.append(VariableValue(name, value))
     return MachineVariables(tuple(values))
 
 

@@ -33,8 +33,8 @@ from llfsm.bridges.ros2.zenoh_transport.attachment import pack
 from llfsm.bridges.ros2.zenoh_transport.session import open_session
 from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-from llfsm.whiteboard.shared import remove_board
 
 __all__ = ["rows"]
 

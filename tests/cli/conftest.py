@@ -13,7 +13,8 @@ from uuid import uuid4
 import pytest
 
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
-from llfsm.whiteboard.shared import boards, remove_board
+from llfsm.whiteboard.board_files import remove_board
+from llfsm.whiteboard.shared import boards
 from waiting import PATIENCE_S, wait_for
 
 

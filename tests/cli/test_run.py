@@ -160,7 +160,7 @@ def test_the_board_is_kept_unless_told_otherwise(llfsm: Llfsm, board: str) -> No
         (["mine:Counter", "Other:rounds=1"], 2, "there are: Counter"),
         (["mine:Counter", "rounds=1"], 2, "name:variable=value"),
         (["mine:Counter", "-i", "-5"], 2, "-5"),
-        (["mine:Counter", "-b", "a/b"], 1, "cannot name a whiteboard"),
+        (["mine:Counter", "-b", "a/b"], 1, "is not a valid whiteboard name"),
         (["mine:Broken"], 1, "Broken, state A, Internal"),
         (["mine:NotBool"], 1, "seven"),
     ],

@@ -15,10 +15,10 @@ from uuid import uuid4
 import pytest
 
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.messages.turtlesim import Pose
-from llfsm.whiteboard.shared import remove_board
 from waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import pytest
 
 from llfsm.whiteboard import BoardNotFoundError
-from llfsm.whiteboard.shared import remove_board
+from llfsm.whiteboard.board_files import remove_board
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])

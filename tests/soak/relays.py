@@ -37,8 +37,8 @@ from llfsm.bridges.ros2.transport import SerializedMessage
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-from llfsm.whiteboard.shared import remove_board
 
 _TOPICS, _HZ = 10, 1000
 _TYPE = "geometry_msgs/msg/Twist"

@@ -26,8 +26,8 @@ from use import Use
 
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.turtlesim import Pose
-from llfsm.whiteboard.shared import remove_board
 
 _POSE = Slot("turtle1/pose", Pose)
 _DOMAIN = 78

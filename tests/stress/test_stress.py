@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from llfsm.whiteboard import BoardNotFoundError
-from llfsm.whiteboard.shared import remove_board
+from llfsm.whiteboard.board_files import remove_board
 
 PROCESSES = Path(__file__).with_name("processes.py")
 SCALE = float(os.environ.get("LLFSM_STRESS", "1"))

@@ -238,7 +238,7 @@ def test_truncation(sound: bytes, directory: Path) -> None:
 def test_noise(byte: bytes, sound: bytes, directory: Path) -> None:
     path = directory / "llfsm.noise"
     path.write_bytes(byte * len(sound))
-    with pytest.raises(BoardPermissionError, match=r"llfsm\.noise: no whiteboard of yours"):
+    with pytest.raises(BoardPermissionError, match=r"llfsm\.noise: not a whiteboard of this user"):
         Whiteboard("noise", directory=directory)
     path.write_bytes(sound[:8] + byte * (len(sound) - 8))
     with pytest.raises(BoardCorruptError, match=r"llfsm\.noise: damaged; end its processes"):

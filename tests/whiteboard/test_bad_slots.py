@@ -27,29 +27,29 @@ from llfsm.whiteboard import (
     SlotTypeError,
     Whiteboard,
 )
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.std_msgs import Int32
+from llfsm.whiteboard.mirror.batches import Batch, decoder
 from llfsm.whiteboard.mirror.exchange import Exchange
-from llfsm.whiteboard.mirror.journal import NoJournal
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.mirror.wire import Batch, decoder
-from llfsm.whiteboard.shared import remove_board
+from llfsm.whiteboard.mirror.version_log import NoVersionLog
 
 ROOT = Path(__file__).parents[2]
 GOOD = Slot("good", Int32)
 
 # What a program in C may call a schema, and what is said of it.
 SCHEMAS = {
-    "list": ("[]", "is no JSON object"),
-    "none": ("", "is no JSON object"),
-    "text": ("no JSON at all {", "is no JSON object"),
-    "deep": ("[" * 5000, "is no JSON object"),
+    "list": ("[]", "is not a JSON object"),
+    "none": ("", "is not a JSON object"),
+    "text": ("no JSON at all {", "is not a JSON object"),
+    "deep": ("[" * 5000, "is not a JSON object"),
     "empty": ("{}", "not a message's schema"),
     "odd": ('{"title": "Odd", "properties": {"class": {"type": "number"}, "": 1}}', "schema"),
     "broken": ('{"title": 7, "properties": {}, "type": "object"}', "schema"),
-    "llfsm/machine/bad": ("[]", "is no JSON object"),
+    "llfsm/machine/bad": ("[]", "is not a JSON object"),
     "llfsm/definition/bad": ('{"title": "X", "properties": {}}', ""),
-    "caf\udce9": ("{}", "its name is no text"),  # in Latin-1
+    "caf\udce9": ("{}", "its name is not valid text"),  # in Latin-1
 }
 
 PROGRAM = r"""
@@ -159,7 +159,7 @@ def test_commands_tell_of_them_and_go_on(board: Whiteboard) -> None:
     assert isinstance(done.exception, MessageTypeError | SystemExit)
     done = CliRunner().invoke(main, ["top", "--once", "-b", board.name])
     assert done.exit_code == 0, done.output
-    assert "its schema is no JSON object" in done.output
+    assert "its schema is not a JSON object" in done.output
     assert any(line.startswith("good ") and "7" in line for line in done.output.splitlines())
     done = CliRunner().invoke(main, ["ps", "-b", board.name])
     assert done.exit_code == 0, done.output
@@ -192,10 +192,10 @@ def test_a_mirror_leaves_them_out(board: Whiteboard) -> None:
     def wall_ns(stamp_ns: int) -> int:
         return stamp_ns
 
-    exchange = Exchange(Store(board, 1, wall_ns, NoJournal()), Settings(), lambda: 0, lambda: 0)
+    exchange = Exchange(Store(board, 1, wall_ns, NoVersionLog()), Settings(), lambda: 0, lambda: 0)
     names = [info.name for info in board.slots()]
     for _ in range(2):
-        (sent,) = exchange.collect(names, all_of_it=True)
+        (sent,) = exchange.collect(names, ignore_rates=True)
         assert [value.slot for value in decoder(Batch).decode(sent).values] == ["good"]
         board.add_message(GOOD, Int32(8))
     status = exchange.status()

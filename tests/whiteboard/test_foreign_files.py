@@ -85,7 +85,8 @@ def test_another_kind_of_file(make: Callable[[Path], object], create: bool, tmp_
     path = tmp_path / "llfsm.alien"
     make(path)
     kind, content = path.lstat().st_mode, path.read_bytes() if path.is_file() else None
-    with pytest.raises(BoardError, match=r"llfsm\.alien: (no whiteboard of yours|Is a directory)"):
+    why = r"llfsm\.alien: (not a whiteboard of this user|Is a directory)"
+    with pytest.raises(BoardError, match=why):
         Whiteboard("alien", directory=tmp_path, create=create)
     assert path.lstat().st_mode == kind
     assert content is None or path.read_bytes() == content
@@ -120,4 +121,4 @@ for name in ("closed", "new"):
         print(error)
 """
     said = run_python(script, tmp_path)
-    assert "llfsm.closed: Permission denied; it belongs to somebody else or is protected" in said
+    assert "llfsm.closed: Permission denied; it belongs to another user or is protected" in said

@@ -58,9 +58,9 @@ MUTABLE: dict[str, tuple[Any, str]] = {
     "object": (object, "immutable|custom type"),
     "complex": (complex, "immutable|custom type"),
     "datetime": (datetime.datetime, "immutable"),
-    "changing struct": (Plain, "Plain is no Message, or not frozen"),
-    "changing array": (ChangingArray, "ChangingArray is no Message, or not frozen"),
-    "frozen struct that is a map": (FrozenMap, "FrozenMap is no Message"),
+    "changing struct": (Plain, "Plain is not a Message, or not frozen"),
+    "changing array": (ChangingArray, "ChangingArray is not a Message, or not frozen"),
+    "frozen struct that is a map": (FrozenMap, "FrozenMap is not a Message"),
 }
 
 
@@ -108,8 +108,8 @@ def test_a_union_that_no_reader_can_tell_apart_is_refused(annotation: object) ->
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ({"frozen": False}, "Made is no Message, or not frozen"),
-        ({"array_like": False}, "Made is no Message, or not frozen"),
+        ({"frozen": False}, "Made is not a Message, or not frozen"),
+        ({"array_like": False}, "Made is not a Message, or not frozen"),
         ({"tag": True}, "Made has a tag"),
         ({"tag": 3}, "Made has a tag"),
     ],
@@ -140,7 +140,7 @@ def test_fields_are_inherited_in_order() -> None:
 
 
 def test_a_subclass_cannot_add_what_changes() -> None:
-    with pytest.raises(MessageTypeError, match=r"Bad\.items: a list changes"):
+    with pytest.raises(MessageTypeError, match=r"Bad\.items: a list is mutable"):
 
         class Bad(Twist):
             items: list[int] = []  # noqa: RUF012
@@ -201,7 +201,7 @@ def test_a_name_that_came_later_is_found() -> None:
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        (EarlyBad, r"^EarlyBad\.deep\[\]: a list changes"),
+        (EarlyBad, r"^EarlyBad\.deep\[\]: a list is mutable"),
         (Node, r"^Node\.following: Node contains itself"),
         (Chicken, r"^Chicken\.egg\.chicken: Chicken contains itself"),
         (Egg, r"^Egg\.chicken\.egg: Egg contains itself"),

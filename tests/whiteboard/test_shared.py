@@ -18,8 +18,8 @@ from llfsm.whiteboard import (
     Whiteboard,
     _shm,
 )
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.std_msgs import Int64, String
-from llfsm.whiteboard.shared import remove_board
 
 RunPython = Callable[..., str]
 
@@ -30,7 +30,7 @@ HEAD = """
 import os, signal, sys
 from llfsm.whiteboard import Slot, Whiteboard, WhiteboardError
 from llfsm.whiteboard.messages.std_msgs import Int64, String
-from llfsm.whiteboard.shared import remove_board
+from llfsm.whiteboard.board_files import remove_board
 
 NUMBER, TEXT = Slot("number", Int64), Slot("text", String)
 directory, *arguments = sys.argv[1:]
@@ -369,7 +369,7 @@ def test_a_wait_ends_when_the_board_is_removed(wb: Whiteboard) -> None:
 
 def test_a_slot_without_a_json_schema_is_told(wb: Whiteboard) -> None:
     """As a program in C might make it."""
-    _shm.Port(wb._core, "odd", "T", "{", 1, 64, Int64, (), lambda *_: None, lambda _: Int64())
-    assert wb.slots()[-1].problem.startswith("its schema is no JSON object: ")
+    _shm.SharedSlot(wb._core, "odd", "T", "{", 1, 64, Int64, (), lambda *_: None, lambda _: Int64())
+    assert wb.slots()[-1].problem.startswith("its schema is not a JSON object: ")
     with pytest.raises(SlotTypeError, match="slot 'odd' holds something else, not our"):
         wb.add_message(Slot("odd", Int64), Int64())

@@ -18,9 +18,10 @@ from llfsm.whiteboard import (
     SlotNotFoundError,
     Whiteboard,
 )
+from llfsm.whiteboard.board_files import default_name, remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.std_msgs import Int64
-from llfsm.whiteboard.shared import BoardInfo, boards, default_name, remove_board
+from llfsm.whiteboard.shared import BoardInfo, boards
 
 RunPython = Callable[..., str]
 
@@ -52,9 +53,9 @@ def test_the_default_board_is_in_shared_memory(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "a b", "-a", ".a", "é", "a" * 201, "a\n"])
 def test_an_impossible_board_name(name: str, tmp_path: Path) -> None:
-    with pytest.raises(SlotNameError, match="cannot name a whiteboard: 1 to 200 letters"):
+    with pytest.raises(SlotNameError, match="is not a valid whiteboard name: use 1 to 200 letters"):
         Whiteboard(name, directory=tmp_path)
-    with pytest.raises(SlotNameError, match="cannot name a whiteboard"):
+    with pytest.raises(SlotNameError, match="is not a valid whiteboard name"):
         remove_board(name, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
@@ -122,7 +123,7 @@ def test_a_removed_board_is_dead_and_its_name_free(
     wb.add_message(NUMBER, Int64(1))
     script = (
         "import sys\n"
-        "from llfsm.whiteboard.shared import remove_board\n"
+        "from llfsm.whiteboard.board_files import remove_board\n"
         "remove_board('board', sys.argv[1])\n"
     )
     run_python(script, tmp_path)

@@ -22,7 +22,7 @@ def test_a_possible_name(name: str) -> None:
     ids=ascii,
 )
 def test_an_impossible_name(name: str) -> None:
-    with pytest.raises(SlotNameError, match="cannot name a slot: 1 to 255 bytes"):
+    with pytest.raises(SlotNameError, match="is not a valid slot name: use 1 to 255 bytes"):
         Slot(name, Twist)
 
 
@@ -33,7 +33,7 @@ def test_a_possible_capacity(capacity: int) -> None:
 
 @pytest.mark.parametrize("capacity", [0, -1, 2**30 + 1, 2**64])
 def test_an_impossible_capacity(capacity: int) -> None:
-    with pytest.raises(SlotNameError, match=rf"slot 'a': a capacity of {capacity} is not in"):
+    with pytest.raises(SlotNameError, match=rf"slot 'a': the capacity {capacity} is not between"):
         Slot("a", Twist, capacity)
 
 
@@ -41,7 +41,7 @@ def test_an_impossible_capacity(capacity: int) -> None:
     "kind", [int, dict, Twist(), "Twist", None, msgspec.defstruct("S", [], frozen=True)], ids=repr
 )
 def test_a_slot_takes_message_classes_only(kind: object) -> None:
-    with pytest.raises(MessageTypeError, match=r"slot 'a': .* is no Message class"):
+    with pytest.raises(MessageTypeError, match=r"slot 'a': .* is not a Message class"):
         Slot("a", kind)  # type: ignore[arg-type]
 
 

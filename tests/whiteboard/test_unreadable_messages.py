@@ -32,7 +32,7 @@ def add_junk(tmp_path: Path) -> Callable[[], int]:
 
     core = _shm.Board(str(tmp_path / "llfsm.board"), True)
     schema = json.dumps(NUMBER.schema, separators=(",", ":"))
-    port = _shm.Port(
+    port = _shm.SharedSlot(
         core, NUMBER.name, NUMBER.type_name, schema, NUMBER.fingerprint, NUMBER.capacity,
         Number, (), encode_into, lambda _: Number(),
     )  # fmt: skip
@@ -66,7 +66,7 @@ def test_a_stream_raises_it_once_and_goes_on(add_junk: Callable[[], int], tmp_pa
         with Whiteboard("board", directory=tmp_path) as board:
             async with board[NUMBER].stream() as stream:
                 add_junk()
-                with pytest.raises(MessageUnreadableError, match="is no Number"):
+                with pytest.raises(MessageUnreadableError, match="is not a Number"):
                     await asyncio.wait_for(anext(stream), PATIENCE_S)
                 board[NUMBER].add(Number(5))
                 sample = await asyncio.wait_for(anext(stream), PATIENCE_S)

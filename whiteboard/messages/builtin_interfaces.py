@@ -1,4 +1,4 @@
-"""Time, as ROS's package ``builtin_interfaces`` has it."""
+"""The messages of ROS's package ``builtin_interfaces``: times and durations."""
 
 from ..message import Message
 from .types import Int32, UInt32
@@ -7,14 +7,14 @@ __all__ = ["Duration", "Time"]
 
 
 class Time(Message, type_name="builtin_interfaces/msg/Time"):
-    """A point in time, since the epoch of whatever clock it is of."""
+    """A time since the epoch of its clock."""
 
     sec: Int32 = 0
     nanosec: UInt32 = 0
 
 
 class Duration(Message, type_name="builtin_interfaces/msg/Duration"):
-    """A span of time; ``nanosec`` counts forward from ``sec``, also if that is negative."""
+    """A duration; ``nanosec`` is added to ``sec``, also if that is negative."""
 
     sec: Int32 = 0
     nanosec: UInt32 = 0

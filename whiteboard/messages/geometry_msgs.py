@@ -1,4 +1,4 @@
-"""Motion and place, as ROS's package ``geometry_msgs`` has them. Metres, radians, seconds."""
+"""The messages of ROS's package ``geometry_msgs``. Units: metres, radians, seconds."""
 
 from typing import Annotated
 
@@ -51,7 +51,7 @@ class Point(Message, type_name="geometry_msgs/msg/Point"):
 
 
 class Quaternion(Message, type_name="geometry_msgs/msg/Quaternion"):
-    """An orientation in space; the default is none."""
+    """An orientation in space; the default is no rotation."""
 
     x: float = 0.0
     y: float = 0.0
@@ -74,14 +74,14 @@ class Twist(Message, type_name="geometry_msgs/msg/Twist"):
 
 
 class Vector3Stamped(Message, type_name="geometry_msgs/msg/Vector3Stamped"):
-    """A vector, when and in which frame."""
+    """A vector with a time and a frame of coordinates."""
 
     header: Header = Header()
     vector: Vector3 = Vector3()
 
 
 class Point32(Message, type_name="geometry_msgs/msg/Point32"):
-    """A position in space, which ROS rounds to single precision."""
+    """A position in space; float32 in ROS."""
 
     x: float = 0.0
     y: float = 0.0
@@ -89,69 +89,69 @@ class Point32(Message, type_name="geometry_msgs/msg/Point32"):
 
 
 class PointStamped(Message, type_name="geometry_msgs/msg/PointStamped"):
-    """A position, when and in which frame."""
+    """A position with a time and a frame of coordinates."""
 
     header: Header = Header()
     point: Point = Point()
 
 
 class Polygon(Message, type_name="geometry_msgs/msg/Polygon"):
-    """An area, by its corners; the last is joined to the first."""
+    """An area given by its corners; the last one is connected to the first."""
 
     points: tuple[Point32, ...] = ()
 
 
 class PolygonStamped(Message, type_name="geometry_msgs/msg/PolygonStamped"):
-    """An area, when and in which frame."""
+    """An area with a time and a frame of coordinates."""
 
     header: Header = Header()
     polygon: Polygon = Polygon()
 
 
 class PoseStamped(Message, type_name="geometry_msgs/msg/PoseStamped"):
-    """A position and an orientation, when and in which frame."""
+    """A position and an orientation with a time and a frame of coordinates."""
 
     header: Header = Header()
     pose: Pose = Pose()
 
 
 class PoseArray(Message, type_name="geometry_msgs/msg/PoseArray"):
-    """Poses, when and in which frame."""
+    """Poses with a time and a frame of coordinates."""
 
     header: Header = Header()
     poses: tuple[Pose, ...] = ()
 
 
 class PoseWithCovariance(Message, type_name="geometry_msgs/msg/PoseWithCovariance"):
-    """A pose and how sure it is: 6 rows of 6, of x, y, z and the rotations about them."""
+    """A pose and its covariance: 6 rows of 6, for x, y, z and the rotations about them."""
 
     pose: Pose = Pose()
     covariance: Covariance = (0.0,) * 36
 
 
 class PoseWithCovarianceStamped(Message, type_name="geometry_msgs/msg/PoseWithCovarianceStamped"):
-    """A pose and how sure it is, when and in which frame."""
+    """A pose and its covariance with a time and a frame of coordinates."""
 
     header: Header = Header()
     pose: PoseWithCovariance = PoseWithCovariance()
 
 
 class TwistStamped(Message, type_name="geometry_msgs/msg/TwistStamped"):
-    """Velocity, when and in which frame."""
+    """Velocity with a time and a frame of coordinates."""
 
     header: Header = Header()
     twist: Twist = Twist()
 
 
 class TwistWithCovariance(Message, type_name="geometry_msgs/msg/TwistWithCovariance"):
-    """Velocity and how sure it is: 6 rows of 6, of x, y, z and the rotations about them."""
+    """Velocity and its covariance: 6 rows of 6, for x, y, z and the rotations about them."""
 
     twist: Twist = Twist()
     covariance: Covariance = (0.0,) * 36
 
 
 class TwistWithCovarianceStamped(Message, type_name="geometry_msgs/msg/TwistWithCovarianceStamped"):
-    """Velocity and how sure it is, when and in which frame."""
+    """Velocity and its covariance with a time and a frame of coordinates."""
 
     header: Header = Header()
     twist: TwistWithCovariance = TwistWithCovariance()
@@ -172,14 +172,14 @@ class Wrench(Message, type_name="geometry_msgs/msg/Wrench"):
 
 
 class Transform(Message, type_name="geometry_msgs/msg/Transform"):
-    """From one frame of coordinates to another."""
+    """A transformation from one frame of coordinates to another."""
 
     translation: Vector3 = Vector3()
     rotation: Quaternion = Quaternion()
 
 
 class TransformStamped(Message, type_name="geometry_msgs/msg/TransformStamped"):
-    """From the header's frame of coordinates to that of the child, and when."""
+    """A transformation from the header's frame of coordinates to the child's, with a time."""
 
     header: Header = Header()
     child_frame_id: str = ""

@@ -1,4 +1,4 @@
-"""What llfsm's own processes tell each other on a whiteboard: how machines are, and requests."""
+"""Messages between llfsm's own processes: the status of machines, and requests to them."""
 
 import re
 from functools import lru_cache
@@ -33,7 +33,7 @@ __all__ = [
     "PeerStatus",
     "Recorder",
     "Refusal",
-    "Variable",
+    "VariableValue",
     "Viewer",
     "definition_slot",
     "journal_slot",
@@ -47,21 +47,21 @@ DEFINITIONS = "llfsm/definition/"
 VARIABLES = "llfsm/variables/"
 REQUESTS = "llfsm/request/"
 JOURNALS = "llfsm/journal/"
-"""Slots that carry bytes from arrangements to a recorder, and are nothing to be shown or kept."""
+"""Slots that carry bytes from arrangements to a recorder; tools do not show or record them."""
 
-_LONGEST = 230  # bytes of a machine's name that a slot's has room for
+_MAX_NAME = 230  # bytes of a machine's name that fit into a slot's name
 
 Action: TypeAlias = Literal["suspend", "resume", "restart", "stop"]
 
 
 class MachineStatus(Message):
-    """How a machine is: posted when that changes, and four times a second all the same.
+    """A machine's status: published when it changes, and at least four times a second.
 
-    `state` since `in_state_s` seconds before the message's stamp; `pending` is a request that
-    takes effect at its next turn; `obeyed` is the count of the latest request seen. It has come
-    there by number `transition` (from 0) of state `source`, if by any; `entered_ns` is when on its
-    own clock, or 0 before its turn there. The process is number `pid` of `host`, started `born`
-    clock ticks after that came up.
+    The machine entered `state` `in_state_s` seconds before the message's stamp, by transition
+    number `transition` (from 0) of state `source`, which is empty if there was none. `entered_ns`
+    is that time on the machine's clock, or 0 before its first ringlet in the state. `pending` is a
+    request that takes effect at its next ringlet; `obeyed` is the count of the latest request
+    seen. The process has id `pid` on `host`, and started `born` clock ticks after boot.
     """
 
     state: str = ""
@@ -81,13 +81,13 @@ class MachineStatus(Message):
 
 
 class MachineRequest(Message):
-    """Ask something of a machine; a later request takes an earlier one's place."""
+    """A request to a machine; a later one replaces an earlier one."""
 
     action: Action
 
 
 class Bell(Message):
-    """Tell all arrangements on a board that one of their machines is asked for something."""
+    """Notifies all arrangements on a board that there is a new request to a machine."""
 
     machine: str = ""
 
@@ -96,16 +96,17 @@ BELL = Slot("llfsm/bell", Bell)
 
 
 class DefinedSection(Message):
-    """The source text of a state's section, as OnEntry."""
+    """The source text of a state's section, such as OnEntry."""
 
     name: str
     text: str
 
 
 class DefinedTransition(Message):
-    """A transition: its place among those of its state is when it is evaluated.
+    """A transition; those of a state are in the order of their evaluation.
 
-    `path` is where an editor has drawn it, if one has: x and y of start, end and two controls.
+    `path` is the curve that an editor has drawn, if any: x and y of the start, the end and two
+    control points.
     """
 
     target: str
@@ -114,7 +115,7 @@ class DefinedTransition(Message):
 
 
 class DefinedBox(Message):
-    """Where an editor has drawn a state: its centre and its size; `expanded` shows sections."""
+    """A state's box as drawn by an editor: centre and size; `expanded` shows the sections."""
 
     x: float
     y: float
@@ -124,7 +125,7 @@ class DefinedBox(Message):
 
 
 class DefinedState(Message):
-    """A state as declared; `sections` are empty where no source can be read."""
+    """A state as declared; `sections` is empty if the source cannot be read."""
 
     name: str
     sections: tuple[DefinedSection, ...] = ()
@@ -133,28 +134,28 @@ class DefinedState(Message):
 
 
 class MachineDefinition(Message):
-    """What a machine consists of, for those who draw it; the first state is the initial one."""
+    """A machine's states and transitions, for tools that draw it; the first state is initial."""
 
     path: str
     states: tuple[DefinedState, ...]
     suspend: str = ""
 
 
-class Variable(Message):
-    """A machine's variable; what is neither number nor text is a text that describes it."""
+class VariableValue(Message, type_name="Variable"):
+    """A machine's variable; a value that is neither a number nor a text is described by a text."""
 
     name: str
     value: bool | int | float | str | None
 
 
 class MachineVariables(Message):
-    """A machine's variables between two ringlets; posted ten times a second, if somebody looks."""
+    """A machine's variables between two ringlets; published ten times a second for a viewer."""
 
-    variables: tuple[Variable, ...]
+    variables: tuple[VariableValue, ...]
 
 
 class Viewer(Message):
-    """Tell that process `pid` looks at the machines' variables, for the next two seconds."""
+    """Requests that variables be published for the next two seconds, for viewer process `pid`."""
 
     pid: int
 
@@ -163,9 +164,9 @@ VIEWER = Slot("llfsm/viewer", Viewer)
 
 
 class Recorder(Message):
-    """Tell that process `pid`, started `born`, records what machines do; 0 that nobody does.
+    """The recorder: process `pid`, started `born` clock ticks after boot; 0 if there is none.
 
-    `taken` are the counts up to which it has taken the slots of journals, by their numbers.
+    `taken` holds, for each journal slot by its number, the count up to which it was read.
     """
 
     pid: int = 0
@@ -177,11 +178,11 @@ RECORDER = Slot("llfsm/recorder", Recorder)
 
 
 class JournalPart(Message):
-    """A part of an arrangement's journal on its way to the recorder.
+    """A part of an arrangement's journal, on its way to the recorder.
 
-    Process `pid`, started `born`, has begun this journal at `session`, nanoseconds of the host's
-    monotonic clock; `whole` if that was before its machines did anything. Part `number` 0 opens it;
-    if a number is left out, what it held is lost. With `over` there are no more.
+    Process `pid`, started `born` clock ticks after boot, began this journal at `session`,
+    nanoseconds of the host's monotonic clock; `whole` if that was before its machines ran. Parts
+    are numbered from 0; a missing number means lost data. `over` marks the last part.
     """
 
     pid: int
@@ -194,28 +195,28 @@ class JournalPart(Message):
 
 
 class PeerStatus(Message):
-    """Another host, as the daemon of a board sees it."""
+    """Another host, as seen by the daemon of a board."""
 
     name: str
     host: str
     silent_s: float
-    lag_ms: float  # from its sending a batch to our having it; as wrong as the clocks
+    lag_ms: float  # from sending a batch to receiving it; as accurate as the clocks
     received: int  # batches
     lost: int  # batches that did not arrive
 
 
 class Refusal(Message):
-    """Something that did not enter the board, and how often."""
+    """A kind of message or connection that was refused, and how often."""
 
     what: str
     count: int
 
 
 class MirrorStatus(Message):
-    """How the daemon that mirrors a board is, once a second.
+    """The status of the daemon that mirrors a board, published once a second.
 
-    Rates are slots a second since the last status. A conflict is a message that came from another
-    host after a newer one of a third or of this host.
+    Rates are in slots per second since the previous status. A conflict is a message from another
+    host that arrived after a newer one of the same slot.
     """
 
     host: str = ""
@@ -226,7 +227,7 @@ class MirrorStatus(Message):
     leave_rate: float = 0.0
     enter_rate: float = 0.0
     conflicts: int = 0
-    held_back: int = 0  # messages of slots that come too often, of which the newest enters later
+    held_back: int = 0  # messages of slots that arrive too often; the newest enters later
     peers: tuple[PeerStatus, ...] = ()
     refused: tuple[Refusal, ...] = ()
 
@@ -234,39 +235,39 @@ class MirrorStatus(Message):
 MIRROR = Slot("llfsm/mirror", MirrorStatus, capacity=1 << 16)
 
 
-@lru_cache(maxsize=4096)  # a slot of its own each time would be bound each time
+@lru_cache(maxsize=4096)  # each new Slot object would be bound anew
 def status_slot(machine: str) -> Slot[MachineStatus]:
-    """Return the slot on which the machine of that name is told of."""
+    """Return the slot for a machine's status."""
     return Slot(MACHINES + _legal(machine), MachineStatus)
 
 
 @lru_cache(maxsize=4096)
 def request_slot(machine: str) -> Slot[MachineRequest]:
-    """Return the slot on which the machine of that name is asked for something."""
+    """Return the slot for requests to a machine."""
     return Slot(REQUESTS + _legal(machine), MachineRequest)
 
 
 @lru_cache(maxsize=4096)
 def definition_slot(machine: str) -> Slot[MachineDefinition]:
-    """Return the slot on which it stands what a machine consists of."""
+    """Return the slot for a machine's definition."""
     return Slot(DEFINITIONS + _legal(machine), MachineDefinition, 32 << 10)
 
 
 @lru_cache(maxsize=4096)
 def variables_slot(machine: str) -> Slot[MachineVariables]:
-    """Return the slot on which a machine's variables are told."""
+    """Return the slot for a machine's variables."""
     return Slot(VARIABLES + _legal(machine), MachineVariables, 16 << 10)
 
 
 @lru_cache(maxsize=4096)
 def journal_slot(number: int) -> Slot[JournalPart]:
-    """Return the slot that carries the journal of that number."""
+    """Return the slot for the journal of that number."""
     return Slot(f"{JOURNALS}{number}", JournalPart, 128 << 10)
 
 
 def _legal(machine: str) -> str:
-    """Return what can be part of a slot's name, whatever a machine is called."""
+    """Return a machine's name in a form that is valid in a slot's name."""
     visible = re.sub(r"[\s\x00-\x1f\x7f]", "_", machine).encode("utf-8", "replace")
-    if len(visible) > _LONGEST:  # what is cut off still tells it from others
-        visible = visible[: _LONGEST - 9] + b"~%08x" % crc32(visible)
+    if len(visible) > _MAX_NAME:  # a checksum keeps the names distinct
+        visible = visible[: _MAX_NAME - 9] + b"~%08x" % crc32(visible)
     return visible.decode("utf-8", "ignore")

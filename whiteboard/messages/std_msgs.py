@@ -1,4 +1,4 @@
-"""Single values, as ROS's package ``std_msgs`` has them; and the header of a stamped message."""
+"""The messages of ROS's package ``std_msgs``: single values, and the header."""
 
 from ..message import Message
 from . import types
@@ -44,13 +44,13 @@ class Byte(Message, type_name="std_msgs/msg/Byte"):
 
 
 class Char(Message, type_name="std_msgs/msg/Char"):
-    """A character of ASCII, as its number."""
+    """The code of an ASCII character."""
 
     data: types.UInt8 = 0
 
 
 class Float32(Message, type_name="std_msgs/msg/Float32"):
-    """A number, which ROS rounds to single precision."""
+    """A number; float32 in ROS."""
 
     data: float = 0.0
 
@@ -62,59 +62,59 @@ class Float64(Message, type_name="std_msgs/msg/Float64"):
 
 
 class Int8(Message, type_name="std_msgs/msg/Int8"):
-    """A whole number of 8 bits."""
+    """A signed integer of 8 bits."""
 
     data: types.Int8 = 0
 
 
 class Int16(Message, type_name="std_msgs/msg/Int16"):
-    """A whole number of 16 bits."""
+    """A signed integer of 16 bits."""
 
     data: types.Int16 = 0
 
 
 class Int32(Message, type_name="std_msgs/msg/Int32"):
-    """A whole number of 32 bits."""
+    """A signed integer of 32 bits."""
 
     data: types.Int32 = 0
 
 
 class Int64(Message, type_name="std_msgs/msg/Int64"):
-    """A whole number of 64 bits."""
+    """A signed integer of 64 bits."""
 
     data: types.Int64 = 0
 
 
 class UInt8(Message, type_name="std_msgs/msg/UInt8"):
-    """A whole number of 8 bits without a sign."""
+    """An unsigned integer of 8 bits."""
 
     data: types.UInt8 = 0
 
 
 class UInt16(Message, type_name="std_msgs/msg/UInt16"):
-    """A whole number of 16 bits without a sign."""
+    """An unsigned integer of 16 bits."""
 
     data: types.UInt16 = 0
 
 
 class UInt32(Message, type_name="std_msgs/msg/UInt32"):
-    """A whole number of 32 bits without a sign."""
+    """An unsigned integer of 32 bits."""
 
     data: types.UInt32 = 0
 
 
 class UInt64(Message, type_name="std_msgs/msg/UInt64"):
-    """A whole number of 64 bits without a sign."""
+    """An unsigned integer of 64 bits."""
 
     data: types.UInt64 = 0
 
 
 class Empty(Message, type_name="std_msgs/msg/Empty"):
-    """Nothing but that it was sent."""
+    """A message without fields."""
 
 
 class ColorRGBA(Message, type_name="std_msgs/msg/ColorRGBA"):
-    """A colour, 0 to 1 each; an ``a`` of 0 is transparent. All are float32 in ROS."""
+    """A colour; each value is 0 to 1, and ``a`` is 0 for transparent. All are float32 in ROS."""
 
     r: float = 0.0
     g: float = 0.0
@@ -123,7 +123,7 @@ class ColorRGBA(Message, type_name="std_msgs/msg/ColorRGBA"):
 
 
 class Header(Message, type_name="std_msgs/msg/Header"):
-    """When something was true, and in which frame of coordinates."""
+    """The time and the frame of coordinates of a message."""
 
     stamp: Time = Time()
     frame_id: str = ""

@@ -1,8 +1,8 @@
 """The turtle position service, as messages: a request slot and an answer slot.
 
-A client posts a request whose number is one more than the latest on the slot; the server posts
-an answer with that number. An answer with a number at least the client's own is an answer to
-it: positions read later answer it as well, so that clients may share the two slots.
+A client posts a request whose number is one more than that of the latest request on the slot. The
+server posts an answer with that number. An answer whose number is at least the client's own answers
+its request, too, because it holds a later position; so clients may share the two slots.
 """
 
 from ..message import Message
@@ -12,13 +12,13 @@ __all__ = ["ANSWER", "REQUEST", "TurtlePositionAnswer", "TurtlePositionRequest"]
 
 
 class TurtlePositionRequest(Message, type_name="turtle_sensor_poster/srv/TurtlePosition_Request"):
-    """Ask where the turtle is."""
+    """Requests the turtle's position."""
 
     number: int = 0
 
 
 class TurtlePositionAnswer(Message, type_name="turtle_sensor_poster/srv/TurtlePosition_Response"):
-    """Tell where the turtle is, in metres and radians, or in ``failure`` why that is not known."""
+    """The turtle's position, in metres and radians; ``failure`` says why it is unknown, if so."""
 
     number: int = 0
     x: float = 0.0

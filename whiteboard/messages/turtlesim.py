@@ -1,4 +1,4 @@
-"""What the turtle simulator reports, as ROS's package ``turtlesim`` has it."""
+"""The messages of ROS's package ``turtlesim``."""
 
 from ..message import Message
 from .types import UInt8
@@ -7,7 +7,7 @@ __all__ = ["Color", "Pose"]
 
 
 class Pose(Message, type_name="turtlesim/msg/Pose"):
-    """Where a turtle is and how it moves: metres, radians in [-pi, pi], m/s without sign, rad/s.
+    """A turtle's pose and velocity: metres, radians in [-pi, pi], m/s without sign, rad/s.
 
     All are float32 in ROS; the simulator reports values that float32 holds exactly.
     """
@@ -20,7 +20,7 @@ class Pose(Message, type_name="turtlesim/msg/Pose"):
 
 
 class Color(Message, type_name="turtlesim/msg/Color"):
-    """The colour under a turtle, 0 to 255 each."""
+    """The colour under a turtle; each value is 0 to 255."""
 
     r: UInt8 = 0
     g: UInt8 = 0

@@ -1,7 +1,7 @@
-"""One whiteboard on several hosts: each has its own in memory, and Zenoh carries what changes.
+"""One whiteboard on several hosts: each has a board in memory, and Zenoh carries the changes.
 
-Read in this order: :mod:`.merge` (which message is the newer one), :mod:`.wire` (what travels),
+Read in this order: :mod:`.merge` (which message is newer), :mod:`.batches` (what hosts send),
 :mod:`.store` (a board with versions), :mod:`.exchange` (one host's part, without network or
-clock), then :mod:`.network` (Zenoh), :mod:`.mirror` (both together, in a loop) and its users,
-:mod:`.daemon` and :mod:`.client`.
+clock), then :mod:`.network` (Zenoh), :mod:`.mirror` (both in a loop) and its users,
+:mod:`.daemon` and :mod:`.remote_board`.
 """

@@ -1,56 +1,61 @@
-"""What mirrors a board in shared memory, one for a board on each host."""
+"""The daemon that mirrors a board in shared memory: one on each host of the board."""
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
 
 from ..errors import WhiteboardError
 from ..messages.llfsm import MIRROR, MirrorStatus
-from ..shared import Whiteboard
-from .journal import FileJournal
 from .mirror import Mirror
-from .refusals import logger
 from .settings import Settings
+from .version_log import FileVersionLog
 
-__all__ = ["daemon"]
+if TYPE_CHECKING:
+    from ..shared import Whiteboard
+
+__all__ = ["daemon", "notify_supervisor", "status_publisher"]
+
+_log = logging.getLogger("llfsm.mirror")
 
 
 @contextmanager
 def daemon(board: Whiteboard, settings: Settings) -> Iterator[Mirror]:
     """Mirror the board within the context, once :meth:`.Mirror.run` is called.
 
-    Raise :class:`.BoardMirroredError` if another daemon does, and :class:`.NetworkError`.
+    Raise :class:`.BoardMirroredError` if another daemon mirrors it, and :class:`.NetworkError`.
     """
-    journal = FileJournal(board.path)
+    versions = FileVersionLog(board.path)
     try:
-        mirror = Mirror(board, settings, journal, host=journal.host)
-        tell_supervisor("READY=1")
+        mirror = Mirror(board, settings, versions, host=versions.host)
+        notify_supervisor("READY=1")
         try:
             yield mirror
         finally:
-            tell_supervisor("STOPPING=1")
+            notify_supervisor("STOPPING=1")
             mirror.close()
     finally:
-        journal.close()
+        versions.close()
 
 
-def teller(board: Whiteboard) -> Callable[[MirrorStatus], None]:
-    """Return what posts how the daemon is on its board, where `llfsm whiteboard status` reads."""
+def status_publisher(board: Whiteboard) -> Callable[[MirrorStatus], None]:
+    """Return a function that publishes a status on the board, for `llfsm whiteboard status`."""
 
-    def tell(status: MirrorStatus) -> None:
+    def publish(status: MirrorStatus) -> None:
         try:
             board.add_message(MIRROR, status)
-        except WhiteboardError as error:  # mirroring is more than telling of it
-            logger.debug("the status cannot be told: %s", error)
+        except WhiteboardError as error:  # mirroring goes on without
+            _log.debug("the status cannot be published: %s", error)
 
-    return tell
+    return publish
 
 
-def tell_supervisor(state: str) -> None:
-    """Tell systemd, if it started this process with ``Type=notify``."""
+def notify_supervisor(state: str) -> None:
+    """Notify systemd if it has started this process with ``Type=notify``."""
     address = os.environ.get("NOTIFY_SOCKET")
     if address:
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:

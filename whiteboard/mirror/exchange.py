@@ -1,7 +1,7 @@
-"""One host's part: what it sends of its board, and what it makes of what others send.
+"""One host's part of mirroring: what it sends of its board, and what it does with what arrives.
 
-It knows no network, and no time of its own: bytes come in and go out, and time is passed in. So the
-daemon, a connected process and the simulation run the same code.
+It uses no network and no clock of its own: bytes come in and go out, and clocks are passed in. So
+the daemon, a connected process and the simulation run the same code.
 """
 
 from __future__ import annotations
@@ -17,37 +17,45 @@ import msgspec
 
 from ..errors import BoardClosedError, WhiteboardError
 from ..messages.llfsm import BELL, REQUESTS, Bell, MirrorStatus
+from .batches import (
+    Batch,
+    Declaration,
+    Heartbeat,
+    StateQuery,
+    Value,
+    decoder,
+    divide,
+    encode,
+)
 from .merge import Version
-from .pace import Pace
 from .peers import Peers
-from .refusals import Refusals
+from .refusals import Refusals, Refused
+from .routes import Route
 from .settings import Settings, matcher
-from .store import Cell, Outcome, Refused, Store
-from .wire import Ask, Batch, Beat, Declaration, Value, batches, decoder, encode
+from .store import Outcome, Store
 
-__all__ = ["Exchange", "Question"]
+__all__ = ["Exchange", "Query"]
 
 T = TypeVar("T")
 
-_READ_BATCH = decoder(Batch)
-_READ_BEAT = decoder(Beat)
-_READ_ASK = decoder(Ask)
-_FLOOD = 2  # times the rate of a slot: what comes more often is held back
-_TOLD = 50  # hosts, and kinds of refusals, in a status
-_PUZZLES = 4096  # types of senders that are kept in mind
+_BATCHES = decoder(Batch)
+_HEARTBEATS = decoder(Heartbeat)
+_QUERIES = decoder(StateQuery)
+_MAX_LISTED = 50  # hosts, and kinds of refusals, in a status
+_MAX_UNKNOWN = 4096  # types of senders to keep track of
 
 
-class Question(NamedTuple):
-    """Something to ask of another host."""
+class Query(NamedTuple):
+    """A query to send to another host."""
 
     host: int
-    gaps: int  # to be given back with the answer
+    gaps: int  # of that host; passed back at the end of the reply
     data: bytes
 
 
 @dataclass
 class _Totals:
-    """What the status tells."""
+    """The counters of the status."""
 
     left: int = 0
     entered: int = 0
@@ -56,36 +64,22 @@ class _Totals:
     at_ns: int = 0
 
 
-class _Way:
-    """The way of a slot between the board and the other hosts."""
-
-    __slots__ = ("arrivals", "cell", "departures", "enters", "leaves", "sent")
-
-    def __init__(self, cell: Cell, leaves: bool, enters: bool, pause_ns: int) -> None:
-        self.cell = cell
-        self.leaves = leaves
-        self.enters = enters
-        self.departures = Pace(pause_ns)
-        self.arrivals = Pace(pause_ns // _FLOOD)
-        self.sent: Version | None = None
-
-
 class _Held(NamedTuple):
-    """A message that came too soon after others of its slot."""
+    """A message that came too soon after the previous one of its slot."""
 
     sender: int
-    way: _Way
+    route: Route
     value: Value
 
 
 class Exchange:
-    """What a board sends and takes. Threads may share it.
+    """What a board sends and receives. Threads may share it.
 
     Args:
         store: the board, with versions.
-        settings: what leaves and enters, and how often.
-        now_ns: a clock that never goes back.
-        wall_ns: the time since 1970, as the host has it.
+        settings: which slots leave and enter, and how often.
+        now_ns: a monotonic clock.
+        wall_ns: the host's clock: the time since 1970.
 
     """
 
@@ -100,73 +94,74 @@ class Exchange:
         self._settings = settings
         self._now_ns = now_ns
         self._wall_ns = wall_ns
-        self._pause_ns = settings.pause_ns()
+        self._period_ns = settings.period_ns()
         self._leaves = matcher(settings.leave)
         self._enters = matcher(() if settings.read_only else settings.enter)
         self._lock = threading.RLock()
         self._born = wall_ns()
         self._number = 0
-        self._ways: dict[str, _Way] = {}
-        self._changed: dict[str, _Way] = {}  # in the order of the changes
+        self._routes: dict[str, Route] = {}
+        self._changed: dict[str, Route] = {}  # in the order of the changes
         self._held: dict[str, _Held] = {}
-        self._flood_ns = 0  # until when a message that enters may be held back
-        self._puzzling: set[str] = set()  # slots of which a sender's type has to be asked for
+        self._busy_ns = 0  # until when an arriving message may be held back
+        self._unknown: set[str] = set()  # slots whose type at a sender has to be queried
         self._clashes: dict[tuple[str, int], str] = {}  # by slot and type
         self._peers = Peers()
         self._refusals = Refusals()
         self._totals = _Totals()
-        self._told = _Totals(at_ns=now_ns())
+        self._reported = _Totals(at_ns=now_ns())
 
-    # ---- What goes out ----------------------------------------------------------------------
+    # ---- Sending ----------------------------------------------------------------------------
 
-    def collect(self, slots: Iterable[str] = (), *, all_of_it: bool = False) -> list[bytes]:
-        """Return what is to be sent: of each slot that has news and may leave, the newest message.
+    def collect(self, slots: Iterable[str] = (), *, ignore_rates: bool = False) -> list[bytes]:
+        """Return batches to send: the newest message of each slot that has changed and may leave.
 
-        `slots` may have news since the last call; `all_of_it` means what has left just now, too.
+        `slots` are those that may have changed since the last call. A slot waits until its rate
+        permits it to leave, unless `ignore_rates`.
         """
         with self._lock:
             store, changed = self._store, self._changed
             for name in slots:
-                way = self._ways.get(name) or self._way_if_usable(name)
-                if way is not None and way.leaves and way.cell.bound.count != way.cell.count:
-                    changed[name] = way
+                route = self._routes.get(name) or self._usable_route(name)
+                if route is not None and route.leaves and route.cell.has_news():
+                    changed[name] = route
             if store.news:
-                ways = {name: self._way(name) for name in store.news}
-                changed.update((name, way) for name, way in ways.items() if way.leaves)
+                routes = {name: self._route(name) for name in store.news}
+                changed.update((name, r) for name, r in routes.items() if r.leaves)
             now_ns, values, declarations = self._now_ns(), [], []
-            for name, way in list(changed.items()):
-                if now_ns < way.departures.due_ns and not all_of_it:
+            for name, route in list(changed.items()):
+                if now_ns < route.departures.due_ns and not ignore_rates:
                     continue
                 del changed[name]
-                value = store.latest(way.cell)
-                if value is None or value.version.host != store.host or value.version == way.sent:
+                value = store.latest(route.cell)
+                if value is None or value.version.host != store.host or value.version == route.sent:
                     continue
-                if way.sent is None:
-                    declarations.append(store.declaration(way.cell))
-                way.sent = value.version
-                way.departures.passed(now_ns)
+                if route.sent is None:
+                    declarations.append(store.declaration(route.cell))
+                route.sent = value.version
+                route.departures.record(now_ns)
                 values.append(value)
-            store.news.clear()  # all of it is among these, or waits
+            store.news.clear()  # each is in `values` or still in `changed`
             self._totals.left += len(values)
             return self._pack(values, declarations) if values else []
 
-    def sent(self) -> None:
-        """Take note that what was collected is on its way."""
+    def batches_sent(self) -> None:
+        """Record that the collected batches were sent."""
         with self._lock:
             self._store.note()
 
-    def _way(self, name: str) -> _Way:
-        """Return the way of a slot that is on the board."""
-        way = self._ways.get(name)
-        if way is None:
-            leaves, enters, pause_ns = self._leaves(name), self._enters(name), self._pause_ns(name)
-            way = self._ways[name] = _Way(self._store.cell(name), leaves, enters, pause_ns)
-        return way
+    def _route(self, name: str) -> Route:
+        """Return the route of a slot that is on the board."""
+        route = self._routes.get(name)
+        if route is None:
+            leaves, enters, period = self._leaves(name), self._enters(name), self._period_ns(name)
+            route = self._routes[name] = Route(self._store.cell(name), leaves, enters, period)
+        return route
 
-    def _way_if_usable(self, name: str) -> _Way | None:
-        """Return the way of a slot, or None if its record on the board makes no sense."""
+    def _usable_route(self, name: str) -> Route | None:
+        """Return the route of a slot, or None if its record on the board is unusable."""
         try:
-            return self._way(name)
+            return self._route(name)
         except Refused as refused:
             self._refusals.add(f"unusable: {name}", str(refused))
             return None
@@ -175,7 +170,7 @@ class Exchange:
         self, values: list[Value], declarations: list[Declaration], *, counted: bool = True
     ) -> list[bytes]:
         packed = []
-        for part in batches(values):
+        for part in divide(values):
             self._number += counted
             declared: tuple[Declaration, ...] = ()
             if declarations:
@@ -185,139 +180,141 @@ class Exchange:
             packed.append(encode(Batch(*head, tuple(part), declared)))
         return packed
 
-    def beat(self) -> bytes:
-        """Return a sign of life."""
+    def heartbeat(self) -> bytes:
+        """Return a heartbeat."""
         with self._lock:
-            name = socket.gethostname()[:255]
-            return encode(Beat(self._store.host, self._born, self._number, self._wall_ns(), name))
+            store, name = self._store, socket.gethostname()[:255]
+            return encode(Heartbeat(store.host, self._born, self._number, self._wall_ns(), name))
 
-    def questions(self) -> list[Question]:
-        """Return what is to be asked now."""
+    def queries(self) -> list[Query]:
+        """Return the queries to send now."""
         with self._lock:
             if self._settings.read_only or not self._settings.enter:
                 return []
-            peers = self._peers.to_ask(self._now_ns())
-            data = encode(Ask(tuple(self._known()))) if peers else b""
-            return [Question(peer.sender, peer.gaps, data) for peer in peers]
+            peers = self._peers.to_query(self._now_ns())
+            data = encode(StateQuery(tuple(self._known()))) if peers else b""
+            return [Query(peer.sender, peer.gaps, data) for peer in peers]
 
     def _known(self) -> list[tuple[str, Version]]:
-        """Return the versions of what others may know of."""
+        """Return the versions of the messages that other hosts may have, too."""
         shared = (
-            (name, self._store.version(way.cell))
-            for name, way in self._all_ways()
-            if (way.leaves or way.enters) and name not in self._puzzling
+            (name, self._store.version(route.cell))
+            for name, route in self._all_routes()
+            if (route.leaves or route.enters) and name not in self._unknown
         )
         known = [(name, version) for name, version in shared if version is not None]
         self._store.note()
         return known
 
-    def _all_ways(self) -> list[tuple[str, _Way]]:
-        ways = ((of.name, self._way_if_usable(of.name)) for of in self._store.board.slots())
-        return [(name, way) for name, way in ways if way is not None]
+    def _all_routes(self) -> list[tuple[str, Route]]:
+        routes = ((of.name, self._usable_route(of.name)) for of in self._store.board.slots())
+        return [(name, route) for name, route in routes if route is not None]
 
-    def answer(self, data: bytes) -> list[bytes]:
-        """Return the answer to another host's question: what is newer here."""
+    def reply(self, data: bytes) -> list[bytes]:
+        """Return the reply to another host's query: the messages that are newer here."""
         with self._lock:
-            ask = self._read(_READ_ASK, data, "question")
-            if ask is None:
+            query = self._decode(_QUERIES, data, "query")
+            if query is None:
                 return []
-            known, store = dict(ask.known), self._store
+            known, store = dict(query.known), self._store
             newer = [
-                way.cell
-                for name, way in self._all_ways()
-                if way.leaves
-                and (version := store.version(way.cell)) is not None
+                route.cell
+                for name, route in self._all_routes()
+                if route.leaves
+                and (version := store.version(route.cell)) is not None
                 and (name not in known or version > known[name])
             ]
             values = [value for value in map(store.latest, newer) if value is not None]
             store.note()
             return self._pack(values, list(map(store.declaration, newer)), counted=False)
 
-    # ---- What comes in ----------------------------------------------------------------------
+    # ---- Receiving --------------------------------------------------------------------------
 
-    def hear(self, data: bytes) -> None:
-        """Take a batch."""
+    def receive_batch(self, data: bytes) -> None:
+        """Handle a batch."""
         with self._lock:
-            batch = self._read(_READ_BATCH, data, "batch")
+            batch = self._decode(_BATCHES, data, "batch")
             if batch is not None and batch.sender != self._store.host:
-                self._take(batch)
-                self._peers.hear(batch, self._now_ns(), self._wall_ns())
+                self._apply(batch)
+                self._peers.receive(batch, self._now_ns(), self._wall_ns())
 
-    def hear_beat(self, data: bytes) -> bool:
-        """Take a sign of life; True if it is the first one of that host."""
+    def receive_heartbeat(self, data: bytes) -> bool:
+        """Handle a heartbeat; return whether it is the first one of that host."""
         with self._lock:
-            beat = self._read(_READ_BEAT, data, "beat")
-            if beat is None or beat.sender == self._store.host:
+            heartbeat = self._decode(_HEARTBEATS, data, "heartbeat")
+            if heartbeat is None or heartbeat.sender == self._store.host:
                 return False
-            return self._peers.hear(beat, self._now_ns(), self._wall_ns())
+            return self._peers.receive(heartbeat, self._now_ns(), self._wall_ns())
 
-    def hear_answer(self, data: bytes) -> None:
-        """Take a part of an answer."""
+    def receive_reply(self, data: bytes) -> None:
+        """Handle one part of a reply."""
         with self._lock:
-            batch = self._read(_READ_BATCH, data, "answer")
+            batch = self._decode(_BATCHES, data, "reply")
             if batch is not None:
-                self._take(batch)
+                self._apply(batch)
 
-    def answered(self, question: Question, *, whole: bool = True) -> None:
-        """Take note that all parts of an answer have come, or that none will."""
+    def end_reply(self, query: Query, *, complete: bool = True) -> None:
+        """Record that all parts of a reply have arrived, or that none will."""
         with self._lock:
-            self._peers.answered(question.host, question.gaps if whole else 0)
+            self._peers.end_reply(query.host, query.gaps if complete else 0)
 
-    def _read(self, read: msgspec.msgpack.Decoder[T], data: bytes, what: str) -> T | None:
+    def _decode(self, decoder: msgspec.msgpack.Decoder[T], data: bytes, what: str) -> T | None:
         try:
-            return read.decode(data)
+            return decoder.decode(data)
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
-            self._refusals.add(f"malformed {what}", f"a {what} that is none: {error}")
+            self._refusals.add(f"malformed {what}", f"malformed {what}: {error}")
             return None
 
-    def _take(self, batch: Batch) -> None:
+    def _apply(self, batch: Batch) -> None:
         declared = {d.slot: d for d in batch.declarations} if batch.declarations else {}
         for value in batch.values:
             name = value.slot
             try:
-                way = self._ways.get(name)
-                if way is None or way.cell.kind != value.kind or not way.enters:
-                    way = self._meet(batch.sender, value, declared.get(name))
-                if way is not None:
-                    self._enter(batch.sender, way, value)
+                route = self._routes.get(name)
+                if route is None or route.cell.kind != value.kind or not route.enters:
+                    route = self._find_route(batch.sender, value, declared.get(name))
+                if route is not None:
+                    self._enter(batch.sender, route, value)
             except BoardClosedError:
                 return
             except (Refused, WhiteboardError) as error:
                 self._refuse(batch.sender, name, error)
 
-    def _meet(self, sender: int, value: Value, declaration: Declaration | None) -> _Way | None:
-        """Return the way of a slot, made if need be, if the sender's type is the board's.
+    def _find_route(
+        self, sender: int, value: Value, declaration: Declaration | None
+    ) -> Route | None:
+        """Return the route of a slot, made if necessary, if the sender's type is the board's.
 
-        None if it may not enter, or the sender has to be asked what it is.
+        None if the slot may not enter, or the sender has to be queried for its type.
         """
         name = value.slot
         if not self._enters(name):
-            why = "the board is read-only" if self._settings.read_only else "it is not listed"
+            why = "the board is read-only" if self._settings.read_only else "not listed"
             self._refusals.add(f"{why}: {name}", f"slot {name!r}: {why}")
             return None
         if declaration is not None:
-            self._puzzling.discard(name)
+            self._unknown.discard(name)
             if not self._store.has(name):
                 self._make(declaration)
-        if name in self._ways or self._store.has(name):
-            way = self._way(name)
-            if way.cell.kind == value.kind:
-                return way
-            if declaration is not None and len(self._clashes) < _PUZZLES:
-                self._clashes[name, value.kind] = self._store.clash(way.cell, declaration)
+        if name in self._routes or self._store.has(name):
+            route = self._route(name)
+            if route.cell.kind == value.kind:
+                return route
+            if declaration is not None and len(self._clashes) < _MAX_UNKNOWN:
+                self._clashes[name, value.kind] = self._store.clash(route.cell, declaration)
             clash = self._clashes.get((name, value.kind))
             if clash is not None:
                 raise Refused(clash)
-        if len(self._puzzling) < _PUZZLES:
-            self._puzzling.add(name)
+        if len(self._unknown) < _MAX_UNKNOWN:
+            self._unknown.add(name)
             self._peers.miss(sender)
         return None
 
     def _make(self, declaration: Declaration) -> None:
         if declaration.capacity > self._settings.largest:
             raise Refused(
-                f"slot {declaration.slot!r}: its capacity is {declaration.capacity} bytes, "
-                f"more than {self._settings.largest} do not enter here"
+                f"slot {declaration.slot!r}: its capacity of {declaration.capacity} bytes exceeds "
+                f"this host's limit of {self._settings.largest}"
             )
         self._store.declare(declaration)
 
@@ -325,33 +322,33 @@ class Exchange:
         why = f"from {sender:016x}" if isinstance(error, Refused) else "no room"
         self._refusals.add(f"{why}: {slot}", str(error))
 
-    def _enter(self, sender: int, way: _Way, value: Value) -> None:
-        """Let a message enter, or hold it back if its slot comes too often."""
+    def _enter(self, sender: int, route: Route, value: Value) -> None:
+        """Add a message to the board, or hold it back if its slot arrives too often."""
         now_ns, slot = self._now_ns(), value.slot
-        if now_ns < way.arrivals.due_ns:
+        if now_ns < route.arrivals.due_ns:
             self._totals.held_back += 1
             held = self._held.get(slot)
             if held is None or held.value.version < value.version:
-                self._held[slot] = _Held(sender, way, value)
+                self._held[slot] = _Held(sender, route, value)
             return
-        outcome = self._store.enter(way.cell, value)
+        outcome = self._store.enter(route.cell, value)
         if outcome is Outcome.OLDER:
             self._totals.conflicts += 1
         elif outcome is Outcome.ENTERED:
-            way.arrivals.passed(now_ns)
-            self._flood_ns = max(self._flood_ns, way.arrivals.due_ns)
+            route.arrivals.record(now_ns)
+            self._busy_ns = max(self._busy_ns, route.arrivals.due_ns)
             self._totals.entered += 1
-            if slot.startswith(REQUESTS):  # its bell is not mirrored: it might ring too early
+            if slot.startswith(REQUESTS):  # bells are not mirrored: one might arrive first
                 self._store.board.add_message(BELL, Bell())
 
     def enter_held(self) -> None:
-        """Let those enter that were held back long enough."""
+        """Add the messages that were held back long enough."""
         if not self._held:
             return
         with self._lock:
             now_ns = self._now_ns()
             for slot, held in list(self._held.items()):
-                if held.way.arrivals.due_ns <= now_ns:
+                if held.route.arrivals.due_ns <= now_ns:
                     del self._held[slot]
                     try:
                         self._enter(*held)
@@ -359,41 +356,41 @@ class Exchange:
                         self._refuse(held.sender, slot, error)
 
     def refuse(self, what: str, why: str) -> None:
-        """Take note of something that was refused before it came here."""
+        """Record something that was refused before it reached the exchange."""
         with self._lock:
             self._refusals.add(f"{what}: {why}", f"{what}: {why}")
 
-    # ---- How it is --------------------------------------------------------------------------
+    # ---- Status -----------------------------------------------------------------------------
 
     def due_ns(self) -> int | None:
-        """Return when something may leave or enter that may not now; None if there is nothing."""
+        """Return when the next waiting message may leave or enter; None if none waits."""
         with self._lock:
-            if not (self._changed or self._held or self._flood_ns):
+            if not (self._changed or self._held or self._busy_ns):
                 return None
-            due = [way.departures.due_ns for way in self._changed.values()]
-            due += [held.way.arrivals.due_ns for held in self._held.values()]
-            if self._now_ns() < self._flood_ns:
-                due.append(self._flood_ns)
+            due = [route.departures.due_ns for route in self._changed.values()]
+            due += [held.route.arrivals.due_ns for held in self._held.values()]
+            if self._now_ns() < self._busy_ns:
+                due.append(self._busy_ns)
             else:
-                self._flood_ns = 0
+                self._busy_ns = 0
             return min(due, default=None)
 
     def status(self) -> MirrorStatus:
-        """Describe it; rates are of the time since the last description."""
+        """Return the status; its rates are averages since the last call."""
         with self._lock:
-            now_ns, totals, before = self._now_ns(), self._totals, self._told
+            now_ns, totals, before = self._now_ns(), self._totals, self._reported
             seconds = max((now_ns - before.at_ns) / 1e9, 1e-9)
-            self._told = replace(totals, at_ns=now_ns)
+            self._reported = replace(totals, at_ns=now_ns)
             return MirrorStatus(
                 host=f"{self._store.host:016x}",
                 pid=os.getpid(),
-                slots=sum(way.leaves for _, way in self._all_ways()),
+                slots=sum(route.leaves for _, route in self._all_routes()),
                 left=totals.left,
                 entered=totals.entered,
                 leave_rate=round((totals.left - before.left) / seconds, 1),
                 enter_rate=round((totals.entered - before.entered) / seconds, 1),
                 conflicts=totals.conflicts,
                 held_back=totals.held_back,
-                peers=tuple(peer.status(now_ns) for peer in self._peers)[:_TOLD],
-                refused=self._refusals.report()[:_TOLD],
+                peers=tuple(peer.status(now_ns) for peer in self._peers)[:_MAX_LISTED],
+                refused=self._refusals.report()[:_MAX_LISTED],
             )

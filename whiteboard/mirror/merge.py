@@ -1,17 +1,17 @@
-"""Which of two messages of a slot is the newer one: the whole rule.
+"""Which of two messages of a slot is newer: the whole rule.
 
-Every message has a version, made once, on the host where it was added:
+Each message has a version, assigned once, on the host where it was added:
 
-* its time is the host's clock, or one nanosecond more than the version of the message before it
-  on that host's board if that is later: a hybrid logical clock (Kulkarni et al., OPODIS 2014) with
-  its counter in the nanoseconds. So whoever adds to a slot replaces what is on the board there,
-  however wrong the clocks are.
-* of two versions the one with the later time is newer; if the times are equal, the one with the
+* Its time is the host's clock, or one nanosecond more than the version of the previous message on
+  that host's board if that is later. This is a hybrid logical clock (Kulkarni et al., OPODIS 2014)
+  with its counter in the nanoseconds. So an add always replaces the message that is on the board
+  there, however wrong the clocks are.
+* Of two versions, the one with the later time is newer; if the times are equal, the one with the
   larger host id.
 
 A message enters a board only if its version is newer than that of the message there. Versions are
-totally ordered and never change, so boards that have seen the same messages, in whatever order and
-however often, hold the same one, and no board ever goes back.
+totally ordered and never change. So boards that have received the same messages, in any order and
+any number of times, hold the same one, and no board ever goes back.
 """
 
 from __future__ import annotations

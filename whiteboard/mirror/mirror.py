@@ -1,4 +1,4 @@
-"""A board, mirrored: the exchange and the network together, in a loop that sleeps on the board."""
+"""A mirrored board: the exchange and the network, in a loop that waits on the board."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from collections.abc import Callable
 
 from ..board import Board
 from ..messages.llfsm import MirrorStatus
-from .exchange import Exchange, Question
-from .journal import Journal
+from .exchange import Exchange, Query
 from .network import Network
 from .settings import Settings
 from .store import Store
+from .version_log import VersionLog
 
 __all__ = ["Mirror"]
 
-_TICK_S = 0.005  # from one sending to the next: what changes meanwhile travels together
-_BEAT_S = 0.25
-_MEET_S = 0.02  # from being connected to knowing what the other host listens to
+_TICK_S = 0.005  # between two batches: changes in between travel together
+_HEARTBEAT_S = 0.25
+_STATUS_S = 1.0
+_SETTLE_S = 0.02  # from a connection to knowing the other host's subscriptions
 
 
 class Mirror:
     """Mirrors one board until it is closed.
 
     Args:
-        board: any kind.
-        name: by which the hosts of the board find each other.
+        board: of any kind; its name is the one by which its hosts find each other.
         settings: see :class:`.Settings`.
-        journal: what is known of the board already.
-        host: the id of this host.
+        versions: the known versions of the board's messages.
+        host: the id of this host; random by default.
         mode: see :class:`.Network`.
 
     """
@@ -39,7 +39,7 @@ class Mirror:
         self,
         board: Board,
         settings: Settings,
-        journal: Journal,
+        versions: VersionLog,
         *,
         host: int | None = None,
         mode: str = "peer",
@@ -47,35 +47,35 @@ class Mirror:
         host = secrets.randbits(63) if host is None else host
         self._board = board
         self._watch = board.watcher()
-        store = Store(board, host, _wall_ns, journal)
+        store = Store(board, host, _wall_ns, versions)
         self._exchange = Exchange(store, settings, time.monotonic_ns, time.time_ns)
         self._stop = threading.Event()
-        self._answered = threading.Event()
+        self._replied = threading.Event()
         self._network = Network(board.name, host, settings, mode)
         self._network.join(self)
 
-    def run(self, look: Callable[[MirrorStatus], None] = lambda _: None) -> None:
-        """Mirror until stopped or the board is removed; `look` is told how it is, once a second."""
-        beat = told = 0.0
+    def run(self, publish: Callable[[MirrorStatus], None] = lambda _: None) -> None:
+        """Mirror until stopped or the board is removed; pass a status to `publish` each second."""
+        heartbeat = status = 0.0
         while not self._stop.is_set() and self._board.alive:
             now = time.monotonic()
-            if now >= beat:
-                beat = now + _BEAT_S
-                self._network.send_beat(self._exchange.beat())
-                self._ask()
-            if now >= told:
-                told = now + 1
-                look(self._exchange.status())
+            if now >= heartbeat:
+                heartbeat = now + _HEARTBEAT_S
+                self._network.send_heartbeat(self._exchange.heartbeat())
+                self._send_queries()
+            if now >= status:
+                status = now + _STATUS_S
+                publish(self._exchange.status())
             self._exchange.enter_held()
             due_ns = self._exchange.due_ns()
-            due = beat if due_ns is None else min(beat, due_ns / 1e9)
+            due = heartbeat if due_ns is None else min(heartbeat, due_ns / 1e9)
             if self._send(self._exchange.collect(self._watch(max(0, due - time.monotonic())))):
                 self._stop.wait(_TICK_S)
-        self._send(self._exchange.collect(self._watch(0), all_of_it=True))
+        self._send(self._exchange.collect(self._watch(0), ignore_rates=True))
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Where other hosts reach this one."""
+        """The endpoints where other hosts reach this one."""
         return self._network.listens
 
     def stop(self) -> None:
@@ -83,60 +83,60 @@ class Mirror:
         self._stop.set()
 
     def close(self) -> None:
-        """Leave the network; once :meth:`run` has returned."""
+        """Leave the network; call it when :meth:`run` has returned."""
         self._network.close()
 
-    def wait_for_answer(self, seconds: float) -> bool:
-        """Wait until another host has told what it has; False if none has in time."""
-        return self._answered.wait(seconds)
+    def wait_for_reply(self, timeout_s: float) -> bool:
+        """Wait until another host has sent its messages; return whether one did in time."""
+        return self._replied.wait(timeout_s)
 
     def _send(self, batches: list[bytes]) -> bool:
         for data in batches:
-            self._network.send(data)
-        self._exchange.sent()
+            self._network.send_batch(data)
+        self._exchange.batches_sent()
         return bool(batches)
 
-    def _ask(self) -> None:
-        for question in self._exchange.questions():
-            self._network.ask(question)
+    def _send_queries(self) -> None:
+        for query in self._exchange.queries():
+            self._network.send_query(query)
 
     def refuse(self, what: str, why: str) -> None:
-        """Count what the network has refused, and report it once."""
+        """Count something that the network has refused, and log it once."""
         self._exchange.refuse(what, why)
 
-    # ---- In threads of the network ----------------------------------------------------------
+    # ---- In the network's threads -----------------------------------------------------------
 
-    def linked(self) -> None:
-        """Tell a host that was just connected of this one, for it to ask what it has missed."""
-        self._stop.wait(_MEET_S)
-        self._network.send_beat(self._exchange.beat())
+    def receive_link(self) -> None:
+        """Announce this host to one that has just connected, so that it queries this one."""
+        self._stop.wait(_SETTLE_S)
+        self._network.send_heartbeat(self._exchange.heartbeat())
 
-    def hear(self, data: bytes) -> None:
-        """Take a batch."""
-        self._exchange.hear(data)
-        self._ask()
+    def receive_batch(self, data: bytes) -> None:
+        """Handle a batch."""
+        self._exchange.receive_batch(data)
+        self._send_queries()
 
-    def hear_beat(self, data: bytes) -> None:
-        """Take a sign of life; answer the first one, so that its sender need not wait for ours."""
-        if self._exchange.hear_beat(data):
-            self._network.send_beat(self._exchange.beat())
-        self._ask()
+    def receive_heartbeat(self, data: bytes) -> None:
+        """Handle a heartbeat; answer the first one, so that its sender need not wait for ours."""
+        if self._exchange.receive_heartbeat(data):
+            self._network.send_heartbeat(self._exchange.heartbeat())
+        self._send_queries()
 
-    def answer(self, data: bytes) -> list[bytes]:
-        """Answer a question."""
-        return self._exchange.answer(data)
+    def receive_query(self, data: bytes) -> list[bytes]:
+        """Return the reply to a query, in parts."""
+        return self._exchange.reply(data)
 
-    def hear_answer(self, data: bytes) -> None:
-        """Take a part of an answer."""
-        self._exchange.hear_answer(data)
+    def receive_reply(self, data: bytes) -> None:
+        """Handle one part of a reply."""
+        self._exchange.receive_reply(data)
 
-    def answered(self, question: Question, *, whole: bool) -> None:
-        """Take note that no more comes of an answer."""
-        self._exchange.answered(question, whole=whole)
-        if whole:
-            self._answered.set()
+    def end_reply(self, query: Query, *, complete: bool) -> None:
+        """Handle the end of a reply."""
+        self._exchange.end_reply(query, complete=complete)
+        if complete:
+            self._replied.set()
 
 
 def _wall_ns(stamp_ns: int) -> int:
-    """Return the time since 1970 of a stamp of the monotonic clock; never one to come."""
+    """Return the time since 1970 of a stamp of the monotonic clock; never in the future."""
     return time.time_ns() - max(0, time.monotonic_ns() - stamp_ns)

@@ -1,74 +1,70 @@
-"""A session of Zenoh: what is published, asked and heard on it."""
+"""A board's hosts as a Zenoh session reaches them: publishing, queries and their replies."""
 
 from __future__ import annotations
 
-import os
+import logging
 from collections.abc import Callable
 from contextlib import suppress
-from ctypes import pythonapi
-from threading import Thread, get_ident
+from threading import Thread
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from ..errors import BoardClosedError, NetworkError
-from .configuration import LEASE_MS, configure, endpoints, plain
-from .exchange import Question
-from .links import let_go_in_time
+from .batches import VERSION
+from .exchange import Query
 from .settings import Settings
-from .wire import VERSION
+from .zenoh_config import LEASE_MS, configure, endpoints
+from .zenoh_internals import callback_in_receiver, error_text, limit_link, use_few_threads
 
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["Network", "Part"]
+__all__ = ["Network", "Receiver"]
 
 T = TypeVar("T")
 
-_ANSWER_S = 5.0
-_ASKED = 64  # questions that wait for their answers
-_READY = 64  # threads of Zenoh's that stay known to Python; it may replace some now and then
+_REPLY_TIMEOUT_S = 5.0
+_MAX_PENDING = 64  # queries that wait to be answered
 
-# The thread that sees a message arrive hands it over itself, and wakes no other one to do so. What
-# is sent keeps a thread of its own: a message that is passed on may wait for room there.
-_THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
+_log = logging.getLogger("llfsm.mirror")
 
 
-class Part(Protocol):
-    """Who is behind a network: what arrives is handed to it, in threads of Zenoh's."""
+class Receiver(Protocol):
+    """Receives what arrives from a network, in Zenoh's threads."""
 
-    def linked(self) -> None:
-        """Take note of a new connection."""
+    def receive_link(self) -> None:
+        """Handle a new connection."""
 
-    def hear(self, data: bytes) -> None:
-        """Take a batch."""
+    def receive_batch(self, data: bytes) -> None:
+        """Handle a batch."""
 
-    def hear_beat(self, data: bytes) -> None:
-        """Take a sign of life."""
+    def receive_heartbeat(self, data: bytes) -> None:
+        """Handle a heartbeat."""
 
-    def answer(self, data: bytes) -> list[bytes]:
-        """Answer another host's question."""
+    def receive_query(self, data: bytes) -> list[bytes]:
+        """Return the reply to another host's query, in parts."""
 
-    def hear_answer(self, data: bytes) -> None:
-        """Take a part of the answer to one of ours."""
+    def receive_reply(self, data: bytes) -> None:
+        """Handle one part of the reply to a query of ours."""
 
-    def answered(self, question: Question, *, whole: bool) -> None:
-        """Take note that no more comes of its answer; if not `whole`, there was none."""
+    def end_reply(self, query: Query, *, complete: bool) -> None:
+        """Handle the end of a reply; it is `complete` unless none arrived."""
 
 
 class Network:
     """The hosts of one board, as a Zenoh session reaches them.
 
     Args:
-        board: its name, by which hosts find each other.
-        host: the id of this one.
-        settings: endpoints, and what else Zenoh is told.
-        mode: ``peer``, or ``client`` for one that connects to one host and is led by it.
+        board: the board's name, by which hosts find each other.
+        host: the id of this host.
+        settings: endpoints and further configuration of Zenoh.
+        mode: ``peer``, or ``client`` for a process that connects to one host and relies on it.
 
-    Raise :class:`.NetworkError` if Zenoh is not installed or cannot do what is asked.
+    Raise :class:`.NetworkError` if Zenoh is not installed or cannot open the session.
 
     """
 
     def __init__(self, board: str, host: int, settings: Settings, mode: str = "peer") -> None:
-        os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # looked at when its first session opens
+        use_few_threads()
         try:
             import zenoh
         except ImportError as error:
@@ -79,133 +75,116 @@ class Network:
         self._host = host
         config = configure(settings, mode)
         self.listens = endpoints(config, "listen")
-        """Where other hosts reach this one."""
+        """The endpoints where other hosts reach this one."""
         try:
             self._session: Any = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join((*self.listens, *endpoints(config, "connect")))
-            raise NetworkError(f"cannot open {where}: {plain(error)}") from error
-        # Never waiting for a host that does not listen: what is dropped is noticed by its number.
+            raise NetworkError(f"cannot open {where}: {error_text(error)}") from error
+        # Never wait for a host that does not read: the receiver notices the missing number.
         outgoing: dict[str, Any] = {
             "congestion_control": zenoh.CongestionControl.DROP,
             "express": True,
             "allowed_destination": zenoh.Locality.REMOTE,
         }
-        # One key for all hosts: Zenoh finds the way of a key that is listened to by its own name
-        # once, and that of one which matches a wildcard anew for each message.
+        # All hosts share one key: Zenoh computes the route of a key that is subscribed to by its
+        # own name once, and the route of one that matches a wildcard for each message.
         self._batches = self._session.declare_publisher(f"{self._root}/batches", **outgoing)
-        self._beats = self._session.declare_publisher(f"{self._root}/beats", **outgoing)
+        self._heartbeats = self._session.declare_publisher(f"{self._root}/beats", **outgoing)
         self._declared: list[Any] = []
         self._threads: list[Thread] = []
 
-    def join(self, part: Part) -> None:
-        """Hear the other hosts, and be heard."""
+    def join(self, receiver: Receiver) -> None:
+        """Start to receive from other hosts, and to answer them."""
         import zenoh
         from zenoh.handlers import FifoChannel
 
-        self._part = part
+        self._receiver = receiver
         session, root = self._session, self._root
         remote: dict[str, Any] = {"allowed_origin": zenoh.Locality.REMOTE}
-        questions = session.declare_queryable(
-            f"{root}/state/{self._host:016x}", FifoChannel(_ASKED)
+        batch = callback_in_receiver(receiver.receive_batch)
+        heartbeat = callback_in_receiver(receiver.receive_heartbeat)
+        queries = session.declare_queryable(
+            f"{root}/state/{self._host:016x}", FifoChannel(_MAX_PENDING)
         )
-        links = session.info.declare_link_events_listener(FifoChannel(_ASKED), history=True)
+        links = session.info.declare_link_events_listener(FifoChannel(_MAX_PENDING), history=True)
         self._declared += [
-            session.declare_subscriber(f"{root}/batches", _at_once(part.hear), **remote),
-            session.declare_subscriber(f"{root}/beats", _at_once(part.hear_beat), **remote),
-            questions,
+            session.declare_subscriber(f"{root}/batches", batch, **remote),
+            session.declare_subscriber(f"{root}/beats", heartbeat, **remote),
+            queries,
             links,
         ]
-        self._serve(questions.handler.recv, self._answer)
+        self._serve(queries.handler.recv, self._answer)
         self._serve(links.handler.recv, self._link)
 
-    def _serve(self, take: Callable[[], T], do: Callable[[T], None]) -> None:
-        """Do what takes its time in a thread of its own, until what it takes from is closed."""
+    def _serve(self, take: Callable[[], T], handle: Callable[[T], None]) -> None:
+        """Handle slow events in a thread of their own, until their source is closed."""
         import zenoh
 
         def run() -> None:
             while True:
                 try:
-                    thing = take()
+                    event = take()
                 except zenoh.ZError:
                     return
-                with suppress(BoardClosedError, zenoh.ZError):  # the board, or who asks, is gone
-                    do(thing)
+                with suppress(BoardClosedError, zenoh.ZError):  # the board or the asker is gone
+                    handle(event)
 
-        # Zenoh would start one, too, but one that a process would wait for at its end.
-        self._threads.append(Thread(target=run, name=f"mirror {do.__name__}", daemon=True))
+        # Zenoh would start a thread, too, but the process would wait for that one when it ends.
+        self._threads.append(Thread(target=run, name=f"mirror {handle.__name__}", daemon=True))
         self._threads[-1].start()
 
-    def send(self, data: bytes) -> None:
+    def send_batch(self, data: bytes) -> None:
         """Send a batch to all other hosts."""
         self._batches.put(data)
 
-    def send_beat(self, data: bytes) -> None:
-        """Send a sign of life to all other hosts."""
-        self._beats.put(data)
+    def send_heartbeat(self, data: bytes) -> None:
+        """Send a heartbeat to all other hosts."""
+        self._heartbeats.put(data)
 
-    def ask(self, question: Question) -> None:
-        """Ask one host; its answer arrives at the part."""
+    def send_query(self, query: Query) -> None:
+        """Send a query to one host; the receiver gets the reply."""
+        from zenoh import ConsolidationMode
         from zenoh.handlers import Callback
 
-        heard = False
+        replied = False
 
-        def hear(reply: zenoh.Reply) -> None:
-            nonlocal heard
+        def receive(reply: zenoh.Reply) -> None:
+            nonlocal replied
             if reply.ok is not None:
-                heard = True
-                self._part.hear_answer(reply.ok.payload.to_bytes())
+                replied = True
+                self._receiver.receive_reply(reply.ok.payload.to_bytes())
 
         def end() -> None:
-            self._part.answered(question, whole=heard)
+            self._receiver.end_reply(query, complete=replied)
 
         self._session.get(
-            f"{self._root}/state/{question.host:016x}",
-            Callback(hear, end, indirect=False),  # else a thread a call
-            payload=question.data,
-            timeout=_ANSWER_S,
-            consolidation=_no_consolidation(),
+            f"{self._root}/state/{query.host:016x}",
+            Callback(receive, end, indirect=False),  # otherwise Zenoh starts a thread a call
+            payload=query.data,
+            timeout=_REPLY_TIMEOUT_S,
+            consolidation=ConsolidationMode.NONE,  # otherwise only the last part arrives
         )
 
     def _answer(self, query: zenoh.Query) -> None:
         with query:
             payload = query.payload
-            for data in self._part.answer(b"" if payload is None else payload.to_bytes()):
-                query.reply(query.key_expr, data)
+            data = b"" if payload is None else payload.to_bytes()
+            for part in self._receiver.receive_query(data):
+                query.reply(query.key_expr, part)
 
     def _link(self, event: zenoh.LinkEvent) -> None:
         from zenoh import SampleKind
 
         if event.kind == SampleKind.PUT:
-            let_go_in_time(event.link, LEASE_MS)
-            self._part.linked()
+            if not limit_link(event.link, LEASE_MS):
+                _log.debug("no socket found for %s; it keeps Zenoh's time limits", event.link)
+            self._receiver.receive_link()
 
     def close(self) -> None:
-        """Leave: nothing is heard any more."""
+        """Leave the network; nothing is received any more."""
         for declared in self._declared:
             declared.undeclare()
         for thread in self._threads:
             thread.join()
         self._session.close()
-
-
-def _at_once(hear: Callable[[bytes], None]) -> zenoh.handlers.Callback[zenoh.Sample]:
-    """Return what hears in Zenoh's own thread: another one would have to be woken."""
-    from zenoh.handlers import Callback
-
-    ready: set[int] = set()
-
-    def callback(sample: zenoh.Sample) -> None:
-        thread = get_ident()
-        if thread not in ready and len(ready) < _READY:
-            ready.add(thread)
-            pythonapi.PyGILState_Ensure()  # else Python sets the thread up anew for each message
-        hear(sample.payload.to_bytes())
-
-    return Callback(callback, indirect=False)
-
-
-def _no_consolidation() -> zenoh.ConsolidationMode:
-    from zenoh import ConsolidationMode
-
-    return ConsolidationMode.NONE  # else only the last part of an answer arrives

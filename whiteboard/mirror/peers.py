@@ -1,62 +1,61 @@
-"""The other hosts of a board: who is there, and from whom something is missing."""
+"""The other hosts of a board: which are there, and which have messages that are missing here."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from ..messages.llfsm import PeerStatus
-from .wire import Batch, Beat
+from .batches import Batch, Heartbeat
 
 __all__ = ["Peer", "Peers"]
 
-_AGAIN_NS = 500_000_000  # after so long without an answer a host is asked again
-_GONE_NS = 60_000_000_000  # after so long without a sign of life a host is forgotten
-_MOST = 1000  # hosts; further ones are not tracked, so that nobody can fill the memory
+_RETRY_NS = 500_000_000  # a host that does not reply is queried again after this time
+_FORGET_NS = 60_000_000_000  # a host that sends nothing is forgotten after this time
+_MAX_PEERS = 1000  # further hosts are not tracked, so that nobody can fill the memory
 
 
 class Peer:
-    """Another host, as of what arrived from it."""
+    """What is known of another host."""
 
     def __init__(self, sender: int) -> None:
         self.sender = sender
         self.name = ""
         self.born = -1
         self.number = 0  # of its latest batch
-        self.heard_ns = 0
+        self.received_ns = 0
         self.lag_ns = 0
         self.received = 0
         self.lost = 0
         self.gaps = 0  # how often something was missing
-        self.filled = 0  # the gaps that its answers have filled
-        self.asked_ns: int | None = None
+        self.filled = 0  # the gaps that its replies have filled
+        self.queried_ns: int | None = None
 
-    def hear(self, message: Batch | Beat, now_ns: int, wall_ns: int) -> None:
-        """Take note of a message, in the order of its being sent."""
-        self.heard_ns = now_ns
-        batch = isinstance(message, Batch)
-        if message.born < self.born:  # of its life before
+    def receive(self, message: Batch | Heartbeat, now_ns: int, wall_ns: int) -> None:
+        """Record a message; messages arrive in the order in which they were sent."""
+        self.received_ns = now_ns
+        if message.born < self.born:  # sent before its last restart
             return
         if message.born != self.born:
             self.born, self.number = message.born, message.number
-            self.gaps += 1  # what it had before we knew it
+            self.gaps += 1  # what it had before it was known here
         else:
-            missing = message.number - self.number - batch
+            missing = message.number - self.number - isinstance(message, Batch)
             if missing > 0:
                 self.lost += missing
                 self.gaps += 1
             self.number = max(self.number, message.number)
-        if batch:
+        if isinstance(message, Batch):
             self.received += 1
             self.lag_ns = wall_ns - message.sent_ns
         else:
-            self.name = getattr(message, "name", "")
+            self.name = message.name
 
     def status(self, now_ns: int) -> PeerStatus:
-        """Describe it."""
+        """Return its status."""
         return PeerStatus(
             name=self.name,
             host=f"{self.sender:016x}",
-            silent_s=round((now_ns - self.heard_ns) / 1e9, 3),
+            silent_s=round((now_ns - self.received_ns) / 1e9, 3),
             lag_ms=round(self.lag_ns / 1e6, 3),
             received=self.received,
             lost=self.lost,
@@ -64,7 +63,7 @@ class Peer:
 
 
 class Peers:
-    """All of them, by id."""
+    """The other hosts, by id."""
 
     def __init__(self) -> None:
         self._peers: dict[int, Peer] = {}
@@ -72,42 +71,42 @@ class Peers:
     def __iter__(self) -> Iterator[Peer]:
         return iter(list(self._peers.values()))
 
-    def hear(self, message: Batch | Beat, now_ns: int, wall_ns: int) -> bool:
-        """Take note of a message; True if its sender is new."""
+    def receive(self, message: Batch | Heartbeat, now_ns: int, wall_ns: int) -> bool:
+        """Record a message; return whether its sender is new or has restarted."""
         peer = self._peers.get(message.sender)
         if peer is None:
-            if len(self._peers) >= _MOST:
+            if len(self._peers) >= _MAX_PEERS:
                 return False
             peer = self._peers[message.sender] = Peer(message.sender)
         is_new = peer.born < message.born
-        peer.hear(message, now_ns, wall_ns)
+        peer.receive(message, now_ns, wall_ns)
         return is_new
 
-    def to_ask(self, now_ns: int) -> list[Peer]:
-        """Return those from whom something is missing and who were not asked just now; ask them."""
+    def to_query(self, now_ns: int) -> list[Peer]:
+        """Return the hosts to query now: those with a gap and no recent query."""
         found = []
         for peer in self:
-            if now_ns - peer.heard_ns > _GONE_NS:
+            if now_ns - peer.received_ns > _FORGET_NS:
                 del self._peers[peer.sender]
             elif peer.filled != peer.gaps and (
-                peer.asked_ns is None or now_ns - peer.asked_ns >= _AGAIN_NS
+                peer.queried_ns is None or now_ns - peer.queried_ns >= _RETRY_NS
             ):
-                peer.asked_ns = now_ns
+                peer.queried_ns = now_ns
                 found.append(peer)
         return found
 
     def miss(self, sender: int) -> None:
-        """Take note that something is to be asked of a host."""
+        """Record that a host has to be queried."""
         peer = self._peers.get(sender)
         if peer is not None and peer.filled == peer.gaps:
             peer.gaps += 1
 
-    def answered(self, sender: int, gaps: int) -> None:
-        """Take note that a host has answered in full what it was asked after so many gaps.
+    def end_reply(self, sender: int, gaps: int) -> None:
+        """Record that a host has replied in full to a query sent after `gaps` gaps.
 
-        After none, it was not reached (it was just connected, say), and can be asked again.
+        With 0 gaps, the host was not reached (it may just have connected) and can be queried again.
         """
         peer = self._peers.get(sender)
         if peer is not None:
             peer.filled = max(peer.filled, gaps)
-            peer.asked_ns = None
+            peer.queried_ns = None

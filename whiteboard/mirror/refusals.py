@@ -1,4 +1,4 @@
-"""What was refused: each thing counted, and reported once."""
+"""Messages and connections that were refused: each kind is counted, and logged once."""
 
 from __future__ import annotations
 
@@ -7,28 +7,32 @@ from collections import Counter
 
 from ..messages.llfsm import Refusal
 
-__all__ = ["Refusals", "logger"]
+__all__ = ["Refusals", "Refused"]
 
-_MOST = 200  # kinds of refusals told apart; a sender can think of any number
-_SHOWN = 400  # characters of a report
+_MAX_KINDS = 200  # a sender can cause any number
+_MAX_LENGTH = 400  # characters of a log message
 
-logger = logging.getLogger("llfsm.mirror")
+_log = logging.getLogger("llfsm.mirror")
+
+
+class Refused(Exception):  # noqa: N818  not for users: it is counted and logged
+    """Raised when a message cannot enter the board; the text gives the reason."""
 
 
 class Refusals:
-    """Count refusals by what they are about, and log the first of each."""
+    """Counts refusals by their kind, and logs the first of each kind."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
 
-    def add(self, about: str, why: str) -> None:
-        """Count one; `about` is what it is counted under, `why` is what is reported."""
-        if about not in self._counts and len(self._counts) >= _MOST:
-            about = why = "everything else"
-        self._counts[about] += 1
-        if self._counts[about] == 1:
-            logger.warning("refused: %s", why[:_SHOWN])
+    def add(self, kind: str, reason: str) -> None:
+        """Count a refusal under `kind`; `reason` is logged for the first one."""
+        if kind not in self._counts and len(self._counts) >= _MAX_KINDS:
+            kind = reason = "everything else"
+        self._counts[kind] += 1
+        if self._counts[kind] == 1:
+            _log.warning("refused: %s", reason[:_MAX_LENGTH])
 
     def report(self) -> tuple[Refusal, ...]:
-        """Return all, the most frequent first."""
-        return tuple(Refusal(what, count) for what, count in self._counts.most_common())
+        """Return all refusals, the most frequent first."""
+        return tuple(Refusal(kind, count) for kind, count in self._counts.most_common())

@@ -1,4 +1,4 @@
-"""How a board is mirrored, as a file or flags say it."""
+"""How a board is mirrored, as given by a file or by flags."""
 
 from __future__ import annotations
 
@@ -21,44 +21,44 @@ _Rate = Annotated[float, Meta(gt=0, le=10_000)]
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is mirrored, with whom and how fast."""
+    """Which slots are mirrored, with which hosts, and how often."""
 
     listen: tuple[str, ...] | None = None
-    """Zenoh endpoints; by default `DEFAULT_ENDPOINT`, or what the file `zenoh` says."""
+    """Zenoh endpoints; by default those of the file `zenoh`, else `DEFAULT_ENDPOINT`."""
     connect: tuple[str, ...] | None = None
     multicast: bool = False
-    """Look for other hosts by multicast."""
+    """Discover other hosts by multicast."""
     leave: tuple[str, ...] = ("*",)
-    """Globs of the slots that others get."""
+    """Globs of the slots that other hosts receive."""
     enter: tuple[str, ...] = ("*",)
-    """Globs of the slots that others may add to."""
+    """Globs of the slots that other hosts may add to."""
     read_only: bool = False
-    """Let nothing enter: this host's board is for others to read."""
+    """Let nothing enter: other hosts may only read this host's board."""
     rate: _Rate = 100.0
-    """How often a slot leaves, a second, at most."""
+    """How often a slot leaves at most, per second."""
     rates: dict[str, _Rate] = {}
-    """The same for slots by glob; the first one that matches counts."""
+    """The same for slots by glob; the first match counts."""
     largest: Annotated[int, Meta(ge=1, le=1 << 30)] = 1 << 26
     """Bytes: slots of a larger capacity do not enter."""
     zenoh: str | None = None
-    """A file for Zenoh itself, in JSON5: TLS, access control, queues."""
+    """A configuration file for Zenoh, in JSON5: TLS, access control, queues."""
 
-    def pause_ns(self) -> Callable[[str], int]:
-        """Return what tells how long a slot that has left stays, in nanoseconds."""
+    def period_ns(self) -> Callable[[str], int]:
+        """Return a function that maps a slot's name to the nanoseconds between its departures."""
         rates = [(re.compile(translate(glob)), rate) for glob, rate in self.rates.items()]
 
         @lru_cache(maxsize=8192)
-        def pause_ns(slot: str) -> int:
+        def period_ns(slot: str) -> int:
             found = (rate for pattern, rate in rates if pattern.match(slot))
             return int(1e9 / next(found, self.rate))
 
-        return pause_ns
+        return period_ns
 
 
 def matcher(globs: tuple[str, ...]) -> Callable[[str], bool]:
-    """Return whether a slot's name matches one of the globs, in which ``*`` matches ``/`` too.
+    """Return a predicate: whether a slot's name matches a glob, in which ``*`` matches ``/`` too.
 
-    What is told on a board of the board itself, or to a recorder of this host, never does.
+    Slots about the board itself, or for a recorder on this host, never match.
     """
     pattern = re.compile("|".join(map(translate, globs)) or r"(?!)")
     private = {BELL.name, MIRROR.name, RECORDER.name}

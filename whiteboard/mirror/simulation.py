@@ -1,8 +1,8 @@
-"""Hosts that mirror a board over a network that delays, loses and is cut, under clocks that differ.
+"""Hosts mirroring a board over a network with delays, losses and partitions, with clock skew.
 
-Everything but the network is the real code; time is virtual and chance is seeded. After each step
-it is checked that no board has gone back to an older message. Run as a program, it prints how the
-traffic grows::
+Everything but the network is the real code; time is virtual and random numbers are seeded. After
+each step it is checked that no board has gone back to an older message. Run as a program, it
+prints how the traffic grows::
 
     python -m llfsm.whiteboard.mirror.simulation
 """
@@ -20,29 +20,29 @@ from pathlib import Path
 from ..local import LocalBoard
 from ..message import Message
 from ..slots import Slot
-from .exchange import Exchange, Question
-from .journal import FileJournal
+from .exchange import Exchange, Query
 from .merge import Version
 from .settings import Settings
 from .store import Store
+from .version_log import FileVersionLog
 
 __all__ = ["Host", "World", "table"]
 
 MS = 1_000_000
 TICK_NS = 5 * MS
-BEAT_NS = 250 * MS
+HEARTBEAT_NS = 250 * MS
 START_NS = 1_700_000_000_000 * MS
 
 
-class Mark(Message, type_name="test/Mark"):
-    """A message that tells which one it is."""
+class Numbered(Message, type_name="test/Numbered"):
+    """A message with a number of its own."""
 
     number: int
     payload: bytes = b""
 
 
 class Host:
-    """One of them: a board that lasts, and a daemon that can be killed."""
+    """A host: a board that stays, and a daemon that can be killed."""
 
     def __init__(self, world: World, index: int, skew_ns: int, settings: Settings) -> None:
         self.world = world
@@ -54,50 +54,52 @@ class Host:
         self.path.touch()
         self.watch = self.board.watcher()
         self.versions: dict[str, Version] = {}
-        self.journal: FileJournal | None = None
+        self.version_log: FileVersionLog | None = None
         self.start()
 
     def start(self) -> None:
-        """Start its daemon, which knows what the journal says."""
-        self.journal = FileJournal(self.path)
+        """Start its daemon, which reads the version log."""
+        self.version_log = FileVersionLog(self.path)
         self.watch = self.board.watcher()
-        self.store = Store(self.board, self.index, self.wall_ns, self.journal)
+        self.store = Store(self.board, self.index, self.wall_ns, self.version_log)
         self.exchange = Exchange(
             self.store,
             self.settings,
             lambda: self.world.now_ns,
             lambda: self.wall_ns(self.world.now_ns),
         )
-        self.beat_ns = self.world.now_ns
+        self.heartbeat_ns = self.world.now_ns
 
     def kill(self) -> None:
-        """Kill its daemon: what is on its way to it is lost, too."""
-        if self.journal is not None:
-            self.journal.close()
-            self.journal = None
+        """Kill its daemon; messages on their way to it are lost."""
+        if self.version_log is not None:
+            self.version_log.close()
+            self.version_log = None
 
     def wall_ns(self, stamp_ns: int) -> int:
-        """Return what its clock has shown at a time."""
+        """Return the time on its clock for a stamp."""
         return START_NS + stamp_ns + self.skew_ns
 
     def step(self) -> None:
-        """Do what a daemon does in a tick."""
-        if self.journal is None:
+        """Run one tick of the daemon."""
+        if self.version_log is None:
             return
         self.check()
         self.exchange.enter_held()
         for data in self.exchange.collect(self.watch(0)):
-            self.world.send(self, "batch", data, _hearing(data))
-        self.exchange.sent()
-        if self.world.now_ns >= self.beat_ns:
-            self.beat_ns = self.world.now_ns + BEAT_NS
-            beat = self.exchange.beat()
-            self.world.send(self, "beat", beat, lambda host: host.exchange.hear_beat(beat))
-        for question in self.exchange.questions():
-            self.world.ask(self, question)
+            self.world.send(self, "batch", data, _batch_receiver(data))
+        self.exchange.batches_sent()
+        if self.world.now_ns >= self.heartbeat_ns:
+            self.heartbeat_ns = self.world.now_ns + HEARTBEAT_NS
+            data = self.exchange.heartbeat()
+            self.world.send(
+                self, "heartbeat", data, lambda host: host.exchange.receive_heartbeat(data)
+            )
+        for query in self.exchange.queries():
+            self.world.send_query(self, query)
 
     def check(self) -> None:
-        """Check that no slot went back, and that a message has one version wherever it is."""
+        """Check that no slot went back, and that each message has one version on all hosts."""
         for info in self.board.slots():
             value = self.store.latest(self.store.cell(info.name))
             if value is None:
@@ -111,7 +113,7 @@ class Host:
 
 
 class World:
-    """The hosts, what is on its way between them, and the time."""
+    """The hosts, the messages between them, and the time."""
 
     def __init__(
         self,
@@ -143,16 +145,16 @@ class World:
             for i in range(hosts)
         ]
 
-    def slot(self, number: int) -> Slot[Mark]:
+    def slot(self, number: int) -> Slot[Numbered]:
         """Return one of the slots."""
-        return Slot(f"slot{number}", Mark)
+        return Slot(f"slot{number}", Numbered)
 
     def add(self, host: int, slot: int, payload: bytes = b"") -> None:
         """Add a message on a host."""
-        self.hosts[host].board.add_message(self.slot(slot), Mark(next(self._numbers), payload))
+        self.hosts[host].board.add_message(self.slot(slot), Numbered(next(self._numbers), payload))
 
     def send(self, sender: Host, kind: str, data: bytes, deliver: Callable[[Host], object]) -> None:
-        """Send something to all others."""
+        """Send data to all other hosts."""
         for host in self.hosts:
             if host is not sender:
                 self.transmit(sender, host, kind, data, deliver)
@@ -160,7 +162,7 @@ class World:
     def transmit(
         self, sender: Host, to: Host, kind: str, data: bytes, deliver: Callable[[Host], object]
     ) -> bool:
-        """Send something to one; False if it is lost. What one sends another arrives in order."""
+        """Send data to one host, in order; return False if it is lost."""
         self.sent[kind] += 1
         self.bytes[kind] += len(data)
         if self.groups[sender.index] != self.groups[to.index] or self.random.random() < self.loss:
@@ -171,39 +173,39 @@ class World:
         heapq.heappush(self._events, (due_ns, next(self._order), to, deliver))
         return True
 
-    def ask(self, asker: Host, question: Question) -> None:
-        """Bring a question to a host and the answer back, or lose either."""
+    def send_query(self, sender: Host, query: Query) -> None:
+        """Send a query to a host and the reply back; either may be lost."""
 
         def reply(host: Host) -> None:
-            whole = True
-            for data in host.exchange.answer(question.data):
-                whole &= self.transmit(host, asker, "answer", data, _hearing_answer(data))
-            if whole:
-                self.transmit(host, asker, "end", b"", lambda to: to.exchange.answered(question))
+            complete = True
+            for data in host.exchange.reply(query.data):
+                complete &= self.transmit(host, sender, "reply", data, _reply_receiver(data))
+            if complete:
+                self.transmit(host, sender, "end", b"", lambda to: to.exchange.end_reply(query))
 
-        host = self.hosts[question.host]
-        self.transmit(asker, host, "question", question.data, reply)
+        host = self.hosts[query.host]
+        self.transmit(sender, host, "query", query.data, reply)
 
     def run(self, ms: float) -> None:
-        """Let time pass."""
+        """Advance the time."""
         end_ns = self.now_ns + round(ms * MS)
         while self.now_ns < end_ns:
             self.now_ns += TICK_NS
             while self._events and self._events[0][0] <= self.now_ns:
                 _, _, host, deliver = heapq.heappop(self._events)
-                if host.journal is not None:
+                if host.version_log is not None:
                     deliver(host)
                     host.check()
             for host in self.hosts:
                 host.step()
 
     def newest(self, slot: int) -> Version | None:
-        """Return the newest version that any message of a slot has got."""
+        """Return the newest version of any message of a slot."""
         name = self.slot(slot).name
         return max((v for (s, _), v in self.versions.items() if s == name), default=None)
 
     def is_settled(self, slots: int) -> bool:
-        """Tell whether all boards hold the newest message of each slot."""
+        """Return whether all boards hold the newest message of each slot."""
         return all(
             host.versions.get(self.slot(number).name) == self.newest(number)
             for host in self.hosts
@@ -211,30 +213,30 @@ class World:
         )
 
     def close(self) -> None:
-        """Let go of the journals."""
+        """Close the version logs."""
         for host in self.hosts:
             host.kill()
 
 
-def _hearing(data: bytes) -> Callable[[Host], object]:
-    return lambda host: host.exchange.hear(data)
+def _batch_receiver(data: bytes) -> Callable[[Host], object]:
+    return lambda host: host.exchange.receive_batch(data)
 
 
-def _hearing_answer(data: bytes) -> Callable[[Host], object]:
-    return lambda host: host.exchange.hear_answer(data)
+def _reply_receiver(data: bytes) -> Callable[[Host], object]:
+    return lambda host: host.exchange.receive_reply(data)
 
 
 _LINE = "{:>5} {:>5} {:>9} | {:>10} {:>9} {:>9} {:>10}"
 
 
 def traffic(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> str:
-    """Return a line of figures: each host adds 64 bytes to each slot `rate` times a second."""
+    """Return one line of the table: each host adds 64 bytes to each slot `rate` times a second."""
     with tempfile.TemporaryDirectory() as folder:
         world = World(1, hosts, Path(folder))
         try:
             for host, slot in itertools.product(range(hosts), range(slots)):
                 world.add(host, slot, bytes(64))
-            world.run(1000)  # meet, and agree
+            world.run(1000)  # connect, and agree
             world.sent.clear()
             world.bytes.clear()
             steps = round(seconds * 1e9 / TICK_NS)
@@ -262,7 +264,7 @@ ROWS = [(2, 1, 0), (2, 1, 10), (2, 1, 1000), (2, 50, 10), (2, 50, 200), (3, 50, 
 
 
 def table() -> str:
-    """Return the figures of docs/hosts.md."""
+    """Return the table in docs/hosts.md."""
     heads = "hosts", "slots", "adds/s", "adds/s all", "msgs/link", "msgs/host", "kB/s host"
     return "\n".join([_LINE.format(*heads), *(traffic(*row) for row in ROWS)])
 

@@ -1,4 +1,4 @@
-"""A board whose messages have versions: what the merge rule is applied to."""
+"""A board whose messages have versions, to which the merge rule is applied."""
 
 from __future__ import annotations
 
@@ -11,30 +11,27 @@ import msgspec
 
 from ..board import Board, BoundSlot
 from ..errors import MessageTypeError, SlotError
-from ..message import Message
-from ..schema import differences, type_from_schema
+from ..message import Message, type_from_schema
+from ..schema import differences
 from ..slots import Slot
-from .journal import Journal
+from .batches import Declaration, Value
 from .merge import Version, succeed
-from .wire import Declaration, Value
+from .refusals import Refused
+from .version_log import VersionLog
 
-__all__ = ["Cell", "Outcome", "Refused", "Store"]
+__all__ = ["Cell", "Outcome", "Store"]
 
 
 class Outcome(Enum):
-    """What becomes of a message of another host."""
+    """What happened to a message of another host."""
 
     ENTERED = auto()
     KNOWN = auto()
     OLDER = auto()
 
 
-class Refused(Exception):  # noqa: N818  not for users: it is counted and reported
-    """Tell why a message does not enter: what is reported, once."""
-
-
 class Cell:
-    """A slot of the board, with the version of its message of number `count`."""
+    """A slot of the board, with the version of its message number `count`."""
 
     __slots__ = ("bound", "capacity", "count", "decode", "encoded", "kind", "slot", "version")
 
@@ -48,50 +45,54 @@ class Cell:
         self.count = 0
         self.version: Version | None = None
 
+    def has_news(self) -> bool:
+        """Return whether a message was added since `count`."""
+        return self.bound.count != self.count
+
 
 class Store:
-    """A board whose messages have versions. For one thread at a time, beside those that add.
+    """A board whose messages have versions. For one thread at a time; any may add to the board.
 
     Args:
-        board: any kind.
+        board: of any kind.
         host: the id of this host.
-        wall_ns: turns the stamp of a message into nanoseconds since 1970.
-        journal: what is known of the board already.
+        wall_ns: converts the stamp of a message into nanoseconds since 1970.
+        versions: the known versions of the board's messages.
 
     """
 
     def __init__(
-        self, board: Board, host: int, wall_ns: Callable[[int], int], journal: Journal
+        self, board: Board, host: int, wall_ns: Callable[[int], int], versions: VersionLog
     ) -> None:
         self.board = board
         self.host = host
         self.news: dict[str, None] = {}
-        """Slots in which a message of this host was found, in that order; for others to clear."""
+        """Slots in which a message of this host was found, in that order; cleared by the caller."""
         self._wall_ns = wall_ns
-        self._journal = journal
+        self._versions = versions
         self._pid = os.getpid()
         self._cells: dict[str, Cell] = {}
-        self._unnoted: list[tuple[str, int, int, Version]] = []
+        self._pending: list[tuple[str, int, int, Version]] = []
 
     def cell(self, name: str) -> Cell:
-        """Return a slot that is on the board; raise `Refused` if nobody can use it."""
+        """Return a slot that is on the board; raise `Refused` if its record is unusable."""
         cell = self._cells.get(name)
         if cell is None:
             try:
                 slot = self.board.find(name)
                 cell = self._cells[name] = Cell(slot, self.board[slot])
-            except (SlotError, MessageTypeError) as error:  # what some process wrote of it
+            except (SlotError, MessageTypeError) as error:  # some process has written nonsense
                 raise Refused(f"slot {name!r} cannot be used: {error}") from error
         return cell
 
     def has(self, name: str) -> bool:
-        """Tell whether the board has the slot."""
+        """Return whether the board has the slot."""
         return name in self._cells or any(info.name == name for info in self.board.slots())
 
     def latest(self, cell: Cell) -> Value | None:
         """Return the latest message of a slot, or None before the first.
 
-        It is passed on as it is: who gets it has to check it anyway.
+        It is not validated here, because the receiver has to do that anyway.
         """
         latest = cell.encoded()
         if latest is None:
@@ -104,64 +105,64 @@ class Store:
 
     def version(self, cell: Cell) -> Version | None:
         """Return the version of a slot's latest message, or None before the first."""
-        if cell.bound.count != cell.count and (latest := cell.encoded()) is not None:
+        if cell.has_news() and (latest := cell.encoded()) is not None:
             _, *added = latest
             self._settle(cell, *added)
         return cell.version
 
     def _settle(self, cell: Cell, count: int, stamp_ns: int, writer: int) -> Version:
-        """Give a message that somebody here has added its version."""
+        """Assign a version to a message that was added on this host."""
         known, before, name = None, cell.version, cell.slot.name
         if before is None:
-            known, before = self._journal.recall(name, count, writer)
+            known, before = self._versions.recall(name, count, writer)
         version = known or succeed(before, self._wall_ns(stamp_ns), self.host)
-        self._unnoted.append((name, count, writer, version))
+        self._pending.append((name, count, writer, version))
         cell.version, cell.count = version, count
         if version.host == self.host:
             self.news[name] = None
         return version
 
     def note(self) -> None:
-        """Keep the versions that were given here for the next daemon.
+        """Store the versions assigned here, for the next daemon.
 
-        That may be done once the messages are on their way. A daemon that is killed before leaves
-        them to be given again, from the same stamps.
+        It is enough to do so after the messages were sent: if a daemon is killed before, the next
+        one assigns the same versions again, from the same stamps.
         """
-        for given in self._unnoted:
-            self._journal.note(*given)
-        self._unnoted.clear()
+        for assigned in self._pending:
+            self._versions.note(*assigned)
+        self._pending.clear()
 
     def declare(self, declaration: Declaration) -> None:
-        """Make a slot that is not on the board. Raise `Refused` if it cannot be."""
+        """Make a slot that is not on the board. Raise `Refused` if that fails."""
         try:
             kind = type_from_schema(declaration.schema)
             slot = Slot(declaration.slot, kind, declaration.capacity)
             cell = Cell(slot, self.board[slot])
-        except Exception as error:  # whatever another host calls a schema
-            raise Refused(f"slot {declaration.slot!r}: cannot be made: {error}") from error
+        except Exception as error:  # another host may send any schema
+            raise Refused(f"slot {declaration.slot!r} cannot be made: {error}") from error
         self._cells.setdefault(declaration.slot, cell)
 
     def declaration(self, cell: Cell) -> Declaration:
-        """Describe a slot that is on the board."""
+        """Return the declaration of a slot that is on the board."""
         return Declaration(cell.slot.name, cell.capacity, cell.slot.schema)
 
     def clash(self, cell: Cell, theirs: Declaration) -> str:
-        """Tell how the sender's type of a slot differs from the board's."""
+        """Describe how the sender's type of a slot differs from the board's."""
         ours = cell.slot
         try:
             how = "; ".join(differences(ours.schema, theirs.schema))
-        except Exception:  # whatever another host calls a schema
-            how = "theirs is no schema of a message"
+        except Exception:  # another host may send any schema
+            how = "the sender's is not a message's schema"
         return (
             f"slot {theirs.slot!r} holds {ours.type_name} here, {theirs.schema.get('title')} at "
-            f"the sender, which `ours` means in: {how}"
+            f"the sender, called `ours` in: {how}"
         )
 
     def enter(self, cell: Cell, value: Value) -> Outcome:
         """Add a message of another host, unless the board's is as new or newer.
 
-        If a process adds at the same moment, its message is compared as well. Raise `Refused` if it
-        is no message of the slot, or too long.
+        If a process adds at the same moment, its message is compared as well. Raise `Refused` for a
+        message of another type, or one that is too long.
         """
         version, payload = value.version, value.payload
         if len(payload) > cell.capacity:
@@ -171,15 +172,15 @@ class Store:
             )
         message: Message | None = None
         while True:
-            ours = cell.version if cell.bound.count == cell.count else self.version(cell)
+            ours = self.version(cell) if cell.has_news() else cell.version
             if ours is not None and ours >= version:
                 return Outcome.KNOWN if ours == version else Outcome.OLDER
             if message is None:
                 message = self._decode(cell, payload)
             self.note()
-            # Noted before it is added: a daemon that is killed in between leaves an entry of a
-            # number and a writer that no message has.
-            self._journal.note(value.slot, cell.count + 1, self._pid, version)
+            # Stored before the add: if the daemon is killed in between, the entry's number and
+            # writer match no message.
+            self._versions.note(value.slot, cell.count + 1, self._pid, version)
             count = cell.bound.add_after(message, cell.count)
             if count:
                 cell.count, cell.version = count, version
@@ -189,6 +190,6 @@ class Store:
         try:
             message: Message = cell.decode(payload)
         except (msgspec.DecodeError, ValueError, TypeError, RecursionError) as error:
-            what = f"slot {cell.slot.name!r}: what the sender has sent is no {cell.slot.type_name}"
+            what = f"slot {cell.slot.name!r}: the sender's data is not a {cell.slot.type_name}"
             raise Refused(f"{what}: {error}") from error
         return message

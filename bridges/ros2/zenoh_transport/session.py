@@ -14,7 +14,7 @@ from typing import Any
 
 import zenoh
 
-from llfsm.whiteboard.mirror.configuration import plain
+from llfsm.whiteboard.mirror.zenoh_internals import error_text
 
 from ..defaults import ROUTER
 from ..errors import TransportUnavailableError
@@ -51,7 +51,7 @@ def open_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list[str]
             config = zenoh.Config.from_file(path)
         except zenoh.ZError as error:
             raise TransportUnavailableError(
-                f"ZENOH_SESSION_CONFIG_URI={path}: {plain(error)}"
+                f"ZENOH_SESSION_CONFIG_URI={path}: {error_text(error)}"
             ) from error
     else:
         config = _configured(_ALWAYS | _PEER)
@@ -79,11 +79,11 @@ def _insert(config: zenoh.Config, name: str, value: str, source: str = "") -> No
     try:
         config.insert_json5(name, value)
     except zenoh.ZError as error:
-        raise TransportUnavailableError(f"{source}{plain(error)}") from error
+        raise TransportUnavailableError(f"{source}{error_text(error)}") from error
 
 
 def _open(config: zenoh.Config) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise TransportUnavailableError(plain(error)) from error
+        raise TransportUnavailableError(error_text(error)) from error

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from llfsm.whiteboard.shared import default_name
+from llfsm.whiteboard.board_files import default_name
 
 __all__ = [
     "board_option",

@@ -14,9 +14,9 @@ from uuid import uuid4
 import pytest
 
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.turtlesim import Pose
-from llfsm.whiteboard.shared import remove_board
 from waiting import PATIENCE_S, wait_for
 
 Native = Callable[..., str]
@@ -143,7 +143,7 @@ def test_it_ends_with_the_board(native: Native, tmp_path: Path, board: str, path
         ("number = 12", "number = 512", 5, "relay[0].number: Expected `int` <= 511"),
         ("number = 13", "number = 12", 13, "relay[1].number: 12 is relayed twice"),
         ('"turtle1/pose"', '"turtle1/cmd_vel"', 14, "turtle1/cmd_vel is relayed twice"),
-        ('"turtle1/pose"', '"a b"', 14, "'a b' cannot name a slot"),
+        ('"turtle1/pose"', '"a b"', 14, "'a b' is not a valid slot name"),
         ('"turtlesim/Pose"', '"turtlesim/Posse"', 15, "no message type 'turtlesim/Posse'"),
         ('"<2d"', '"<3d"', 8, "'<3d' has 3 values for 2 fields: linear.x, angular.z"),
         ("angular.z", "angular.w", 8, "geometry_msgs/msg/Twist has no field 'angular.w'"),

@@ -188,7 +188,7 @@ def test_a_full_disk_ends_it_and_what_was_written_can_be_read(
 @pytest.mark.parametrize(
     ("arguments", "status", "why"),
     [
-        (["-o", "run.mcap", "-b", "../x"], 1, "'../x' cannot name a whiteboard"),
+        (["-o", "run.mcap", "-b", "../x"], 1, "'../x' is not a valid whiteboard name"),
         (["-o", "no/run.mcap"], 1, "no/run.mcap: cannot be written: No such file or directory"),
         ([], 2, "Missing option '-o'"),
     ],

@@ -27,7 +27,6 @@ from llfsm.whiteboard import BoardFullError, BoundSlot, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born
 from llfsm.whiteboard.message import M
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
-from llfsm.whiteboard.shared import remove_board
 from waiting import wait_for
 
 from .conftest import end_of, entries_in

@@ -19,7 +19,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from websockets.sync.client import ClientConnection, connect
 
 from llfsm.whiteboard import BoardNotFoundError
-from llfsm.whiteboard.shared import remove_board
+from llfsm.whiteboard.board_files import remove_board
 from programs import program
 from waiting import PATIENCE_S
 

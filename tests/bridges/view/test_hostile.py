@@ -17,7 +17,7 @@ from llfsm.whiteboard.messages.llfsm import (
     MachineDefinition,
     MachineStatus,
     MachineVariables,
-    Variable,
+    VariableValue,
     definition_slot,
     status_slot,
     variables_slot,
@@ -50,7 +50,7 @@ def test_html_is_text_wherever_it_comes_from(
     with Whiteboard(board) as wb:
         wb.add_message(Slot(NAME, Evil), Evil(HTML, (HTML,)))
         wb.add_message(definition_slot(NAME), MachineDefinition(HTML, states))
-        variables = MachineVariables((Variable(HTML, HTML),))
+        variables = MachineVariables((VariableValue(HTML, HTML),))
         wb.add_message(variables_slot(NAME), variables)
         wb.add_message(status_slot(NAME), _status(HTML))
         seen = visit(start(Server, board, "--control").address)

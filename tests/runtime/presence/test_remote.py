@@ -27,10 +27,10 @@ from llfsm.runtime import (
 )
 from llfsm.runtime.presence.remote import SILENT_S, Directory, is_live
 from llfsm.whiteboard import BoardNotFoundError, BoundSlot, Sample, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
-from llfsm.whiteboard.shared import remove_board
 from waiting import PATIENCE_S, wait_for
 
 WORKER = """

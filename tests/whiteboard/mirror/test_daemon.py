@@ -11,9 +11,9 @@ import msgspec
 import pytest
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board, version_log_path
+from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Value
 from llfsm.whiteboard.mirror.merge import Version
-from llfsm.whiteboard.mirror.wire import VERSION, Batch, Declaration, Value
-from llfsm.whiteboard.shared import journal_path, remove_board
 from waiting import wait_for
 
 from .conftest import LLFSM, NAME, NUMBER, Host, MakeHost, Number, number_slot
@@ -114,7 +114,7 @@ def test_a_daemon_ends_with_its_board(pair: tuple[Host, Host]) -> None:
     remove_board(NAME, other.directory)
     assert process.wait(30) == 1
     assert "was removed" in other.log
-    assert not journal_path(other.board.path).exists()
+    assert not version_log_path(other.board.path).exists()
 
 
 def test_a_slot_of_another_type_is_refused_with_both_and_others_go_on(

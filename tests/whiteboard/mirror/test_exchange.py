@@ -13,12 +13,19 @@ from hypothesis import strategies as st
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import MIRROR
+from llfsm.whiteboard.mirror.batches import (
+    Batch,
+    Declaration,
+    Heartbeat,
+    StateQuery,
+    Value,
+    decoder,
+)
 from llfsm.whiteboard.mirror.exchange import Exchange
-from llfsm.whiteboard.mirror.journal import NoJournal
 from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.mirror.wire import Ask, Batch, Beat, Declaration, Value, decoder
+from llfsm.whiteboard.mirror.version_log import NoVersionLog
 
 MS = 1_000_000
 
@@ -42,7 +49,7 @@ class Part:
         self.now_ns = 10**12
         self.board = LocalBoard("board", now_ns=lambda: self.now_ns)
         self.watch = self.board.watcher()
-        self.store = Store(self.board, host, lambda stamp_ns: stamp_ns, NoJournal())
+        self.store = Store(self.board, host, lambda stamp_ns: stamp_ns, NoVersionLog())
         clock = lambda: self.now_ns  # noqa: E731
         self.exchange = Exchange(self.store, Settings(**settings), clock, clock)
 
@@ -78,17 +85,19 @@ def batch(
 
 def test_a_message_enters_with_its_slot() -> None:
     part = Part()
-    part.exchange.hear(batch(message=Number(5)))
+    part.exchange.receive_batch(batch(message=Number(5)))
     assert part.get() == Number(5)
     assert part.board[NUMBER].capacity == 64
 
 
 def test_an_older_one_does_not_and_is_a_conflict() -> None:
     part = Part()
-    part.exchange.hear(batch(1, message=Number(5), time=100))
+    part.exchange.receive_batch(batch(1, message=Number(5), time=100))
     part.now_ns += 10**9
-    part.exchange.hear(batch(2, message=Number(4), time=99, host=3))
-    part.exchange.hear(batch(3, message=Number(5), time=100))  # known, which is no conflict
+    part.exchange.receive_batch(batch(2, message=Number(4), time=99, host=3))
+    part.exchange.receive_batch(
+        batch(3, message=Number(5), time=100)
+    )  # known, which is no conflict
     assert part.get() == Number(5)
     assert part.exchange.status().conflicts == 1
 
@@ -96,9 +105,9 @@ def test_an_older_one_does_not_and_is_a_conflict() -> None:
 def test_of_one_time_the_larger_host_counts() -> None:
     for first, second in ((2, 3), (3, 2)):
         part = Part()
-        part.exchange.hear(batch(1, message=Number(first), host=first))
+        part.exchange.receive_batch(batch(1, message=Number(first), host=first))
         part.now_ns += 10**9
-        part.exchange.hear(batch(1, message=Number(second), host=second))
+        part.exchange.receive_batch(batch(1, message=Number(second), host=second))
         assert part.get() == Number(3)
 
 
@@ -120,7 +129,7 @@ def test_an_add_between_look_and_add_is_compared(monkeypatch: pytest.MonkeyPatch
 
         with monkeypatch.context() as patch:
             patch.setattr(type(bound), "add_after", race)
-            part.exchange.hear(batch(message=Number(2), time=10**12 + 20))
+            part.exchange.receive_batch(batch(message=Number(2), time=10**12 + 20))
         assert raced
         assert part.get() == Number(1 if wins else 2)
         assert bool(part.collect()) == wins
@@ -129,7 +138,7 @@ def test_an_add_between_look_and_add_is_compared(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(
     ("settings", "reason"),
     [
-        ({"enter": ("robot/*",)}, "it is not listed"),
+        ({"enter": ("robot/*",)}, "not listed"),
         ({"read_only": True}, "the board is read-only"),
     ],
 )
@@ -138,7 +147,7 @@ def test_what_may_not_enter_is_refused_counted_and_reported_once(
 ) -> None:
     part = Part(**settings)
     for number in range(1, 20):
-        part.exchange.hear(batch(number, time=10**12 + number))
+        part.exchange.receive_batch(batch(number, time=10**12 + number))
     assert part.board.slots() == []
     assert part.refused() == {f"{reason}: number": 19}
     assert [r.getMessage() for r in caplog.records] == [f"refused: slot 'number': {reason}"]
@@ -146,32 +155,32 @@ def test_what_may_not_enter_is_refused_counted_and_reported_once(
 
 def test_a_listed_slot_enters_and_a_listed_slot_leaves() -> None:
     part = Part(enter=("robot/*", "number"), leave=("mine/*",))
-    part.exchange.hear(batch())
-    part.exchange.hear(batch(2, Slot("robot/arm/angle", Number)))
+    part.exchange.receive_batch(batch())
+    part.exchange.receive_batch(batch(2, Slot("robot/arm/angle", Number)))
     assert [info.name for info in part.board.slots()] == ["number", "robot/arm/angle"]
     for name in ("mine/a", "yours/b"):
         part.board.add_message(Slot(name, Number), Number())
     (sent,) = part.collect()
     assert [value.slot for value in decoder(Batch).decode(sent).values] == ["mine/a"]
-    (answer,) = part.exchange.answer(msgspec.msgpack.encode(Ask(())))
+    (answer,) = part.exchange.reply(msgspec.msgpack.encode(StateQuery(())))
     assert [value.slot for value in decoder(Batch).decode(answer).values] == ["mine/a"]
 
 
 def test_a_message_that_is_none_is_refused() -> None:
     part = Part()
-    part.exchange.hear(batch(1, message=Number(5)))
+    part.exchange.receive_batch(batch(1, message=Number(5)))
     part.now_ns += 10**9
     for number, payload in enumerate((b"", b"\xc1", b"\x90", b"\x92\xa1x\xa0", bytes(70)), 2):
-        part.exchange.hear(batch(number, message=payload, time=10**12 + number))
+        part.exchange.receive_batch(batch(number, message=payload, time=10**12 + number))
     assert part.get() == Number(5)
     assert part.refused() == {"from 0000000000000002: number": 5}
-    part.exchange.hear(batch(9, message=Number(6), time=10**12 + 9))
+    part.exchange.receive_batch(batch(9, message=Number(6), time=10**12 + 9))
     assert part.get() == Number(6)
 
 
 def test_a_slot_that_is_too_large_is_refused() -> None:
     part = Part(largest=1000)
-    part.exchange.hear(batch(slot=Slot("number", Number, capacity=1001)))
+    part.exchange.receive_batch(batch(slot=Slot("number", Number, capacity=1001)))
     assert part.board.slots() == []
     assert part.refused() == {"from 0000000000000002: number": 1}
 
@@ -183,7 +192,7 @@ def test_a_slot_whose_schema_is_none_is_refused(schema: dict[str, Any]) -> None:
     part = Part()
     value = Value("odd", 7, Version(10**12, 2), b"\x90")
     data = Batch(2, 1, 1, 10**12, (value,), (Declaration("odd", 10, schema),))
-    part.exchange.hear(msgspec.msgpack.encode(data))
+    part.exchange.receive_batch(msgspec.msgpack.encode(data))
     assert part.board.slots() == []
     assert sum(part.refused().values()) == 1
 
@@ -191,11 +200,11 @@ def test_a_slot_whose_schema_is_none_is_refused(schema: dict[str, Any]) -> None:
 def test_another_type_is_refused_with_both_described(caplog: pytest.LogCaptureFixture) -> None:
     part = Part()
     part.board.add_message(Slot("number", Text), Text("mine"))
-    part.exchange.hear(batch(1, declare=False))  # its sender is asked what it is
-    assert [question.host for question in part.exchange.questions()] == [2]
+    part.exchange.receive_batch(batch(1, declare=False))  # its sender is asked what it is
+    assert [question.host for question in part.exchange.queries()] == [2]
     assert part.refused() == {}
-    part.exchange.hear_answer(batch(0))
-    part.exchange.hear(batch(2, declare=False))
+    part.exchange.receive_reply(batch(0))
+    part.exchange.receive_batch(batch(2, declare=False))
     assert part.refused() == {"from 0000000000000002: number": 2}
     (record,) = caplog.records
     assert "holds test/Text here, test/Number at the sender" in record.getMessage()
@@ -208,11 +217,11 @@ def test_another_type_is_refused_with_both_described(caplog: pytest.LogCaptureFi
 def test_no_bytes_do_harm(data: bytes) -> None:
     logging.getLogger("llfsm.mirror").disabled = True
     part = Part()
-    part.exchange.hear(batch(message=Number(5)))
-    part.exchange.hear(data)
-    part.exchange.hear_beat(data)
-    part.exchange.hear_answer(data)
-    part.exchange.answer(data)
+    part.exchange.receive_batch(batch(message=Number(5)))
+    part.exchange.receive_batch(data)
+    part.exchange.receive_heartbeat(data)
+    part.exchange.receive_reply(data)
+    part.exchange.reply(data)
     assert part.get() == Number(5)
     logging.getLogger("llfsm.mirror").disabled = False
 
@@ -232,10 +241,10 @@ def test_nothing_that_is_encoded_does_harm(values: list[Any], schema: dict[str, 
     for data in (values, [2, 1, 1, 5, [values]], [2, 1, 1, 5, [], [["s", 5, schema]]],
                  [2, 1, 1, 5, [["s", 1, 5, 2, b"\x90"]], [["s", 5, schema]]]):  # fmt: skip
         encoded = msgspec.msgpack.encode(data)
-        part.exchange.hear(encoded)
-        part.exchange.hear_beat(encoded)
-        part.exchange.answer(encoded)
-    part.exchange.hear(batch(message=Number(5)))
+        part.exchange.receive_batch(encoded)
+        part.exchange.receive_heartbeat(encoded)
+        part.exchange.reply(encoded)
+    part.exchange.receive_batch(batch(message=Number(5)))
     assert part.get() == Number(5)
     logging.getLogger("llfsm.mirror").disabled = False
 
@@ -243,9 +252,9 @@ def test_nothing_that_is_encoded_does_harm(values: list[Any], schema: dict[str, 
 def test_a_flood_on_one_slot_is_held_back_and_others_are_not() -> None:
     part, other = Part(), Slot("other", Number)
     for number in range(1, 1001):
-        part.exchange.hear(batch(number, message=Number(number), time=10**12 + number))
+        part.exchange.receive_batch(batch(number, message=Number(number), time=10**12 + number))
     assert part.board[NUMBER].count == 2
-    part.exchange.hear(batch(1001, other, Number(7)))
+    part.exchange.receive_batch(batch(1001, other, Number(7)))
     assert part.get(other) == Number(7)
     assert part.exchange.status().held_back == 998
     due_ns = part.exchange.due_ns()
@@ -261,7 +270,7 @@ def test_a_flood_on_one_slot_is_held_back_and_others_are_not() -> None:
 def test_what_was_held_back_may_be_refused() -> None:
     part = Part()
     for number, message in enumerate((Number(1), Number(2), b"\xc1"), 1):
-        part.exchange.hear(batch(number, message=message, time=10**12 + number))
+        part.exchange.receive_batch(batch(number, message=message, time=10**12 + number))
     assert part.refused() == {}
     part.now_ns += 10**9
     part.exchange.enter_held()
@@ -285,9 +294,9 @@ def test_a_thousand_ways_and_senders_fill_neither_memory_nor_the_status() -> Non
     part = Part(enter=())
     for number in range(1, 1001):
         slot = Slot(f"{'x' * 240}{number}", Number)
-        part.exchange.hear(batch(number, slot, host=number + 1))
-        beat = Beat(number + 1, 1, 1, 10**12, "y" * 255)
-        part.exchange.hear_beat(msgspec.msgpack.encode(beat))
+        part.exchange.receive_batch(batch(number, slot, host=number + 1))
+        beat = Heartbeat(number + 1, 1, 1, 10**12, "y" * 255)
+        part.exchange.receive_heartbeat(msgspec.msgpack.encode(beat))
     told = part.exchange.status()
     assert len(told.peers) == len(told.refused) == 50
     assert len(MIRROR.encoder.encode(told)) < MIRROR.capacity
@@ -297,31 +306,31 @@ def test_a_thousand_ways_and_senders_fill_neither_memory_nor_the_status() -> Non
 
 def test_a_batch_that_was_lost_is_asked_for() -> None:
     part = Part()
-    part.exchange.hear(batch(4, message=Number(1)))
-    (question,) = part.exchange.questions()  # what was there before we knew each other
-    assert part.exchange.questions() == []  # one at a time
-    part.exchange.answered(question)
-    part.exchange.hear(batch(5, message=Number(1), time=10**12 + 1))
-    assert part.exchange.questions() == []
-    beat = Beat(2, 1, 6, 10**12, "other")
-    part.exchange.hear_beat(msgspec.msgpack.encode(beat))  # number 6 has not come
-    (question,) = part.exchange.questions()
-    assert decoder(Ask).decode(question.data).known == (("number", Version(10**12 + 1, 2)),)
+    part.exchange.receive_batch(batch(4, message=Number(1)))
+    (question,) = part.exchange.queries()  # what was there before we knew each other
+    assert part.exchange.queries() == []  # one at a time
+    part.exchange.end_reply(question)
+    part.exchange.receive_batch(batch(5, message=Number(1), time=10**12 + 1))
+    assert part.exchange.queries() == []
+    beat = Heartbeat(2, 1, 6, 10**12, "other")
+    part.exchange.receive_heartbeat(msgspec.msgpack.encode(beat))  # number 6 has not come
+    (question,) = part.exchange.queries()
+    assert decoder(StateQuery).decode(question.data).known == (("number", Version(10**12 + 1, 2)),)
     assert part.exchange.status().peers[0].lost == 1
     part.now_ns += 10**9
-    assert part.exchange.questions() == [question]  # no answer: once more
+    assert part.exchange.queries() == [question]  # no answer: once more
 
 
 def test_an_answer_tells_what_is_newer_with_its_type() -> None:
     part = Part()
-    part.exchange.hear(batch(1, message=Number(5), time=10**12 + 7))
-    known = Ask((("number", Version(10**12 + 6, 2)),))
-    (answer,) = part.exchange.answer(msgspec.msgpack.encode(known))
+    part.exchange.receive_batch(batch(1, message=Number(5), time=10**12 + 7))
+    known = StateQuery((("number", Version(10**12 + 6, 2)),))
+    (answer,) = part.exchange.reply(msgspec.msgpack.encode(known))
     told = decoder(Batch).decode(answer)
     assert [value.version.time for value in told.values] == [10**12 + 7]
     assert told.declarations[0].schema == NUMBER.schema
-    known = Ask((("number", Version(10**12 + 7, 2)),))
-    (answer,) = part.exchange.answer(msgspec.msgpack.encode(known))
+    known = StateQuery((("number", Version(10**12 + 7, 2)),))
+    (answer,) = part.exchange.reply(msgspec.msgpack.encode(known))
     assert decoder(Batch).decode(answer).values == ()
 
 

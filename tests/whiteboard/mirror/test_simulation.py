@@ -32,7 +32,7 @@ def settle(world: World) -> None:
     world.groups = [0] * len(world.hosts)
     world.loss = 0.0
     for host in world.hosts:
-        if host.journal is None:
+        if host.version_log is None:
             host.start()
     world.run(1500)
     assert world.is_settled(SLOTS)
@@ -60,9 +60,9 @@ def test_any_history(
                 world.groups[number] = number + 1
             elif what == "join":
                 world.groups = [0] * HOSTS
-            elif what == "kill" and host.journal is not None:
+            elif what == "kill" and host.version_log is not None:
                 host.kill()
-            elif what == "start" and host.journal is None:
+            elif what == "start" and host.version_log is None:
                 host.start()
         settle(world)
         world.close()

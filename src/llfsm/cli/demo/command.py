@@ -14,7 +14,8 @@ from typing import NamedTuple
 import click
 
 from llfsm.whiteboard import BoardError, BoardNotFoundError
-from llfsm.whiteboard.shared import boards, remove_board
+from llfsm.whiteboard.board_files import remove_board
+from llfsm.whiteboard.shared import boards
 
 from .processes import Processes
 from .ros import RosGraph, ros_options

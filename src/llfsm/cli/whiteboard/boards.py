@@ -10,10 +10,11 @@ from typing import Any
 import click
 
 from llfsm.whiteboard import BoardError, Message, Sample, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board
+from llfsm.whiteboard.message_text import message_class, parse_message
 from llfsm.whiteboard.poller import BoardPoller
 from llfsm.whiteboard.schema import to_plain
-from llfsm.whiteboard.shared import boards, remove_board
-from llfsm.whiteboard.text import message_class, parse_message
+from llfsm.whiteboard.shared import boards
 
 from ..options import board_option
 

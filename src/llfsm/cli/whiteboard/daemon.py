@@ -51,22 +51,22 @@ def daemon(board: str, directory: str, config: Path | None, **flags: object) -> 
     llfsm whiteboard daemon --listen tcp/0.0.0.0:7447
     llfsm whiteboard daemon --connect tcp/robot.local:7447 --enter 'robot/*'
     """
-    from llfsm.whiteboard.mirror.complaints import complaints
-    from llfsm.whiteboard.mirror.daemon import daemon, teller
+    from llfsm.whiteboard.mirror.daemon import daemon, status_publisher
+    from llfsm.whiteboard.mirror.zenoh_internals import refusal_log
 
     settings = _settings(config, flags)
     logging.basicConfig(format="%(message)s", level=logging.WARNING)
     with ExitStack() as stack:
         wb = stack.enter_context(Whiteboard(board, directory=directory))
         # Only Zenoh's own configuration brings certificates, which can be refused.
-        refused = None if settings.zenoh is None else stack.enter_context(complaints())
+        log = None if settings.zenoh is None else stack.enter_context(refusal_log())
         mirror = stack.enter_context(daemon(wb, settings))
-        if refused is not None:
-            refused.hear = mirror.refuse
+        if log is not None:
+            log.report = mirror.refuse
         with stop_on_signals(lambda _: mirror.stop()):
             where = ", ".join(mirror.listens) or "nowhere"
             click.echo(f"mirroring {board}, listening on {where}")
-            mirror.run(teller(wb))
+            mirror.run(status_publisher(wb))
         if not wb.alive:
             raise BoardNotFoundError(f"the whiteboard {board!r} was removed")
 

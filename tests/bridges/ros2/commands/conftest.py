@@ -15,7 +15,7 @@ import pytest
 
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
-from llfsm.whiteboard.shared import remove_board
+from llfsm.whiteboard.board_files import remove_board
 from waiting import PATIENCE_S
 
 _NUMBERS = itertools.count(151)

@@ -1,4 +1,4 @@
-"""Messages and their types as a person writes them: a JSON object, ``geometry_msgs/Twist``."""
+"""Messages and message types as users write them: a JSON object, ``geometry_msgs/Twist``."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ __all__ = ["message_class", "parse_message"]
 
 
 def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
-    """Return the message of a slot's type that a JSON object tells; fields left out are zero.
+    """Return the message, of a slot's type, that a JSON object describes.
 
-    Raise `MessageFieldError`.
+    Omitted fields are zero, empty or false. Raise :class:`.MessageFieldError` if it is not a JSON
+    object with the type's fields.
     """
     try:
         plain = from_plain(json.loads(text), slot.schema)
         return msgspec.convert(plain, slot.type)
-    except ValueError as error:  # also msgspec's, which is one
+    except ValueError as error:  # includes msgspec's
         what = name_fields(slot.type, error)
-        raise MessageFieldError(f"no message for {slot.name!r}: {what}") from error
+        raise MessageFieldError(f"slot {slot.name!r}: invalid message: {what}") from error
 
 
 def message_class(name: str) -> type[Message]:
-    """Return the class of ``package.module:Class``, or of a shipped type, ``geometry_msgs/Twist``.
+    """Return the class ``package.module:Class``, or a shipped type as ``geometry_msgs/Twist``.
 
-    Raise `SlotNotFoundError`.
+    Raise :class:`.SlotNotFoundError`.
     """
     module, colon, attribute = name.partition(":")
     if not colon:
@@ -43,5 +44,5 @@ def message_class(name: str) -> type[Message]:
     except (ImportError, AttributeError, ValueError) as error:
         raise SlotNotFoundError(f"no message type {name!r}: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Message)):
-        raise SlotNotFoundError(f"{name!r} is no Message class")
+        raise SlotNotFoundError(f"{name!r} is not a Message class")
     return found

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from llfsm.whiteboard import BoardMirroredError, Whiteboard
-from llfsm.whiteboard.mirror.journal import FileJournal
+from llfsm.whiteboard.board_files import remove_board, version_log_path
 from llfsm.whiteboard.mirror.merge import Version
-from llfsm.whiteboard.shared import journal_path, remove_board
+from llfsm.whiteboard.mirror.version_log import FileVersionLog
 
 
 @pytest.fixture
@@ -19,12 +19,12 @@ def board(tmp_path: Path) -> Path:
 
 
 def test_a_version_is_recalled_by_number_and_writer(board: Path) -> None:
-    journal = FileJournal(board)
+    journal = FileVersionLog(board)
     journal.note("slot", 1, 10, Version(100, 1))
     journal.note("slot", 2, 11, Version(200, 2))
     host = journal.host
     journal.close()
-    journal = FileJournal(board)
+    journal = FileVersionLog(board)
     assert journal.host == host
     assert journal.recall("slot", 2, 11) == (Version(200, 2), Version(100, 1))
     assert journal.recall("slot", 2, 10) == (None, Version(100, 1))
@@ -36,62 +36,62 @@ def test_a_version_is_recalled_by_number_and_writer(board: Path) -> None:
 
 
 def test_an_entry_that_was_half_written_is_none(board: Path) -> None:
-    journal = FileJournal(board)
+    journal = FileVersionLog(board)
     journal.note("slot", 1, 10, Version(100, 1))
     journal.note("slot", 2, 10, Version(200, 1))
     journal.close()
-    path = journal_path(board)
+    path = version_log_path(board)
     data = bytearray(path.read_bytes())
     at = data.index((200).to_bytes(8, "little"))
     data[at] ^= 1
     path.write_bytes(data)
-    journal = FileJournal(board)
+    journal = FileVersionLog(board)
     assert journal.recall("slot", 2, 10) == (None, Version(100, 1))
     journal.close()
 
 
 def test_all_slots_of_a_board_have_room(board: Path) -> None:
-    journal = FileJournal(board)
+    journal = FileVersionLog(board)
     names = [f"{'ä' * 120}{i}" for i in range(4096)]
     for i, name in enumerate(names):
         journal.note(name, 1, 1, Version(i, 1))
     journal.close()
-    journal = FileJournal(board)
+    journal = FileVersionLog(board)
     assert [journal.recall(name, 1, 1)[0] for name in names] == [Version(i, 1) for i in range(4096)]
     journal.close()
 
 
 def test_a_journal_of_another_board_of_that_name_is_forgotten(tmp_path: Path, board: Path) -> None:
-    journal = FileJournal(board)
+    journal = FileVersionLog(board)
     journal.note("slot", 1, 10, Version(100, 1))
     journal.close()
     kept = tmp_path / "kept"
     board.rename(kept)  # so that its inode is not used again
     Whiteboard("board", directory=tmp_path).close()
-    again = FileJournal(board)
+    again = FileVersionLog(board)
     assert again.recall("slot", 1, 10) == (None, None)
     assert again.host != journal.host
     again.close()
 
 
 def test_one_holds_it_at_a_time(board: Path) -> None:
-    journal = FileJournal(board)
+    journal = FileVersionLog(board)
     with pytest.raises(BoardMirroredError, match="another daemon mirrors this whiteboard"):
-        FileJournal(board)
+        FileVersionLog(board)
     journal.close()
-    FileJournal(board).close()
+    FileVersionLog(board).close()
 
 
 def test_it_goes_with_its_board(board: Path) -> None:
-    FileJournal(board).close()
-    assert journal_path(board).exists()
+    FileVersionLog(board).close()
+    assert version_log_path(board).exists()
     remove_board("board", board.parent)
     assert list(board.parent.iterdir()) == []
 
 
 def test_a_link_in_its_place_is_not_followed(tmp_path: Path, board: Path) -> None:
     (tmp_path / "precious").write_text("keep")
-    journal_path(board).symlink_to(tmp_path / "precious")
+    version_log_path(board).symlink_to(tmp_path / "precious")
     with pytest.raises(Exception, match="Too many levels of symbolic links"):
-        FileJournal(board)
+        FileVersionLog(board)
     assert (tmp_path / "precious").read_text() == "keep"

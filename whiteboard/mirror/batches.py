@@ -1,7 +1,7 @@
-"""What travels between hosts: MessagePack arrays, each field checked when it is read.
+"""What hosts send to each other: MessagePack arrays, each field validated when it is decoded.
 
-A sender numbers its batches, so that a receiver notices one that was lost and asks for the sender's
-messages again. Beats carry the number of the last batch, for the case that it was the lost one.
+A sender numbers its batches, so that a receiver notices a lost one and asks for the sender's
+messages again. A heartbeat carries the number of the last batch, in case that one was lost.
 """
 
 from __future__ import annotations
@@ -13,10 +13,20 @@ from msgspec import Meta
 
 from .merge import Id, Time, Version
 
-__all__ = ["VERSION", "Ask", "Batch", "Beat", "Declaration", "Value", "batches", "decoder"]
+__all__ = [
+    "VERSION",
+    "Batch",
+    "Declaration",
+    "Heartbeat",
+    "StateQuery",
+    "Value",
+    "decoder",
+    "divide",
+    "encode",
+]
 
 VERSION = 2
-"""Of this protocol; hosts of another one do not hear each other."""
+"""Of this protocol; hosts with another version do not receive each other's messages."""
 
 _CHUNK = 1 << 16  # bytes of messages in a batch; a longer message travels alone
 
@@ -46,7 +56,7 @@ class Batch(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=
 
     sender: Id
     born: Time
-    """When the sender started: with it its numbers start again."""
+    """When the sender started; its numbers restart with it."""
     number: Id
     sent_ns: Time
     """By the sender's clock, since 1970."""
@@ -54,8 +64,8 @@ class Batch(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=
     declarations: tuple[Declaration, ...] = ()
 
 
-class Beat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """A sign of life, a few times a second."""
+class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """Reports that a host is alive, a few times a second."""
 
     sender: Id
     born: Time
@@ -65,8 +75,8 @@ class Beat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=T
     name: Annotated[str, Meta(max_length=255)]
 
 
-class Ask(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Ask a host for what is newer than the messages known: the version of each."""
+class StateQuery(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """Requests a host's messages that are newer than the known ones, given by their versions."""
 
     known: tuple[tuple[_Name, Version], ...]
 
@@ -75,8 +85,8 @@ encode = msgspec.msgpack.encode
 decoder = msgspec.msgpack.Decoder
 
 
-def batches(values: list[Value]) -> list[list[Value]]:
-    """Divide messages into what travels together; at least one batch, if only an empty one."""
+def divide(values: list[Value]) -> list[list[Value]]:
+    """Divide messages into batches; return at least one, which may be empty."""
     if len(values) == 1:
         return [values]
     found: list[list[Value]] = [[]]

@@ -1,7 +1,8 @@
-"""What the daemon of a board knows, kept for the one after it: the versions of the slots' messages.
+"""The versions of a board's messages, kept in a file for the next daemon.
 
-A file beside the board's, mapped, so that it outlives a killed daemon. Its lock tells that a daemon
-is at work. Each slot has a record of two entries, written in turns, so that one is always whole.
+The file is beside the board's and mapped, so that it survives a killed daemon. A daemon holds its
+lock while it runs. Each slot has a record of two entries, written alternately, so that one of them
+is always intact.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from pathlib import Path
 from typing import Protocol
 from zlib import crc32
 
+from ..board_files import version_log_path
 from ..errors import BoardMirroredError, from_errno
-from ..shared import journal_path
 from .merge import Version
 
-__all__ = ["FileJournal", "Journal", "NoJournal"]
+__all__ = ["FileVersionLog", "NoVersionLog", "VersionLog"]
 
 _HEAD = struct.Struct("<8sQQQ")  # magic, the board's device and inode, the host's id
 _NAME = struct.Struct("<H254s")
@@ -32,35 +33,35 @@ _SIZE = _START + _RECORDS * _RECORD
 _MAGIC = b"LLMIRROR"
 
 
-class Journal(Protocol):
-    """Where versions are kept."""
+class VersionLog(Protocol):
+    """Stores versions."""
 
     def note(self, slot: str, count: int, writer: int, version: Version) -> None:
-        """Keep the version of the message of that number which that process has added."""
+        """Store the version of message number `count`, which process `writer` has added."""
 
     def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
-        """Return the version of that message, and of the newest one before it that is known."""
+        """Return the version of that message, and the newest known one before it."""
 
 
-class NoJournal:
-    """For a board that ends with its process."""
+class NoVersionLog:
+    """Stores nothing, for a board that ends with its process."""
 
     def note(self, slot: str, count: int, writer: int, version: Version) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
-        """Know of nothing."""
+        """Return no versions."""
         return None, None
 
 
-class FileJournal:
-    """The journal of a board in shared memory, held by one daemon at a time.
+class FileVersionLog:
+    """The versions of a board in shared memory, locked by one daemon at a time.
 
-    Raise :class:`.BoardMirroredError` if another one holds it.
+    Raise :class:`.BoardMirroredError` if another one holds the lock.
     """
 
     def __init__(self, board: Path) -> None:
-        path = journal_path(board)
+        path = version_log_path(board)
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         except OSError as error:
@@ -74,61 +75,61 @@ class FileJournal:
             ) from None
         os.posix_fallocate(self._file, 0, _SIZE)
         self._map = mmap.mmap(self._file, _SIZE)
-        self._places: dict[str, int] = {}
-        self._next: dict[str, list[int]] = {}
+        self._records: dict[str, int] = {}
+        self._entries: dict[str, list[int]] = {}  # offsets, the older entry first
         found = os.stat(board)
         magic, *of_board, host = _HEAD.unpack_from(self._map)
-        if magic != _MAGIC or of_board != [found.st_dev, found.st_ino]:  # of a board that is gone
+        if magic != _MAGIC or of_board != [found.st_dev, found.st_ino]:  # of a removed board
             self._map[:] = bytes(_SIZE)
             host = secrets.randbits(63)
             _HEAD.pack_into(self._map, 0, _MAGIC, found.st_dev, found.st_ino, host)
         self.host: int = host
-        for place in range(_START, _SIZE, _RECORD):
-            length, name = _NAME.unpack_from(self._map, place)
+        for record in range(_START, _SIZE, _RECORD):
+            length, name = _NAME.unpack_from(self._map, record)
             if not length:
                 break
-            self._places[name[:length].decode()] = place
+            self._records[name[:length].decode()] = record
 
     def note(self, slot: str, count: int, writer: int, version: Version) -> None:
-        """Keep the version of the message of that number which that process has added."""
-        places = self._next.get(slot) or self._find(slot)
+        """Store the version of message number `count`, which process `writer` has added."""
+        entries = self._entries.get(slot) or self._find(slot)
         fields = _FIELDS.pack(count, writer, version.time, version.host)
-        _ENTRY.pack_into(self._map, places[0], fields, crc32(fields))
-        places.reverse()
+        _ENTRY.pack_into(self._map, entries[0], fields, crc32(fields))
+        entries.reverse()
 
     def _find(self, slot: str) -> list[int]:
-        """Return where the entries of a slot are, the older one first."""
-        place = self._places.get(slot) or self._make(slot)
-        entries = sorted(range(2), key=lambda index: self._entry(place, index)[0])
-        places = self._next[slot] = [_at(place, index) for index in entries]
-        return places
+        """Return the offsets of a slot's entries, the older one first."""
+        record = self._records.get(slot) or self._make(slot)
+        entries = sorted(_offsets(record), key=lambda offset: self._read(offset)[0])
+        self._entries[slot] = entries
+        return entries
 
     def _make(self, slot: str) -> int:
-        place = self._places[slot] = _START + len(self._places) * _RECORD
+        record = self._records[slot] = _START + len(self._records) * _RECORD
         name = slot.encode()
-        _NAME.pack_into(self._map, place, len(name), name)
-        return place
+        _NAME.pack_into(self._map, record, len(name), name)
+        return record
 
-    def _entry(self, place: int, index: int) -> tuple[int, int, int, int]:
-        """Return an entry; of zeros if there is none, or its writer was killed at it."""
-        fields, checksum = _ENTRY.unpack_from(self._map, _at(place, index))
+    def _read(self, offset: int) -> tuple[int, int, int, int]:
+        """Return an entry; zeros if there is none, or its writer was killed while writing it."""
+        fields, checksum = _ENTRY.unpack_from(self._map, offset)
         return _FIELDS.unpack(fields) if crc32(fields) == checksum else (0, 0, 0, 0)
 
     def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
-        """Return the version of that message, and of the newest one before it that is known."""
-        place = self._places.get(slot)
-        if place is None:
+        """Return the version of that message, and the newest known one before it."""
+        record = self._records.get(slot)
+        if record is None:
             return None, None
-        entries = [self._entry(place, index) for index in range(2)]
+        entries = [self._read(offset) for offset in _offsets(record)]
         exact = [Version(t, h) for c, w, t, h in entries if (c, w) == (count, writer)]
         before = [Version(t, h) for c, _, t, h in entries if 0 < c < count]
         return max(exact, default=None), max(before, default=None)
 
     def close(self) -> None:
-        """Let go of it; what it says stays."""
+        """Release the lock; the file stays."""
         self._map.close()
         os.close(self._file)
 
 
-def _at(place: int, index: int) -> int:
-    return place + 256 + index * _ENTRY.size
+def _offsets(record: int) -> list[int]:
+    return [record + 256, record + 256 + _ENTRY.size]

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from llfsm.whiteboard import NetworkError
-from llfsm.whiteboard.mirror.configuration import configure, endpoints
 from llfsm.whiteboard.mirror.settings import DEFAULT_ENDPOINT, Settings
+from llfsm.whiteboard.mirror.zenoh_config import configure, endpoints
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_the_settings_count_more(file: Path) -> None:
 
 
 def test_a_file_that_is_none_is_an_error(file: Path) -> None:
-    with pytest.raises(NetworkError, match="no such file of Zenoh's configuration"):
+    with pytest.raises(NetworkError, match="no such Zenoh configuration file"):
         configure(Settings(zenoh=str(file)), "peer")
     file.write_text("{ nonsense")
     with pytest.raises(NetworkError, match=r"zenoh\.json5: "):
@@ -70,7 +70,7 @@ def test_a_file_that_is_none_is_an_error(file: Path) -> None:
 
 
 def test_an_endpoint_that_is_none_is_an_error() -> None:
-    with pytest.raises(NetworkError, match="does not take listen/endpoints = \\['here'\\]"):
+    with pytest.raises(NetworkError, match="does not accept listen/endpoints = \\['here'\\]"):
         configure(Settings(listen=("here",)), "peer")
 
 

@@ -1,0 +1,62 @@
+"""A board of other hosts, for a process without shared memory or without a daemon on its host."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+
+from ..errors import BoardClosedError, NetworkError
+from ..local import LocalBoard
+from .mirror import Mirror
+from .settings import Settings
+from .version_log import NoVersionLog
+
+__all__ = ["RemoteBoard"]
+
+_TIMEOUT_S = 5.0
+
+
+class RemoteBoard(LocalBoard):
+    """A whiteboard that daemons on other hosts mirror, kept up to date in this process.
+
+    Reading costs as much as on a local board. A message added here is on the other hosts' boards
+    soon after; counts and stamps are those of this process.
+
+    Args:
+        endpoint: the Zenoh endpoint on which a daemon listens: ``tcp/robot:7447``.
+        name: the board's name.
+        zenoh: a Zenoh configuration file, for TLS.
+
+    Raise :class:`.NetworkError` if no daemon answers there.
+
+    """
+
+    def __init__(self, endpoint: str, name: str, zenoh: str | None = None) -> None:
+        super().__init__(name)
+        settings = Settings(listen=(), connect=(endpoint,), zenoh=zenoh)
+        self._mirror = Mirror(self, settings, NoVersionLog(), mode="client")
+        self._thread = threading.Thread(target=self._run, name=f"mirror {name}", daemon=True)
+        self._thread.start()
+        atexit.register(self.close)  # Zenoh's threads must not outlive the interpreter
+        if not self._mirror.wait_for_reply(_TIMEOUT_S):
+            self.close()
+            raise NetworkError(
+                f"{endpoint}: no answer for the whiteboard {name!r}; start `llfsm whiteboard "
+                f"daemon` there, with an endpoint that is reachable from this host"
+            )
+
+    def _run(self) -> None:
+        try:
+            self._mirror.run()
+        except BoardClosedError:  # closed twice at the same time
+            return
+
+    def close(self) -> None:
+        """Send what is left and release the board; its messages stay for the other hosts."""
+        if self.alive:
+            atexit.unregister(self.close)
+            self._mirror.stop()
+            self.wake_watchers()
+            self._thread.join()
+            super().close()
+            self._mirror.close()

@@ -1,0 +1,196 @@
+"""Everything that relies on undocumented behaviour of Zenoh; nothing else in llfsm does.
+
+Each function states the behaviour that it assumes. A test of its own checks each assumption
+against the installed version (tests/whiteboard/mirror/test_zenoh_internals.py), and pyproject.toml
+excludes versions that were not tested.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import struct
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from ctypes import pythonapi
+from stat import S_ISSOCK
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = [
+    "LOG_FILTER",
+    "RefusalLog",
+    "callback_in_receiver",
+    "error_text",
+    "limit_link",
+    "parse_refusal",
+    "refusal_log",
+    "use_few_threads",
+]
+
+# ---- Threads --------------------------------------------------------------------------------
+
+# The thread that receives a message runs the callback itself instead of waking another one.
+# Sending keeps threads of its own, because a forwarded message may wait for room there.
+_RUNTIME = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
+_MAX_ATTACHED = 64  # threads that stay attached to Python; Zenoh may replace some over time
+
+
+def use_few_threads() -> None:
+    """Configure Zenoh's thread pools, unless the environment does; before the first session.
+
+    Assumes that Zenoh reads ``ZENOH_RUNTIME`` when the first session opens, in this format.
+    """
+    os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)
+
+
+def callback_in_receiver(
+    receive: Callable[[bytes], object],
+) -> zenoh.handlers.Callback[zenoh.Sample]:
+    """Return a handler that calls `receive` in the thread that has received the message.
+
+    Assumes that this is one of a few threads of Zenoh's pool, and that each callback creates a
+    thread state of Python and deletes it at its end, which costs more than the callback. One
+    `PyGILState_Ensure` without its release keeps the state for the thread's life.
+    """
+    from zenoh.handlers import Callback
+
+    attached: set[int] = set()
+
+    def callback(sample: zenoh.Sample) -> None:
+        thread = threading.get_ident()
+        if thread not in attached and len(attached) < _MAX_ATTACHED:
+            attached.add(thread)
+            pythonapi.PyGILState_Ensure()
+        receive(sample.payload.to_bytes())
+
+    return Callback(callback, indirect=False)
+
+
+# ---- Sockets --------------------------------------------------------------------------------
+
+_NO_LINGER = struct.pack("ii", 0, 0)
+
+
+def limit_link(link: zenoh.Link, timeout_ms: int) -> bool:
+    """Drop a connection whose data is not acknowledged in time, and close it without waiting.
+
+    Without this, the kernel retries for minutes at growing intervals, and a close waits up to ten
+    seconds for the other side (eclipse-zenoh/zenoh#2350) in a thread that serves other
+    connections, so hosts that vanish would silence all others.
+
+    Assumes that a connection is a TCP socket of this process, and that the link's addresses end in
+    its ports: Zenoh has no setting for this, and does not give access to its sockets. Return
+    whether the socket was found. Does nothing except on Linux.
+    """
+    here, there = _port(link.src), _port(link.dst)
+    found = False
+    if sys.platform == "linux":
+        for number in map(int, os.listdir("/proc/self/fd")):
+            with suppress(OSError):  # closed since it was listed, or not connected
+                if S_ISSOCK(os.fstat(number).st_mode):
+                    found |= _limit_socket(number, here, there, timeout_ms)
+    return found
+
+
+def _port(locator: str) -> int:
+    return int(locator.partition("?")[0].rpartition(":")[2])
+
+
+def _limit_socket(number: int, here: int, there: int, timeout_ms: int) -> bool:
+    with socket.socket(fileno=os.dup(number)) as link:
+        if link.getsockname()[1:2] != (here,) or link.getpeername()[1] != there:
+            return False
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, timeout_ms)
+    return True
+
+
+# ---- Log ------------------------------------------------------------------------------------
+
+LOG_FILTER = "zenoh_link_tls=warn,zenoh_link_quic=warn,zenoh::net::runtime::orchestrator=debug"
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_INCOMING = re.compile(r"WARN .*zenoh_link_\w+::\w+: (.*?)\. Hint:")
+_OUTGOING = re.compile(
+    r"Unable to connect to configured peer (\S+)! (?:Can not create .*? link bound to .*?: )?"
+    r"(.*?)(?: at /|\. Retry)"
+)
+_TLS = re.compile("certificate|alert", re.IGNORECASE)  # not: the other host is not up yet
+
+
+class RefusalLog:
+    """Passes each refused connection in Zenoh's log to `report`: what was refused, and why."""
+
+    def __init__(self) -> None:
+        self.report: Callable[[str, str], object] = lambda what, why: None
+
+    def read(self, pipe: int) -> None:
+        """Read the log until it ends."""
+        with open(pipe, errors="replace") as lines:
+            for line in lines:
+                if (refusal := parse_refusal(line)) is not None:
+                    self.report(*refusal)
+                elif os.environ.get("RUST_LOG"):
+                    print(line, end="", file=sys.stderr)  # the user has asked for Zenoh's log
+
+
+@contextmanager
+def refusal_log() -> Iterator[RefusalLog]:
+    """Read Zenoh's log within the context; set the result's `report` to receive refusals.
+
+    Open and close sessions within the context. Assumes that Zenoh reports refused connections in
+    its log only, and logs to file descriptor 1 only. That descriptor is a pipe within the context;
+    what Python prints still goes to the former standard output.
+    """
+    import zenoh
+
+    sys.stdout.flush()
+    out = os.dup(1)
+    reading, writing = os.pipe()
+    os.dup2(writing, 1)
+    os.close(writing)
+    log = RefusalLog()
+    thread = threading.Thread(target=log.read, args=(reading,), name="Zenoh's log", daemon=True)
+    thread.start()
+    zenoh.init_log_from_env_or(LOG_FILTER)
+    try:
+        with open(out, "w", closefd=False) as before, redirect_stdout(before):
+            yield log
+    finally:
+        os.dup2(out, 1)  # closes the pipe's last writing end
+        os.close(out)
+        thread.join()
+
+
+def parse_refusal(line: str) -> tuple[str, str] | None:
+    """Return what a line of the log reports as refused, and why; None for any other line.
+
+    Assumes the wording of Zenoh's log. Outgoing connections that fail because the other host is
+    not up are not refusals.
+    """
+    line = _COLOUR.sub("", line)
+    if incoming := _INCOMING.search(line):
+        return "a connection", incoming[1]
+    outgoing = _OUTGOING.search(line)
+    if outgoing and _TLS.search(outgoing[2]):
+        return f"by {outgoing[1]}", outgoing[2]
+    return None
+
+
+# ---- Errors ---------------------------------------------------------------------------------
+
+
+def error_text(error: Exception) -> str:
+    """Return the text of one of Zenoh's errors without positions in Zenoh's sources.
+
+    Assumes that positions have the form `` at /path/file.rs:1``, and how errors in JSON5 are
+    wrapped. If that changes, the whole text is returned.
+    """
+    text = re.sub(r" at /\S+?\.rs:\d+\.?", "", str(error)).strip()
+    wrapped = re.match(r'Json5Err\(Message \{ msg: "(.*?)", location: ', text)
+    return wrapped[1] if wrapped else text
