@@ -78,7 +78,7 @@ def test_status_says_that_the_daemon_is_silent(tmp_path: Path) -> None:
         ("listen = 'tcp/x:1'", "hosts.toml:1: listen: Expected `array | null`, got `str`"),
         ('[rates]\n"a" = 1\n"b" = "fast"', "hosts.toml:1: rates: Expected `float`, got `str`"),
         ("rate = ", "hosts.toml:1"),
-        ("zenoh = 'not-there.json5'", "not-there.json5: no such file"),
+        ("zenoh = 'not-there.json5'", "not-there.json5: no such Zenoh configuration file"),
     ],
 )
 def test_a_mistake_in_the_settings_is_told_with_its_place(

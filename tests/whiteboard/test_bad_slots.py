@@ -147,7 +147,7 @@ def test_commands_tell_of_them_and_go_on(board: Whiteboard) -> None:
     assert done.exit_code == 0, done.output
     lines = {line.split()[0]: line for line in done.output.splitlines()}
     assert "1 added, the last" in lines["good"]
-    assert "cannot be read: its schema is no JSON object" in lines["list"]
+    assert "cannot be read: its schema is not a JSON object" in lines["list"]
     assert lines.keys() == {"good", *map(shown, SCHEMAS)}
     done = CliRunner().invoke(main, ["whiteboard", "get", "good", "-b", board.name])
     assert (done.exit_code, done.output) == (0, '{"data": 7}\n')

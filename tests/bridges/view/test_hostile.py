@@ -99,7 +99,7 @@ def test_what_cannot_be_shown_says_so_and_the_rest_goes_on(
         page = seen.page
         for name in ("type", "field", "none"):
             expect(page.locator(f"[data-slot='odd/{name}'] .short")).to_contain_text("schema")
-        expect(page.locator("[data-slot='odd/value'] .short")).to_contain_text("is no String")
+        expect(page.locator("[data-slot='odd/value'] .short")).to_contain_text("is not a String")
         page.locator("[data-slot='odd/type'] .line").click()
         expect(page.locator("[data-slot='odd/type'] .problem")).to_be_visible()
         page.locator("[data-slot='odd/type'] button", has_text="Schema").click()
