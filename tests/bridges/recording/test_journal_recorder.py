@@ -24,6 +24,7 @@ from llfsm.runtime.journal.handover import Handover, find_recorder
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import BoardFullError, BoundSlot, Slot, Whiteboard
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.liveness import born
 from llfsm.whiteboard.message import M
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
