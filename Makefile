@@ -5,7 +5,7 @@ SOURCES := pyproject.toml setup.py setup.cfg $(wildcard whiteboard/*.c whiteboar
 SANITIZED := $(abspath $(VENV))/sanitized
 SANITIZE_SECONDS ?= 20
 ADDRESS := -fsanitize=address,undefined -fno-sanitize-recover=all
-UNDER_ASAN = ASAN_OPTIONS=detect_leaks=0 PYTHONMALLOC=malloc LLFSM_STRESS=0.1 \
+UNDER_ASAN = ASAN_OPTIONS=detect_leaks=0 PYTHONMALLOC=malloc LLFSM_STRESS=0.5 \
     PYTHONPATH=$(SANITIZED)/site LD_PRELOAD="$$($(CC) -print-file-name=libasan.so)"
 STRESS_FLAGS := -std=c11 -O1 -g -Wall -Wextra -Werror -I whiteboard/include -pthread
 THREAD := -fsanitize=thread -Wno-tsan # which does not know fences; the header argues them
@@ -29,8 +29,8 @@ help:
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
 	@echo "make bench     measure us and the peers in one run"
-	@echo "make soak      the bridge for ten minutes while its processes are killed, then ten topics at"
-	@echo "               1 kHz, then three hosts: a quarter of an hour"
+	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
+	@echo "               processes are, ten topics at 1 kHz, three hosts: twenty minutes"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make clean     remove .venv and what was built"
 
@@ -78,6 +78,7 @@ bench: $(VENV)/.ready-bench
 
 SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
+	LLFSM_STRESS=20 $(PYTEST) -s tests/stress/test_stress.py
 	$(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
 	$(BIN)/python tests/soak/relays.py
 	$(BIN)/python tests/soak/hosts.py

@@ -1,6 +1,7 @@
 """The whiteboard under stress from eight processes: see processes.py for what must hold.
 
-``LLFSM_STRESS=10`` does ten times as much; ``LLFSM_STRESS_SEED`` repeats a run that failed.
+``LLFSM_STRESS=20`` does twenty times as much, as `make soak` does; ``LLFSM_STRESS_SEED`` repeats a
+run that failed.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from llfsm.whiteboard.board_files import remove_board
 
 PROCESSES = Path(__file__).with_name("processes.py")
 SCALE = float(os.environ.get("LLFSM_STRESS", "1"))
+pytestmark = pytest.mark.timeout(240 * max(SCALE, 1))
 SEED = os.environ.get("LLFSM_STRESS_SEED") or str(random.randrange(2**32))
 
 
@@ -37,17 +39,17 @@ def run(scenario: str, board: str, amount: int) -> None:
     command = [sys.executable, str(PROCESSES), scenario, board, SEED, str(amount)]
     done = subprocess.Popen(command, start_new_session=True, stdout=-1, stderr=-1, text=True)
     try:
-        output, errors = done.communicate(timeout=600)
-    except subprocess.TimeoutExpired:
-        os.killpg(done.pid, signal.SIGKILL)
-        raise
+        output, errors = done.communicate()
+    finally:
+        with suppress(ProcessLookupError):  # where the time limit has passed, all of them run
+            os.killpg(done.pid, signal.SIGKILL)
     print(output)
     assert done.returncode == 0, f"LLFSM_STRESS_SEED={SEED}\n{errors}"
 
 
 def test_many_reads_are_whole_and_in_order(board: str) -> None:
-    run("reads", board, int(20_000_000 * SCALE))
+    run("reads", board, int(4_000_000 * SCALE))
 
 
 def test_stopped_and_killed_writers_hinder_nobody(board: str) -> None:
-    run("faults", board, int(200 * SCALE))
+    run("faults", board, int(40 * SCALE))
