@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
 PATIENCE_S = 300
 PEERS = ["iceoryx2", "py_trees", "transitions", "python-statemachine", "sismic"]
 
-pytestmark = pytest.mark.xdist_group("bench")  # one run, for all tests
+pytestmark = pytest.mark.timeout(PATIENCE_S)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def quick(tmp_path_factory):
         start_new_session=True,
     )
     try:
-        printed, _ = process.communicate(timeout=PATIENCE_S)
+        printed, _ = process.communicate()
     finally:
         with suppress(ProcessLookupError):  # whom it has started, too
             os.killpg(process.pid, signal.SIGKILL)
