@@ -1,4 +1,4 @@
-/* Python's side of llfsm_whiteboard.h: a Board, and a SharedSlot for one slot of it. Thin by intent:
+/* Python's side of llfsm_whiteboard.h: a Board, and a Port for one slot of it. Thin by intent:
  * what a call costs is the encoder's or decoder's work and a handful of atomic operations.
  * The interpreter's lock serialises a process's threads; it is released only to wait. Objects
  * are made whole by tp_new and stay so; only a board's being closed can change under a call. */
@@ -19,9 +19,9 @@ typedef struct {
     PyObject *scratch;       /* a bytearray to encode into; NULL while a thread uses it */
     PyObject *message;       /* the latest message decoded */
     struct lwb_meta meta;    /* and what the slot said of it */
-} SharedSlot;
+} Port;
 
-static PyObject *slot_new(PyTypeObject *subtype, PyObject *args, PyObject *kwargs)
+static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"board", "name", "type_name", "schema", "fingerprint", "capacity",
                             "message_type", "fields", "encode_into", "decode", NULL};
@@ -35,7 +35,7 @@ static PyObject *slot_new(PyTypeObject *subtype, PyObject *args, PyObject *kwarg
         return NULL;
     schema.fingerprint = fingerprint;
     schema.capacity = capacity;
-    SharedSlot *self = (SharedSlot *)subtype->tp_alloc(subtype, 0);
+    Port *self = (Port *)subtype->tp_alloc(subtype, 0);
     if (!self)
         return NULL;
     self->board = (Board *)Py_NewRef(board);
@@ -63,7 +63,7 @@ failed:
 
 /* No tp_clear: a port never changes what it refers to but its message, and messages are
  * immutable; so, as for a tuple, every cycle goes through something else that can be cleared. */
-static int slot_traverse(SharedSlot *self, visitproc visit, void *arg)
+static int port_traverse(Port *self, visitproc visit, void *arg)
 {
     Py_VISIT(self->type);
     Py_VISIT(self->encode_into);
@@ -72,7 +72,7 @@ static int slot_traverse(SharedSlot *self, visitproc visit, void *arg)
     return 0;
 }
 
-static void slot_dealloc(SharedSlot *self)
+static void port_dealloc(Port *self)
 {
     PyObject_GC_UnTrack(self);
     field_checks_free(&self->checks);
@@ -87,7 +87,7 @@ static void slot_dealloc(SharedSlot *self)
 }
 
 /* Add if the slot's count is `after`, or any if that is LWB_ANY. */
-static PyObject *slot_put(SharedSlot *self, PyObject *message, uint64_t after)
+static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
 {
     if (!is_open(self->board, self->name))
         return NULL;
@@ -120,13 +120,13 @@ static PyObject *slot_put(SharedSlot *self, PyObject *message, uint64_t after)
     return PyLong_FromUnsignedLongLong(count);
 }
 
-static PyObject *slot_add(SharedSlot *self, PyObject *message)
+static PyObject *port_add(Port *self, PyObject *message)
 {
-    return slot_put(self, message, LWB_ANY);
+    return port_put(self, message, LWB_ANY);
 }
 
 /* add_after(message, count): 0 if another message was added after that count. */
-static PyObject *slot_add_after(SharedSlot *self, PyObject *args)
+static PyObject *port_add_after(Port *self, PyObject *args)
 {
     PyObject *message, *number;
     if (!PyArg_ParseTuple(args, "OO!", &message, &PyLong_Type, &number))
@@ -134,11 +134,11 @@ static PyObject *slot_add_after(SharedSlot *self, PyObject *args)
     unsigned long long after = PyLong_AsUnsignedLongLong(number);
     if (PyErr_Occurred())
         return NULL;
-    return slot_put(self, message, after);
+    return port_put(self, message, after);
 }
 
 /* Is self->message the latest? The whole cost of a get while nothing was added. */
-static inline bool is_fresh(SharedSlot *self)
+static inline bool is_fresh(Port *self)
 {
     return self->message && !self->board->closed &&
            lwb_word(&self->slot) == self->meta.word;
@@ -146,7 +146,7 @@ static inline bool is_fresh(SharedSlot *self)
 
 /* The latest message's bytes, and what the slot says of it: NULL without an exception if nothing
  * was added yet. */
-static PyObject *slot_read(SharedSlot *self, struct lwb_meta *meta)
+static PyObject *port_read(Port *self, struct lwb_meta *meta)
 {
     char near[256]; /* holds most messages; a longer one is read once more at its size */
     int status = lwb_read(&self->slot, near, sizeof near, meta);
@@ -171,12 +171,12 @@ static PyObject *slot_read(SharedSlot *self, struct lwb_meta *meta)
 }
 
 /* Bring self->message up to date. 1: there is one, 0: nothing was added yet, -1: an error. */
-static int slot_refresh(SharedSlot *self)
+static int port_refresh(Port *self)
 {
     if (!is_open(self->board, self->name))
         return -1;
     struct lwb_meta meta;
-    PyObject *data = slot_read(self, &meta);
+    PyObject *data = port_read(self, &meta);
     if (!data)
         return PyErr_Occurred() ? -1 : 0;
     PyObject *message = PyObject_CallOneArg(self->decode, data);
@@ -197,19 +197,19 @@ static int slot_refresh(SharedSlot *self)
     return 1;
 }
 
-static PyObject *slot_get(SharedSlot *self, PyObject *unused)
+static PyObject *port_get(Port *self, PyObject *unused)
 {
     (void)unused;
     if (is_fresh(self))
         return Py_NewRef(self->message);
-    int state = slot_refresh(self);
+    int state = port_refresh(self);
     return state < 0 ? NULL : Py_NewRef(state ? self->message : Py_None);
 }
 
-static PyObject *slot_sample(SharedSlot *self, PyObject *unused)
+static PyObject *port_sample(Port *self, PyObject *unused)
 {
     (void)unused;
-    int state = is_fresh(self) ? 1 : slot_refresh(self);
+    int state = is_fresh(self) ? 1 : port_refresh(self);
     if (state < 0)
         return NULL;
     if (!state)
@@ -221,18 +221,18 @@ static PyObject *slot_sample(SharedSlot *self, PyObject *unused)
 }
 
 /* encoded(): (data, count, stamp, process), whatever the data are; None before the first. */
-static PyObject *slot_encoded(SharedSlot *self, PyObject *unused)
+static PyObject *port_encoded(Port *self, PyObject *unused)
 {
     (void)unused;
     struct lwb_meta meta;
-    PyObject *data = is_open(self->board, self->name) ? slot_read(self, &meta) : NULL;
+    PyObject *data = is_open(self->board, self->name) ? port_read(self, &meta) : NULL;
     if (data)
         return Py_BuildValue("NKKK", data, (unsigned long long)meta.count,
                              (unsigned long long)meta.stamp, (unsigned long long)meta.process);
     return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
 }
 
-static PyObject *slot_wait(SharedSlot *self, PyObject *args, PyObject *kwargs)
+static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"after", "timeout", NULL};
     PyObject *number = NULL, *timeout = Py_None;
@@ -266,7 +266,7 @@ static PyObject *slot_wait(SharedSlot *self, PyObject *args, PyObject *kwargs)
         if (PyErr_CheckSignals())
             return NULL;
         if (status == LWB_OK)
-            return slot_sample(self, NULL);
+            return port_sample(self, NULL);
         if (over)
             Py_RETURN_NONE;
         if (!self->board->closed && !lwb_linked(&self->board->board))
@@ -275,43 +275,43 @@ static PyObject *slot_wait(SharedSlot *self, PyObject *args, PyObject *kwargs)
     return NULL;
 }
 
-static PyObject *slot_count(SharedSlot *self, void *unused)
+static PyObject *port_count(Port *self, void *unused)
 {
     (void)unused;
     return is_open(self->board, self->name) ? PyLong_FromUnsignedLongLong(lwb_count(&self->slot))
                                             : NULL;
 }
 
-static PyObject *slot_capacity(SharedSlot *self, void *unused)
+static PyObject *port_capacity(Port *self, void *unused)
 {
     (void)unused;
     return PyLong_FromUnsignedLongLong(self->slot.capacity);
 }
 
-static PyMethodDef slot_methods[] = {
-    {"add", (PyCFunction)slot_add, METH_O, NULL},
-    {"add_after", (PyCFunction)slot_add_after, METH_VARARGS, NULL},
-    {"get", (PyCFunction)slot_get, METH_NOARGS, NULL},
-    {"sample", (PyCFunction)slot_sample, METH_NOARGS, NULL},
-    {"encoded", (PyCFunction)slot_encoded, METH_NOARGS, NULL},
-    {"wait", (PyCFunction)(void (*)(void))slot_wait, METH_VARARGS | METH_KEYWORDS, NULL},
+static PyMethodDef port_methods[] = {
+    {"add", (PyCFunction)port_add, METH_O, NULL},
+    {"add_after", (PyCFunction)port_add_after, METH_VARARGS, NULL},
+    {"get", (PyCFunction)port_get, METH_NOARGS, NULL},
+    {"sample", (PyCFunction)port_sample, METH_NOARGS, NULL},
+    {"encoded", (PyCFunction)port_encoded, METH_NOARGS, NULL},
+    {"wait", (PyCFunction)(void (*)(void))port_wait, METH_VARARGS | METH_KEYWORDS, NULL},
     {NULL, NULL, 0, NULL}};
 
-static PyGetSetDef slot_getset[] = {
-    {"count", (getter)slot_count, NULL, NULL, NULL},
-    {"capacity", (getter)slot_capacity, NULL, NULL, NULL},
+static PyGetSetDef port_getset[] = {
+    {"count", (getter)port_count, NULL, NULL, NULL},
+    {"capacity", (getter)port_capacity, NULL, NULL, NULL},
     {NULL, NULL, NULL, NULL, NULL}};
 
 /* Final, so that the interpreter may call a port's methods directly. */
-static PyTypeObject SharedSlotType = {
-    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "llfsm.whiteboard._shm.SharedSlot",
-    .tp_basicsize = sizeof(SharedSlot),
+static PyTypeObject PortType = {
+    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "llfsm.whiteboard._shm.Port",
+    .tp_basicsize = sizeof(Port),
     .tp_flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC,
-    .tp_new = slot_new,
-    .tp_dealloc = (destructor)slot_dealloc,
-    .tp_traverse = (traverseproc)slot_traverse,
-    .tp_methods = slot_methods,
-    .tp_getset = slot_getset,
+    .tp_new = port_new,
+    .tp_dealloc = (destructor)port_dealloc,
+    .tp_traverse = (traverseproc)port_traverse,
+    .tp_methods = port_methods,
+    .tp_getset = port_getset,
 };
 
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_shm", .m_size = -1};
@@ -345,12 +345,12 @@ PyMODINIT_FUNC PyInit__shm(void)
 {
     if (!(sample_type = look_up("llfsm.whiteboard.board", "Sample")) ||
         !(raise_status = look_up("llfsm.whiteboard.errors", "raise_status")) ||
-        !(SharedSlotType.tp_dict = shared_methods()) || PyType_Ready(&BoardType) ||
-        PyType_Ready(&SharedSlotType))
+        !(PortType.tp_dict = shared_methods()) || PyType_Ready(&BoardType) ||
+        PyType_Ready(&PortType))
         return NULL;
     PyObject *m = PyModule_Create(&module);
     if (m && (PyModule_AddObjectRef(m, "Board", (PyObject *)&BoardType) ||
-              PyModule_AddObjectRef(m, "SharedSlot", (PyObject *)&SharedSlotType)))
+              PyModule_AddObjectRef(m, "Port", (PyObject *)&PortType)))
         Py_CLEAR(m);
     return m;
 }

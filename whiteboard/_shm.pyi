@@ -18,7 +18,7 @@ class Board:
     def watch(self, words: bytearray, timeout: float, /) -> list[int]: ...
 
 @final
-class SharedSlot(BoundSlot[_M]):
+class Port(BoundSlot[_M]):
     def __new__(
         cls,
         board: Board,

@@ -26,7 +26,7 @@ except ImportError as error:  # no Linux, or no compiler when it was installed
     _MISSING: ImportError | None = error
 else:
     _MISSING = None
-    BoundSlot.register(_shm.SharedSlot)
+    BoundSlot.register(_shm.Port)
 
 __all__ = ["BoardInfo", "Whiteboard", "boards"]
 
@@ -87,7 +87,7 @@ class Whiteboard(Board):
 
     def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
         try:
-            return _shm.SharedSlot(
+            return _shm.Port(
                 self._core,
                 slot.name,
                 slot.type_name,

@@ -32,7 +32,7 @@ def add_junk(tmp_path: Path) -> Callable[[], int]:
 
     core = _shm.Board(str(tmp_path / "llfsm.board"), True)
     schema = json.dumps(NUMBER.schema, separators=(",", ":"))
-    port = _shm.SharedSlot(
+    port = _shm.Port(
         core, NUMBER.name, NUMBER.type_name, schema, NUMBER.fingerprint, NUMBER.capacity,
         Number, (), encode_into, lambda _: Number(),
     )  # fmt: skip
