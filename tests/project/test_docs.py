@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,7 @@ import pytest
 
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
+from waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
@@ -30,6 +32,7 @@ COMPILERS = {
     "cpp": [*shlex.split(os.environ.get("CXX", "c++")), "-std=c++17"],
 }
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
+QUERY = re.compile(r"llfsm (ps|whiteboard (get|list|status))\b")
 HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
 FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -101,10 +104,19 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
                 if command.startswith("make "):
                     run(["make", "-n", *command.split()[1:]], ROOT, environment)
                 else:
-                    failure = int("Error:" in output)
-                    said = run(["bash", "-c", command], tmp_path, environment, failure)
-                    expected = output.replace("[", "[[]").replace("...", "*")
-                    assert not output or fnmatch.fnmatchcase(said, expected), said
+                    type_in(command, output, tmp_path, environment)
+
+
+def type_in(command: str, expected: str, folder: Path, environment: dict[str, str]) -> None:
+    """Run a command and compare its output; repeat a query, as a reader would, until it agrees."""
+    status = int("Error:" in expected)
+    pattern = expected.replace("[", "[[]").replace("...", "*") or "*"
+    deadline = time.monotonic() + (PATIENCE_S if QUERY.match(command) else 0)
+    while True:
+        returned, output = execute(["bash", "-c", command], folder, environment)
+        if returned == status and fnmatch.fnmatchcase(output, pattern):
+            return
+        assert time.monotonic() < deadline, f"{command} returned {returned}:\n{output}"
 
 
 def compiled(block: Block, folder: Path, environment: dict[str, str]) -> str:
@@ -125,16 +137,19 @@ def commands(text: str) -> list[tuple[str, str]]:
     return found
 
 
-def run(command: list[str], folder: Path, environment: dict[str, str], status: int = 0) -> str:
+def run(command: list[str], folder: Path, environment: dict[str, str]) -> None:
+    returned, output = execute(command, folder, environment)
+    assert returned == 0, f"{command}\n{output}"
+
+
+def execute(command: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
     with tempfile.TemporaryFile("w+") as output:  # a pipe would wait for what runs on behind
         done = subprocess.run(
-            command, cwd=folder, env=environment, text=True, timeout=120, check=False,
+            command, cwd=folder, env=environment, text=True, timeout=110, check=False,
             stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
         )  # fmt: skip
         output.seek(0)
-        said = output.read()
-    assert done.returncode == status, f"{command}\n{said}"
-    return said
+        return done.returncode, output.read()
 
 
 def anchors(document: Path) -> set[str]:
