@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
 
 import pytest
 
-from llfsm.cli.demo import processes as module
 from llfsm.cli.demo.processes import ProcessDiedError, Processes
 from waiting import wait_for
 
 from .conftest import alive
-
-
-@pytest.fixture
-def processes() -> Iterator[Processes]:
-    with Processes(restart=True) as processes:
-        yield processes
 
 
 def reported(processes: Processes) -> str:
@@ -32,26 +24,29 @@ def reported(processes: Processes) -> str:
 
 def run(processes: Processes, board: str) -> int:
     processes.start("machine", "run", "RosPingPong", "--board", board, "--remove-board")
-    (standing,) = processes.standings()
-    assert standing.pid is not None
-    wait_for(lambda: processes.standings()[0].said, "a line")
-    return standing.pid
+    (status,) = processes.statuses()
+    assert status.pid is not None
+    wait_for(lambda: processes.statuses()[0].output, "a line")
+    return status.pid
 
 
-def test_one_that_is_killed_is_started_again_after_a_pause(
-    processes: Processes, board: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pid = run(processes, board)
-    monkeypatch.setattr(module, "_PAUSE_S", float("inf"))
-    os.kill(pid, signal.SIGKILL)
-    assert reported(processes) == "the machine was killed by SIGKILL; it starts again"
-    processes.check()
-    assert processes.standings()[0].pid is None
-    monkeypatch.setattr(module, "_PAUSE_S", 0.0)
-    processes.check()
-    (standing,) = processes.standings()
-    assert standing.pid not in (None, pid)
-    assert not processes.reports
+def test_one_that_is_killed_is_started_again(board: str) -> None:
+    with Processes(restart=True, pause_s=0.0) as processes:
+        pid = run(processes, board)
+        os.kill(pid, signal.SIGKILL)
+        assert reported(processes) == "the machine was killed by SIGKILL; it starts again"
+        processes.check()
+        (status,) = processes.statuses()
+        assert status.pid not in (None, pid)
+        assert not processes.reports
+
+
+def test_it_is_not_started_again_before_a_pause(board: str) -> None:
+    with Processes(restart=True, pause_s=float("inf")) as processes:
+        os.kill(run(processes, board), signal.SIGKILL)
+        reported(processes)
+        processes.check()
+        assert processes.statuses()[0].pid is None
 
 
 def test_all_end_with_the_block(board: str) -> None:
@@ -60,17 +55,16 @@ def test_all_end_with_the_block(board: str) -> None:
     assert not alive(pid)
 
 
-def test_what_fails_soon_after_its_start_ends_all_with_its_words(processes: Processes) -> None:
-    processes.start("machine", "run", "Nobody")
-    with pytest.raises(ProcessDiedError, match=r"(?s)the machine ended with 2\n.*'Nobody'"):
-        reported(processes)
+def test_what_fails_soon_after_its_start_ends_all_with_its_words() -> None:
+    with Processes(restart=True) as processes:
+        processes.start("machine", "run", "Nobody")
+        with pytest.raises(ProcessDiedError, match=r"(?s)the machine ended with 2\n.*'Nobody'"):
+            reported(processes)
 
 
-def test_what_fails_later_is_started_again(
-    processes: Processes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "_EARLY_S", 0.0)
-    processes.start("machine", "run", "Nobody")
-    report = reported(processes)
+def test_what_fails_later_is_started_again() -> None:
+    with Processes(restart=True, early_s=0.0) as processes:
+        processes.start("machine", "run", "Nobody")
+        report = reported(processes)
     assert report.startswith("the machine ended with 2; it starts again\n")
     assert "'Nobody'" in report

@@ -144,7 +144,7 @@ def test_it_joins_a_graph_that_has_a_router_and_a_simulator(
     [
         (["--domain", "3"], 2, "--transport, --domain, --router and --no-simulator are for --ros"),
         (["--no-simulator"], 2, "are for --ros"),
-        (["--ros", "--no-simulator", "--picture", "x"], 2, "by a simulator, and there is none"),
+        (["--ros", "--no-simulator", "--picture", "x"], 2, "--picture: a simulator draws the path"),
         (["--ros", "--domain", "233"], 2, "233 is not in the range"),
         (["--ros", "--record", "x.mcap"], 2, "--record is not for --ros"),
         (["--ros", "--router", "tcp/127.0.0.1:99999"], 1, "the router ended with 1"),

@@ -63,7 +63,7 @@ def test_a_class_of_ones_own(llfsm: Llfsm, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "says"),
     [
-        (["RosPingPong", "-o", "it.jpg"], 2, "it.jpg: its ending names no format (.dot, "),
+        (["RosPingPong", "-o", "it.jpg"], 2, "it.jpg: its suffix is not that of a format (.dot, "),
         (["RosPingPong", "--format", "pdf"], 2, "'pdf' is not one of 'dot', 'mermaid'"),
         (["RosPingPong", "-o", "nowhere/it.svg"], 1, "cannot write nowhere/it.svg: No such file"),
         (["Nobody"], 2, "no machine 'Nobody'"),

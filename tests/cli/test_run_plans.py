@@ -321,14 +321,14 @@ def test_an_error_in_every_schedule(llfsm: Llfsm, board: str, schedule: str) -> 
 # What cannot be
 
 USAGE = [
-    (["mine:Counter", "robot.toml"], "name one arrangement file or dispatch table"),
-    (["robot.toml", "robot.toml"], "name one arrangement file or dispatch table"),
-    (["robot.toml", "-T", "table"], "name one arrangement file or dispatch table"),
-    (["mine:Counter", "-T", "table"], "name one arrangement file or dispatch table"),
+    (["mine:Counter", "robot.toml"], "name one arrangement file or one dispatch table"),
+    (["robot.toml", "robot.toml"], "name one arrangement file or one dispatch table"),
+    (["robot.toml", "-T", "table"], "name one arrangement file or one dispatch table"),
+    (["mine:Counter", "-T", "table"], "name one arrangement file or one dispatch table"),
     (["-T", "nowhere"], "'nowhere' does not exist"),
     (["-T", "."], "is a directory"),
-    (["robot.toml", "--period", "5"], "--period: the machines have their own times"),
-    (["-T", "table", "--period", "5"], "--period: the machines have their own times"),
+    (["robot.toml", "--period", "5"], "--period: the machines have periods of their own"),
+    (["-T", "table", "--period", "5"], "--period: the machines have periods of their own"),
     (["mine:Counter", "--period", "0"], "0 is not in the range"),
     (["-P", "mine:Counter"], "name a machine to run"),
     (["-P", "mine:Nobody", "mine:Counter"], "mine has no 'Nobody'"),

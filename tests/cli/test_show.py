@@ -99,7 +99,7 @@ def test_import_and_then_show_and_run(llfsm: Llfsm, board: str) -> None:
     assert done.returncode == 0
     assert done.stdout.splitlines() == [
         "wrote Lamp.machine",
-        "5 to translate by hand; it does not run before:",
+        "5 to translate by hand before it runs:",
         f"  {folder}/Lamp_Variables.py:4",
         f"  {folder}/State_Off_OnEntry.py:1",
         f"  {folder}/State_Off_OnResume.py:1",

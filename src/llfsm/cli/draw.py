@@ -15,7 +15,7 @@ from .machine_names import find_bundle, find_machine
 
 __all__ = ["draw"]
 
-_ENDINGS = {
+_SUFFIXES = {
     ".dot": "dot", ".gv": "dot", ".mmd": "mermaid", ".mermaid": "mermaid",
     ".svg": "svg", ".png": "png",
 }  # fmt: skip
@@ -34,18 +34,18 @@ _ENDINGS = {
     "--format",
     "form",
     type=click.Choice(["dot", "mermaid", "svg", "png"]),
-    help="What to write; by default what FILE's ending says, and dot without a FILE.",
+    help="The format; by default that of FILE's suffix, and dot without a FILE.",
 )
 @click.option(
     "--sections/--fold",
     default=None,
-    help="Show the states' code, or their names only; by default as the machine's layout says.",
+    help="Show the states' code or only their names; by default as in the machine's layout.",
 )
 def draw(machine: str, output: Path | None, form: str | None, sections: bool | None) -> None:
     """Draw MACHINE: one that ships, package.module:Class, or a .machine bundle.
 
-    A bundle may be of Python or C++; its code is not run. Its layout is kept; without one the
-    states are laid out from the initial state down.
+    A bundle may be of Python or C++; its code is not run. Its layout is kept; without one, states
+    are laid out from the initial state down.
 
     \b
     llfsm draw RosWallTurttleBot -o wall.svg
@@ -56,7 +56,7 @@ def draw(machine: str, output: Path | None, form: str | None, sections: bool | N
     written = _drawn(*_table(machine), form, sections)
     if output is None:
         if form == "png" and sys.stdout.isatty():
-            raise click.UsageError("a PNG is not for the terminal: give it a file with -o FILE")
+            raise click.UsageError("a PNG is not for a terminal: name a file with -o FILE")
         click.echo(written, nl=False)
         return
     try:
@@ -68,10 +68,10 @@ def draw(machine: str, output: Path | None, form: str | None, sections: bool | N
 def _format_of(output: Path | None) -> str:
     if output is None:
         return "dot"
-    form = _ENDINGS.get(output.suffix.lower())
+    form = _SUFFIXES.get(output.suffix.lower())
     if form is None:
         raise click.UsageError(
-            f"{output}: its ending names no format ({', '.join(_ENDINGS)}); "
+            f"{output}: its suffix is not that of a format ({', '.join(_SUFFIXES)}); "
             f"rename it or give --format"
         )
     return form

@@ -1,4 +1,4 @@
-"""``llfsm import``: a bundle of Python from one of C++."""
+"""``llfsm import``: a bundle of C++ as one of Python."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ __all__ = ["import_"]
 @click.command("import")
 @click.argument("bundle", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @output_option("the new bundle")
-@click.option("-f", "--force", is_flag=True, help="Replace a bundle that is there already.")
+@click.option("-f", "--force", is_flag=True, help="Replace an existing bundle.")
 def import_(bundle: Path, output: Path, force: bool) -> None:
-    """Make a bundle of Python from BUNDLE, one of C++.
+    """Translate BUNDLE, a bundle of C++, to a bundle of Python.
 
-    Structure, layout, simple variables and simple expressions are translated; other C++ becomes
-    comments, with marks that keep the bundle from running until it is translated by hand.
+    Structure, layout, simple variables and simple expressions are translated. Other C++ becomes
+    comments, with marks that prevent the bundle from running until they are replaced by hand.
 
     \b
     llfsm import clfsm/Patrol.machine -o machines
@@ -41,7 +41,7 @@ def import_(bundle: Path, output: Path, force: bool) -> None:
     click.echo(f"wrote {folder}")
     marks = [mark for fragment in _fragments(read_bundle(folder)) for mark in _marks(fragment)]
     if marks:
-        click.echo(f"{len(marks)} to translate by hand; it does not run before:")
+        click.echo(f"{len(marks)} to translate by hand before it runs:")
     for mark in marks:
         click.echo(f"  {mark}")
 

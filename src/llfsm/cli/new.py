@@ -1,4 +1,4 @@
-"""``llfsm new``: a machine to start from, which runs at once."""
+"""``llfsm new``: a machine to start from, which runs as it is."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ __all__ = ["new"]
     "--class/--bundle",
     "as_class",
     default=False,
-    help="Make a Python file with a class, or a .machine bundle, which is the default.",
+    help="Make a class in a Python file, or a .machine bundle (the default).",
 )
 @output_option("it")
 def new(name: str, as_class: bool, output: Path) -> None:
-    """Make machine NAME: it counts for a second and ends, and its comments explain.
+    """Make machine NAME, which counts for a second and ends; comments explain its code.
 
-    What is there already is never replaced.
+    Existing files are never replaced.
 
     \b
     llfsm new Patrol
@@ -63,14 +63,14 @@ def new(name: str, as_class: bool, output: Path) -> None:
 
 
 def _write_class(name: str, folder: Path) -> tuple[Path, str]:
-    """Write the class; return its file, and how `llfsm run` calls it."""
+    """Write the class; return its file and its name for `llfsm run`."""
     module = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
     file = folder / f"{module}.py"
     if file.exists():
         raise click.ClickException(f"{file} is there already; choose another name")
     if iskeyword(module) or find_spec(module) is not None or name in ("Machine", "State"):
         raise click.UsageError(
-            f"{name!r}: {module}.py would hide what Python or a library calls so; "
+            f"{name!r}: {module}.py would hide a module of Python or of a library; "
             f"choose another name"
         )
     try:
@@ -97,7 +97,7 @@ class {name}(Machine):
     To set its variable, add ``{name}:count=100``.
     """
 
-    # Annotated, so that it is a variable: each machine of this class has its own.
+    # The annotation makes it a variable: each machine of this class has its own.
     count: int = 0
 
     # The first state is initial. One without transitions accepts: the machine is done there.
@@ -118,7 +118,7 @@ class {name}(Machine):
     # variables and sensors and changes nothing.
     @COUNT.to(END)
     def stopped(self) -> bool:
-        """Tell whether an end was asked for, as by Ctrl-C."""
+        """Return whether the machine was asked to end, as by Ctrl-C."""
         return self.stopping
 
     COUNT.to(END, after_ms=1000)
@@ -129,10 +129,10 @@ class {name}(Machine):
 '''
 
 _VARIABLES = """\
-# The machine's variables and ports, which all of its code calls by these names.
+# The machine's variables and ports; all of its code uses these names.
 # A sensor is  pose = Sensor(SLOT)  and an actuator  drive = Actuator(SLOT);  import Sensor and
 # Actuator, slots and messages in {name}_Includes.py.
-count: int = 0  # ringlets so far; `llfsm run {name} {name}:count=100` begins elsewhere
+count: int = 0  # ringlets so far; `llfsm run {name} {name}:count=100` starts at 100
 """
 _COUNT_ENTRY = """\
 # OnEntry runs once, when the state is entered from another one.
@@ -146,7 +146,7 @@ _END_ENTRY = """\
 # No transition leaves this state, so it accepts: the machine is done.
 print(f"{name} counted to {count}")
 """
-_STOPPED = "stopping  # an end was asked for, as by Ctrl-C; transition 0 is evaluated first\n"
+_STOPPED = "stopping  # true after a request to end, as by Ctrl-C; evaluated first\n"
 
 
 def _bundle(name: str) -> Bundle:

@@ -17,7 +17,7 @@ from llfsm.runtime.plans.dispatch import DispatchTable
 from llfsm.runtime.plans.plan import Plan, PlannedMachine, assemble
 
 from .options import recording_argument
-from .run.arguments import Planned, plan_of
+from .run.arguments import ResolvedPlan, parse_arguments
 
 __all__ = ["rerun"]
 
@@ -41,7 +41,7 @@ def rerun(file: Path, machines: tuple[str, ...]) -> None:
     recording = Recording(file)
     journals = whole_journals(recording)
     plans = _plans(journals, file)
-    given = plan_of(machines, None, (), ()).plan.machines if machines else ()
+    given = parse_arguments(machines, None, (), ()).plan.machines if machines else ()
     if given and len(given) != sum(len(plan.machines) for plan in plans):
         names = ", ".join(each.name or each.definition for plan in plans for each in plan.machines)
         raise click.UsageError(f"the recording has these machines: {names}")
@@ -50,9 +50,9 @@ def rerun(file: Path, machines: tuple[str, ...]) -> None:
         if given:
             ours, given = given[: len(plan.machines)], given[len(plan.machines) :]
             plan = replace(plan, machines=tuple(map(_in_place_of, plan.machines, ours)))
-        planned = Planned(plan, [Path(), Path(journal.about["folder"])])
+        resolved = ResolvedPlan(plan, [Path(), Path(journal.about["folder"])])
         again = Rerun(recording.entries(journal), str(file))
-        assemble(planned.plan, planned.classes, again.environment, library=planned.library)
+        assemble(resolved.plan, resolved.classes, again.environment, library=resolved.library)
         difference = again.compare()
         if difference is not None:
             raise click.ClickException(f"{file}: {difference}")

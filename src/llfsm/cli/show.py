@@ -1,4 +1,4 @@
-"""``llfsm show``: what a machine consists of, as text."""
+"""``llfsm show``: the variables, states and transitions of a machine, as text."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Shown(NamedTuple):
 def show(machine: str) -> None:
     """Show the variables, states and transitions of MACHINE, a name or a bundle.
 
-    Bundles of C++ are shown, too.
+    MACHINE may be a bundle of C++.
 
     \b
     llfsm show RosWallTurttleBot
@@ -81,7 +81,7 @@ def _of_class(cls: type[Machine]) -> Iterator[str]:
 
 
 def _states(states: list[_Shown], suspend: str | None) -> Iterator[str]:
-    """Give the lines of each state; `suspend` names the suspend state."""
+    """Yield the lines of each state; `suspend` is the name of the suspend state."""
     for state in states:
         marks = {
             "initial": state is states[0],
@@ -102,7 +102,7 @@ def _states(states: list[_Shown], suspend: str | None) -> Iterator[str]:
 
 
 def _declared(fragment: Fragment | None) -> list[str]:
-    """Return the lines that declare something."""
+    """Return the lines of a fragment that declare something."""
     if fragment is None:
         return []
     cpp = fragment.file is not None and fragment.file.suffix != ".py"

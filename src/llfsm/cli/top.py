@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 __all__ = ["top"]
 
 _FRAME_S = 0.25  # as often as a table can be read
-_COUNTING_S = 1.0  # until there is a rate
+_COUNTING_S = 1.0  # the time until rates are known
 _WIDTH = 10_000  # columns where there is no terminal: nothing is cut off
 
 
 @click.command()
 @board_option
-@click.option("--once", is_flag=True, help="Print everything once, after a second, and end.")
+@click.option("--once", is_flag=True, help="Print everything once, after a second, and exit.")
 def top(board: str, once: bool) -> None:
     """Show a whiteboard's slots and machines, refreshed four times a second, until Ctrl-C.
 
-    Of each machine: state, since when, and as `llfsm ps`; of each slot: how many messages were
-    added, how many a second, when and by which process the last one, and what it is.
+    For each machine it shows what `llfsm ps` lists; for each slot the number of messages, their
+    rate, and the last one with its age and writer.
 
     \b
     llfsm top -b demo
@@ -40,8 +40,8 @@ def top(board: str, once: bool) -> None:
     from rich.console import Console
     from rich.live import Live
 
-    asked: list[str] = []  # the signal by which an end is
-    with Whiteboard(board, create=False) as wb, stop_on_signals(asked.append):
+    signals: list[str] = []  # that asked this process to end
+    with Whiteboard(board, create=False) as wb, stop_on_signals(signals.append):
         watcher = Watcher(wb)
         if once or not sys.stdout.isatty():
             watcher.slots()
@@ -52,15 +52,15 @@ def top(board: str, once: bool) -> None:
                 _print(_screen(watcher, board))
             return
         with Live(auto_refresh=False, screen=True, vertical_overflow="crop") as live:
-            while wb.alive and not asked:
+            while wb.alive and not signals:
                 live.update(_screen(watcher, board), refresh=True)
                 time.sleep(_FRAME_S)
-    if not asked:
+    if not signals:
         raise click.ClickException(f"the whiteboard {board!r} was removed")
 
 
 def _print(screen: RenderableType) -> None:
-    """Print plain lines, of whatever length, without the blanks that fill a terminal's."""
+    """Print plain lines of any length, without the trailing blanks of a terminal's."""
     from rich.console import Console
 
     console = Console(width=_WIDTH, highlight=False)

@@ -1,4 +1,4 @@
-"""``llfsm view``: a page on which a whiteboard and its machines are alive."""
+"""``llfsm view``: a whiteboard and its machines, live, on a page in the browser."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _PORT = 8420
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="The address to listen at; any other than this host's own makes a token needed.",
+    help="The address to listen on; any but this host's own requires a token.",
 )
 @click.option(
     "--port",
@@ -42,11 +42,11 @@ _PORT = 8420
 )
 @click.option("--no-open", is_flag=True, help="Do not open the browser.")
 @click.option(
-    "--control", is_flag=True, help="Let the page control machines and post; needs a token."
+    "--control",
+    is_flag=True,
+    help="Let the page control machines and post messages; requires a token.",
 )
-@click.option(
-    "--token", metavar="TEXT", help="The token to ask for; without it one is made where needed."
-)
+@click.option("--token", metavar="TEXT", help="The token; by default one is generated if required.")
 @until_eof_option
 def view(
     recording: Path | None,
@@ -60,8 +60,8 @@ def view(
 ) -> None:
     """Show a whiteboard and its machines on a page in the browser, until Ctrl-C.
 
-    The board may come, go and come again. Instead of a board, RECORDING, a file of `llfsm record`,
-    is shown, with a slider over its time.
+    The whiteboard may be created later, removed and created again. RECORDING, a file of `llfsm
+    record`, is shown instead of a whiteboard, with a slider over its time.
 
     \b
     llfsm view -b demo
@@ -115,7 +115,7 @@ def serve(
         access_log=False,
         ws="websockets-sansio",
         ws_max_size=1 << 20,
-        ws_per_message_deflate=False,  # its time is worth more than the bytes
+        ws_per_message_deflate=False,  # costs more time than the bytes it saves
         timeout_graceful_shutdown=1,
         server_header=False,
     )
@@ -124,7 +124,7 @@ def serve(
     def end(_: int, __: FrameType | None) -> None:
         server.should_exit = True
 
-    for number in (signal.SIGINT, signal.SIGTERM):  # the server takes them, and gives them back
+    for number in (signal.SIGINT, signal.SIGTERM):  # the server replaces these while it runs
         signal.signal(number, end)
     address = _address(host, port, token)
     click.echo(f"llfsm view: {source.title} at {address}")
@@ -136,13 +136,13 @@ def serve(
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens, or raise `click.ClickException` saying what to do."""
+    """Return a listening socket, or raise ``click.ClickException``."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family, backlog=64)
     except OSError as error:
         raise click.ClickException(
-            f"cannot listen at {host}, port {port}: {error.strerror or error}; "
+            f"cannot listen on {host}, port {port}: {error.strerror or error}; "
             "choose another --port (0 takes a free one) or --host"
         ) from error
 

@@ -1,4 +1,4 @@
-"""``llfsm bridge check``: what is wrong with a configuration."""
+"""``llfsm bridge check``: the faults of a bridge's configuration."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["check"]
 @click.argument("file", type=click.Path(path_type=Path))
 @board_option
 def check(file: Path, board: str) -> None:
-    """Tell all that is wrong with a bridge's configuration FILE, without running it.
+    """Print everything that is wrong with a bridge's configuration FILE, without running it.
 
-    Types, names, duplicates, loops; and, if the whiteboard is there, whether its slots have the
-    types that FILE gives them. The exit status is 2 if anything is wrong, else 0.
+    It checks types, names, duplicates and loops and, if the whiteboard exists, that its slots have
+    the types that FILE gives them. The exit status is 2 if anything is wrong, else 0.
     """
     _, faults = Configured.read(file).examine(slots_on(board))
     for fault in faults:

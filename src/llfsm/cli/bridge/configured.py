@@ -1,4 +1,4 @@
-"""A configuration with where each of its parts comes from."""
+"""A bridge's configuration, from a file and from flags, and where each part of it is from."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ __all__ = ["BadConfigurationError", "Configured", "slots_on"]
 
 
 class BadConfigurationError(click.ClickException):
-    """A configuration that cannot be used: wrong usage, though not of an option's syntax."""
+    """A configuration that cannot be used; the exit status is that of wrong usage."""
 
     exit_code = 2
 
 
 def slots_on(board: str) -> list[SlotInfo]:
-    """Return what is on a whiteboard; nothing, if it is not there."""
+    """Return the slots of a whiteboard; none if it does not exist."""
     try:
         with Whiteboard(board, create=False) as wb:
             return wb.slots()
@@ -35,7 +35,7 @@ def slots_on(board: str) -> list[SlotInfo]:
 
 
 class Configured(NamedTuple):
-    """A configuration, the file that it is from, and the flags that gave its last relays."""
+    """A configuration, its file, and the flags that added its last relays."""
 
     config: BridgeConfig
     file: Path | None = None
@@ -43,7 +43,7 @@ class Configured(NamedTuple):
 
     @classmethod
     def read(cls, file: Path | None, flags: Sequence[tuple[str, RelayConfig]] = ()) -> Self:
-        """Read a file, if there is one, and add relays from flags."""
+        """Read the file, if one is given, and add the relays of flags."""
         try:
             config = BridgeConfig() if file is None else read_toml(file, BridgeConfig)
         except ConfigurationError as error:
@@ -52,7 +52,7 @@ class Configured(NamedTuple):
         return cls(replace(config, relay=relays), file, tuple(text for text, _ in flags))
 
     def plan(self, slots: list[SlotInfo]) -> BridgePlan:
-        """Return what to do on a board with these slots."""
+        """Return the plan for a board with these slots; raise `BadConfigurationError`."""
         plan, faults = self.examine(slots)
         if faults:
             more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
@@ -60,7 +60,7 @@ class Configured(NamedTuple):
         return plan
 
     def examine(self, slots: list[SlotInfo]) -> tuple[BridgePlan, list[str]]:
-        """Return what to do, and a line for each thing that is wrong with it."""
+        """Return the plan, and a line for each fault of the configuration."""
         folder = Path() if self.file is None else self.file.parent
         plan, faults = make_plan(self.config, folder, slots)
         return plan, [self._located(fault) for fault in faults]

@@ -1,4 +1,4 @@
-"""What a bridge has passed on, for people to see."""
+"""The counts of a bridge's links, on the terminal."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ __all__ = ["Count", "Counts", "show_until"]
 
 _FRAME_S = 0.25
 _LINES_S = 10.0
-_RATE_S = 1.0  # over which messages are counted, at least
+_RATE_S = 1.0  # the shortest time over which a rate is measured
 
 
 class Count(NamedTuple):
-    """Where a link stands."""
+    """A link and its rate."""
 
     link: BridgeLink
     rate: float
-    """Messages a second of late."""
+    """Messages a second, lately."""
 
     def __str__(self) -> str:
         link, age = self.link, self.link.age
@@ -37,7 +37,7 @@ class Count(NamedTuple):
 
 
 class Counts:
-    """Pulls the counts of links, as often as somebody looks."""
+    """Count what links pass on; rates are those since the last `read` a second or more ago."""
 
     def __init__(
         self, links: Sequence[BridgeLink], now: Callable[[], float] = time.monotonic
@@ -48,8 +48,8 @@ class Counts:
         self._passed = [0] * len(links)
         self._rates = [0.0] * len(links)
 
-    def look(self) -> list[Count]:
-        """Return where each link stands."""
+    def read(self) -> list[Count]:
+        """Return the current count of each link."""
         now = self._now()
         seconds = now - self._then
         if seconds >= _RATE_S:
@@ -62,28 +62,28 @@ class Counts:
 
 
 def show_until(over: Callable[[float], bool], links: Sequence[BridgeLink]) -> None:
-    """Show counts on standard output until ``over``, which waits for so many seconds, is true.
+    """Show counts on standard output until ``over(seconds)``, which waits that long, is true.
 
-    A table that changes on a terminal, else lines now and then and at the end.
+    On a terminal they are a table that is refreshed, else lines every 10 s and at the end.
     """
     counts = Counts(links)
     if not sys.stdout.isatty():
         while not over(_LINES_S):
-            _say(counts)
-        _say(counts)
+            _print(counts)
+        _print(counts)
         return
     from rich.live import Live
 
     with Live(_table(counts), auto_refresh=False) as live:
         for handler in logging.getLogger().handlers:
             if isinstance(handler, logging.StreamHandler):
-                handler.setStream(sys.stderr)  # now the terminal above the table
+                handler.setStream(sys.stderr)  # which Live has redirected above the table
         while not over(_FRAME_S):
             live.update(_table(counts), refresh=True)
 
 
-def _say(counts: Counts) -> None:
-    for count in counts.look():
+def _print(counts: Counts) -> None:
+    for count in counts.read():
         click.echo(str(count))
 
 
@@ -95,7 +95,7 @@ def _table(counts: Counts) -> Table:
         table.add_column(title, overflow="fold")
     for title in ("passed", "per s", "age", "failed"):
         table.add_column(title, justify="right", no_wrap=True)
-    for link, rate in counts.look():
+    for link, rate in counts.read():
         age = "" if link.age is None else f"{link.age:.1f} s"
         failed = str(link.failed) if link.failed else ""
         numbers = (str(link.passed), f"{rate:.1f}", age, failed)

@@ -1,4 +1,4 @@
-"""``llfsm bridge gusimplewhiteboard``."""
+"""``llfsm bridge gusimplewhiteboard``: slots relayed to and from a gusimplewhiteboard."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from llfsm.whiteboard import Whiteboard
 
 __all__ = ["gusimplewhiteboard"]
 
-_Told = tuple[tuple[int, str, str, str], ...]
+_Relays = tuple[tuple[int, str, str, str], ...]
 _RELAY = (click.IntRange(0, 511), str, str, str)
 _METAVAR = "NUMBER SLOT TYPE LAYOUT"
 
 
 @click.command()
 @click.argument(
-    "plan_file",
+    "config_file",
     metavar="[FILE.toml]",
     required=False,
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
@@ -52,49 +52,55 @@ _METAVAR = "NUMBER SLOT TYPE LAYOUT"
     "--period-ms",
     type=click.FloatRange(0, min_open=True),
     metavar="MS",
-    help="How often to look; by default 5.",
+    help="The period of polling; by default 5.",
 )
 def gusimplewhiteboard(
-    plan_file: Path | None, in_: _Told, out: _Told, both: _Told, **given: str | float | None
+    config_file: Path | None, in_: _Relays, out: _Relays, both: _Relays, **given: str | float | None
 ) -> None:
     """Relay slots to and from a gusimplewhiteboard of version 2207, until Ctrl-C.
 
-    NUMBER is the message's there, TYPE as for `llfsm whiteboard add`, LAYOUT a format of Python's
-    struct or module:Structure, a ctypes structure with fields of the message's names.
+    NUMBER is the gusimplewhiteboard's number of the message, TYPE as for `llfsm whiteboard add`,
+    LAYOUT a format of Python's struct or module:Structure, a ctypes structure with the message's
+    field names.
 
     \b
     llfsm bridge gusimplewhiteboard --in 12 turtle1/cmd_vel geometry_msgs/Twist 6d
     llfsm bridge gusimplewhiteboard robot.toml
     """
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
-    plan = RelayConfiguration() if plan_file is None else read_configuration(plan_file)
+    config = RelayConfiguration() if config_file is None else read_configuration(config_file)
     relays = [
         ConfiguredRelay(number=number, slot=slot, type=kind, layout=layout, direction=direction)
-        for direction, told in zip(get_args(Direction), (in_, out, both), strict=True)
-        for number, slot, kind, layout in told
+        for direction, listed in zip(get_args(Direction), (in_, out, both), strict=True)
+        for number, slot, kind, layout in listed
     ]
     known = {name: value for name, value in given.items() if value is not None}
-    plan = msgspec.structs.replace(plan, relays=(*plan.relays, *relays), **known)
-    if not plan.relays:
+    config = msgspec.structs.replace(config, relays=(*config.relays, *relays), **known)
+    if not config.relays:
         raise click.UsageError("nothing to relay: a [[relay]] in FILE.toml, or --in, --out, --both")
     try:
-        check_configuration(plan)
+        check_configuration(config)
     except ConfigurationError as error:
         raise click.UsageError(str(error)) from error
-    _relay(plan)
+    _relay(config)
 
 
-def _relay(plan: RelayConfiguration) -> None:
-    over = threading.Event()
-    with closing(GuWhiteboard(plan.file)) as foreign, Whiteboard(plan.board) as board:
+def _relay(config: RelayConfiguration) -> None:
+    asked, period_s = threading.Event(), config.period_ms / 1000
+    with closing(GuWhiteboard(config.file)) as foreign, Whiteboard(config.board) as board:
         relays = [
-            Relay(foreign, planned.number, board, *planned.resolve(), planned.direction)
-            for planned in plan.relays
+            Relay(foreign, configured.number, board, *configured.resolve(), configured.direction)
+            for configured in config.relays
         ]
-        click.echo(f"{plan.file} <-> {board.name}: {len(relays)} relayed", err=True)
+        click.echo(f"{config.file} <-> {board.name}: {len(relays)} relayed", err=True)
         try:
-            with stop_on_signals(lambda _: over.set()):
-                run(foreign, relays, lambda: over.wait(plan.period_ms / 1000), lambda: board.alive)
+            with stop_on_signals(lambda _: asked.set()):
+                run(
+                    foreign,
+                    relays,
+                    lambda: asked.wait(config.period_ms / 1000),
+                    lambda: board.alive,
+                )
         finally:
             for relay in relays:
                 click.echo(

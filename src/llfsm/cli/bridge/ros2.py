@@ -36,9 +36,7 @@ __all__ = ["ros2"]
     multiple=True,
     help="Add a topic's messages to the slot of its name, as turtle1/pose:turtlesim/msg/Pose.",
 )
-@click.option(
-    "--both", metavar="NAME:TYPE", multiple=True, help="Do both, without sending anything back."
-)
+@click.option("--both", metavar="NAME:TYPE", multiple=True, help="Do both; nothing is echoed.")
 @bridge_options
 def ros2(
     file: Path | None,
@@ -47,7 +45,7 @@ def ros2(
     both: tuple[str, ...],
     options: BridgeOptions,
 ) -> None:
-    """Relay messages between slots and topics, and services through slots, until Ctrl-C.
+    """Relay messages between slots and topics, and serve services, until Ctrl-C.
 
     \b
     llfsm bridge ros2 --config bridge.toml
@@ -59,7 +57,7 @@ def ros2(
         *_relays("--both", both, "both"),
     ]
     if file is None and not flags:
-        raise click.UsageError("say what to connect: --config, --to-ros, --from-ros or --both")
+        raise click.UsageError("nothing to connect: give --config, --to-ros, --from-ros or --both")
     run_bridge(Configured.read(file, flags), options)
 
 

@@ -1,4 +1,4 @@
-"""``llfsm bridge turtlesim``: what lets machines drive turtles of ROS."""
+"""``llfsm bridge turtlesim``: machines drive the turtles of a ROS 2 node."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ __all__ = ["turtlesim"]
     multiple=True,
     default=["turtle1"],
     show_default=True,
-    help="A turtle to connect; may be repeated. `turtle_position` tells of the first.",
+    help="A turtle to connect; may be repeated. `turtle_position` reports the first.",
 )
 @bridge_options
 def turtlesim(turtles: tuple[str, ...], options: BridgeOptions) -> None:
     """Connect machines with the turtles of turtlesim_node, until Ctrl-C.
 
-    For each turtle <turtle>/cmd_vel goes to ROS, <turtle>/pose and <turtle>/color_sensor come from
-    it. The text in pinpong goes to the topic pinpong. Where the turtle is, is answered as the
-    service turtle_position and in its slots.
+    For each turtle, <turtle>/cmd_vel is published to ROS, and <turtle>/pose and
+    <turtle>/color_sensor are received from it. The slot pinpong is published on the topic pinpong.
+    The service turtle_position, and slots of that name, report where the first turtle is.
 
     \b
     ros2 run turtlesim turtlesim_node

@@ -1,1 +1,1 @@
-"""``llfsm demo``: processes that meet on a whiteboard."""
+"""``llfsm demo``: processes that work on one whiteboard."""

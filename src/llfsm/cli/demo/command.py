@@ -1,4 +1,4 @@
-"""``llfsm demo``: processes that meet on a whiteboard, started and shown together."""
+"""``llfsm demo``: processes that work on one whiteboard, started and shown together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .screen import LiveBoard, show
 __all__ = ["demo"]
 
 _VIEW_PORT = 8420
-_PATIENCE_S = 5.0  # for the processes of a killed demo to go
+_PATIENCE_S = 5.0  # for the processes of a killed demo to end
 
 
 class _Demo(NamedTuple):
@@ -44,28 +44,30 @@ _DEMOS = {
 
 
 class _EndError(Exception):
-    """Raised by the signal handler to leave the loop, wherever it is."""
+    """Raised by the signal handler, to leave the loop wherever it is."""
 
 
 @click.command()
 @click.argument("name", type=click.Choice(list(_DEMOS)))
-@click.option("--seconds", type=click.FloatRange(0), help="End after so long; else at Ctrl-C.")
+@click.option(
+    "--seconds", type=click.FloatRange(0), help="End after this time; by default at Ctrl-C."
+)
 @click.option(
     "--picture",
     "target",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Where to draw the turtle's path: FILE.svg, FILE.png, or both; default demo-NAME.",
+    help="Draw the turtle's path: FILE.svg, FILE.png, or both; demo-NAME.",
 )
 @click.option(
     "-b", "--board", metavar="NAME", default="demo", show_default=True, help="The whiteboard."
 )
-@click.option("--view", is_flag=True, help="Serve it on a page, too, and tell its address.")
+@click.option("--view", is_flag=True, help="Show it on a page as well, and print its address.")
 @click.option(
     "--record",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Record it, for llfsm rerun; not with --ros.",
+    help="Record it for llfsm rerun; not with --ros.",
 )
 @ros_options
 def demo(
@@ -77,7 +79,7 @@ def demo(
     record: Path | None,
     graph: RosGraph | None,
 ) -> None:
-    """Watch machines and a turtle simulator, each in a process, meet on a whiteboard.
+    """Watch machines and a turtle simulator, each in a process, work on one whiteboard.
 
     \b
     wall      a turtle that keeps away from the walls
@@ -85,8 +87,8 @@ def demo(
     suspend   one machine suspends and resumes another
     pingpong  a machine that posts a text
 
-    With --ros they meet on a ROS 2 graph instead: a router if the nodes need one, the simulator,
-    the bridge and the machines. Whichever is killed is started again, and the turtle goes on.
+    With --ros they work on a ROS 2 graph instead: a router if the nodes need one, the simulator,
+    the bridge and the machines. A process that is killed is started again, and the turtle goes on.
 
     \b
     llfsm demo wall --ros
@@ -95,9 +97,9 @@ def demo(
     chosen = _DEMOS[name]
     draws = chosen.with_turtle and (graph is None or graph.simulator)
     if target is not None and not draws:
-        raise click.UsageError("--picture: the path is drawn by a simulator, and there is none")
+        raise click.UsageError("--picture: a simulator draws the path, and this demo has none")
     if record is not None and graph is not None:
-        raise click.UsageError("--record is not for --ros: a file is not begun again")
+        raise click.UsageError("--record is not for --ros: a restarted recorder needs a new file")
     target = target or Path(f"demo-{name}")
     where = f"whiteboard {board!r}" if graph is None else f"whiteboard {board!r}, {graph}"
     title = f"llfsm demo {name}: {chosen.text} ({where})"
@@ -123,7 +125,7 @@ def demo(
 
 
 def _free_port() -> int:
-    """Return a free port of this host: that of `llfsm view` if it is one."""
+    """Return a free port of this host, that of `llfsm view` if possible."""
     for port in (_VIEW_PORT, 0):
         with socket.socket() as probe, suppress(OSError):
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -141,7 +143,7 @@ def _processes(graph: RosGraph | None) -> Processes:
 def _start(
     processes: Processes, chosen: _Demo, board: str, target: Path, record: Path | None
 ) -> None:
-    """Start what meets on a whiteboard; one removes it if this process is killed."""
+    """Start a demo on a whiteboard; one process removes it if this one is killed."""
     on_board = ("--board", board)
     if chosen.with_turtle:
         processes.start(
@@ -163,7 +165,7 @@ def _start_on_ros(
 
 
 def _clear(board: str) -> None:
-    """Remove the board that a killed run left; refuse if somebody uses it."""
+    """Remove the board that a killed run left; raise `BoardError` if a process uses it."""
     until = time.monotonic() + _PATIENCE_S
     while True:
         there = {info.name: info.used for info in boards()}
@@ -171,14 +173,14 @@ def _clear(board: str) -> None:
             return
         if not there[board]:
             click.echo(f"removing the whiteboard {board!r} that an earlier run left", err=True)
-            with suppress(BoardNotFoundError):  # its last process did it meanwhile
+            with suppress(BoardNotFoundError):  # its last process has just removed it
                 remove_board(board)
             return
         if time.monotonic() > until:
             raise BoardError(
-                f"the whiteboard {board!r} is in use; end what uses it or choose another --board"
+                f"the whiteboard {board!r} is in use; end its processes, or choose another --board"
             )
-        time.sleep(0.05)  # nothing tells when the last process lets go of a board
+        time.sleep(0.05)  # nothing signals that the last process has closed a board
 
 
 @contextmanager

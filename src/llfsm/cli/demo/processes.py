@@ -1,4 +1,4 @@
-"""Processes of ours that belong together: started, watched and ended as one."""
+"""A group of `llfsm` processes: started, supervised and ended as one."""
 
 from __future__ import annotations
 
@@ -14,25 +14,23 @@ from typing import NamedTuple, Self
 
 from llfsm.errors import LlfsmError
 
-__all__ = ["ProcessDiedError", "Processes", "Standing"]
+__all__ = ["ProcessDiedError", "ProcessStatus", "Processes"]
 
 _PATIENCE_S = 5.0  # from SIGTERM to SIGKILL
-_PAUSE_S = 1.0  # from an end to the next start
-_EARLY_S = 5.0  # what fails so soon would fail again
 
 
 class ProcessDiedError(LlfsmError):
     """A process has ended that should not have; the text ends with its last lines."""
 
 
-class Standing(NamedTuple):
-    """How a process is."""
+class ProcessStatus(NamedTuple):
+    """The status of a process."""
 
     name: str
     pid: int | None
-    """None until it is started again."""
+    """None while it waits to be started again."""
     since_s: float
-    said: str
+    output: str
     """The last line that it printed."""
 
 
@@ -43,7 +41,7 @@ class _Process:
         self.started = time.monotonic()
         self.ended: float | None = None
         # A session of its own, so that a Ctrl-C at the terminal reaches only the supervisor;
-        # the pipe to its input tells the process if the supervisor is killed.
+        # its standard input is closed if the supervisor is killed.
         self.popen = subprocess.Popen(
             [sys.executable, "-m", "llfsm.cli", *arguments, "--until-eof"],
             stdin=subprocess.PIPE,
@@ -54,14 +52,14 @@ class _Process:
             start_new_session=True,
             env=os.environ | environment,
         )
-        self.said: deque[str] = deque(maxlen=10)
+        self.output: deque[str] = deque(maxlen=10)
         self._reader = threading.Thread(target=self._read, name=f"output of {name}", daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
         assert self.popen.stdout is not None
         for line in self.popen.stdout:
-            self.said.append(line.rstrip("\n"))
+            self.output.append(line.rstrip("\n"))
 
     def end(self) -> None:
         if self.popen.poll() is None:
@@ -82,38 +80,46 @@ class _Process:
             self._reader.join(_PATIENCE_S)
         return self.ended is not None
 
-    def has_failed_early(self) -> bool:
+    def has_failed_within(self, seconds: float) -> bool:
         assert self.ended is not None
-        return self.popen.returncode > 0 and self.ended - self.started < _EARLY_S
+        return self.popen.returncode > 0 and self.ended - self.started < seconds
 
     def death(self, then: str = "") -> str:
-        """Return how it ended and what comes then; if it was by itself, with its last words."""
+        """Return how it ended, and `then`; if it exited by itself, with its last lines."""
         code = self.popen.returncode
         if code < 0:
             return f"the {self.name} was killed by {signal.Signals(-code).name}{then}"
-        return "\n    ".join([f"the {self.name} ended with {code}{then}", *self.said])
+        return "\n    ".join([f"the {self.name} ended with {code}{then}", *self.output])
 
-    def standing(self) -> Standing:
+    def status(self) -> ProcessStatus:
         pid = self.popen.pid if self.ended is None else None
         since = self.started if self.ended is None else self.ended
-        last = self.said[-1] if self.said else ""
-        return Standing(self.name, pid, time.monotonic() - since, last)
+        last = self.output[-1] if self.output else ""
+        return ProcessStatus(self.name, pid, time.monotonic() - since, last)
 
 
 class Processes:
     """Run `llfsm` commands as processes; leaving the ``with`` block ends them, the last first.
 
-    One that has ended ends all, or, if they are to `restart`, is started again after a pause,
-    unless it failed within 5 s of its start. `environment` is added to theirs. `reports` holds what
-    became of them, oldest first, to be taken out by whoever shows it.
+    When a process ends, all end. With `restart` it is started again after `pause_s` seconds,
+    unless it failed within `early_s` seconds of its start: it would fail again. `environment` is
+    added to theirs. `reports` has a text for each process that ended, oldest first; its reader
+    removes them.
     """
 
     def __init__(
-        self, *, restart: bool = False, environment: Mapping[str, str] | None = None
+        self,
+        *,
+        restart: bool = False,
+        environment: Mapping[str, str] | None = None,
+        pause_s: float = 1.0,
+        early_s: float = 5.0,
     ) -> None:
         self.reports: deque[str] = deque()
         self._restart = restart
         self._environment = environment or {}
+        self._pause_s = pause_s
+        self._early_s = early_s
         self._all: list[_Process] = []
 
     def __enter__(self) -> Self:
@@ -124,31 +130,31 @@ class Processes:
             self._all.pop().end()
 
     def start(self, name: str, *arguments: str) -> None:
-        """Start ``llfsm ARGUMENTS``; `name` is what it is called in reports."""
+        """Start ``llfsm ARGUMENTS``, called `name` in reports."""
         self._all.append(_Process(name, arguments, self._environment))
 
-    def standings(self) -> list[Standing]:
-        """Return how they are, in the order of their start."""
-        return [process.standing() for process in self._all]
+    def statuses(self) -> list[ProcessStatus]:
+        """Return the status of each process, in the order of their start."""
+        return [process.status() for process in self._all]
 
     def check(self) -> None:
-        """See to those that have ended; raise :class:`ProcessDiedError` if that ends all."""
+        """Restart processes that have ended; raise :class:`ProcessDiedError` if that ends all."""
         for place, process in enumerate(self._all):
             known = process.ended is not None
             if not process.has_ended():
                 continue
-            if not self._restart or process.has_failed_early():
+            if not self._restart or process.has_failed_within(self._early_s):
                 raise ProcessDiedError(process.death())
             assert process.ended is not None
             if not known:
                 self.reports.append(process.death("; it starts again"))
-            elif time.monotonic() - process.ended >= _PAUSE_S:
+            elif time.monotonic() - process.ended >= self._pause_s:
                 process.end()
                 self._all[place] = _Process(process.name, process.arguments, self._environment)
 
     def wait(self, seconds: float) -> None:
-        """Let time pass, checking; a signal handler that raises cuts it short."""
+        """Wait, and check meanwhile; a signal handler that raises cuts it short."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0:
             self.check()
-            time.sleep(min(left, 0.05))  # soon enough to tell that one has died
+            time.sleep(min(left, 0.05))  # soon enough to report that one has died

@@ -13,7 +13,7 @@ import click
 from llfsm.whiteboard import Whiteboard
 
 from ..tables import Watcher, machine_table, slot_table, turtle_field
-from .processes import Processes, Standing
+from .processes import Processes, ProcessStatus
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -27,7 +27,7 @@ _NEWS = 5  # lines of it on the terminal
 class LiveBoard:
     """The whiteboard of a demo, removed at the end.
 
-    A process that somebody else ends removes it, too: then it is made again.
+    A process of the demo that ends removes it as well; then it is created again.
     """
 
     def __init__(self, name: str) -> None:
@@ -46,7 +46,7 @@ class LiveBoard:
         self._board.close()
 
     def watcher(self) -> Watcher:
-        """Return what sees the whiteboard that is there now."""
+        """Return the watcher of the whiteboard, which is created again if it was removed."""
         if not self._board.alive:
             self._board.close()
             self._open()
@@ -54,7 +54,7 @@ class LiveBoard:
 
 
 def show(board: LiveBoard, processes: Processes, title: str, seconds: float | None) -> None:
-    """Show a demo for so long: as a picture on a terminal, else a line for each change."""
+    """Show a demo for `seconds`: as a screen on a terminal, else a line for each change."""
     started = time.monotonic()
     until = float("inf") if seconds is None else started + seconds
 
@@ -68,12 +68,12 @@ def show(board: LiveBoard, processes: Processes, title: str, seconds: float | No
         with Live(auto_refresh=False) as live:
             while time.monotonic() < until:
                 news.extend(map(timed, _reports(processes)))
-                shown = _picture(board.watcher(), title, processes.standings(), news)
+                shown = _picture(board.watcher(), title, processes.statuses(), news)
                 live.update(shown, refresh=True)
                 processes.wait(_FRAME_S)
         return
     click.echo(title)
-    told: dict[str, str] = {}
+    printed: dict[str, str] = {}
     while time.monotonic() < until:
         for report in _reports(processes):
             click.echo(timed(report))
@@ -82,9 +82,9 @@ def show(board: LiveBoard, processes: Processes, title: str, seconds: float | No
         where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
         states = {machine.name: machine.state for machine in watcher.machines()}
         for machine, state in states.items():
-            if told.get(machine) != state:
+            if printed.get(machine) != state:
                 click.echo(timed(f"{machine}: {state}{where}"))
-        told = states
+        printed = states
         processes.wait(_FRAME_S / 2)
 
 
@@ -94,9 +94,9 @@ def _reports(processes: Processes) -> Iterator[str]:
 
 
 def _picture(
-    watcher: Watcher, title: str, processes: Sequence[Standing], news: Sequence[str]
+    watcher: Watcher, title: str, processes: Sequence[ProcessStatus], news: Sequence[str]
 ) -> RenderableType:
-    """Return all that `watcher` sees, to be shown on a terminal, with what became of processes."""
+    """Return the screen of a terminal: machines, turtle, processes, slots and the latest news."""
     from rich.columns import Columns
     from rich.console import Group
     from rich.panel import Panel
@@ -105,9 +105,9 @@ def _picture(
 
     machines = machine_table(watcher.machines())
     running = Table.grid(padding=(0, 2))
-    for name, pid, since_s, said in processes:
+    for name, pid, since_s, output in processes:
         state = Text("starts again", "bold red") if pid is None else Text(f"process {pid}", "green")
-        running.add_row(name, state, f"{since_s:5.0f} s", Text(said, "dim", no_wrap=True))
+        running.add_row(name, state, f"{since_s:5.0f} s", Text(output, "dim", no_wrap=True))
     pose = watcher.pose()
     board = slot_table(watcher.slots())
     top: list[RenderableType] = [Panel(machines, title="machines", title_align="left")]

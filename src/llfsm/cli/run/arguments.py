@@ -1,4 +1,4 @@
-"""What ``llfsm run`` is told to run: its arguments as a plan, and the classes of the machines."""
+"""The arguments of ``llfsm run`` as a plan, with the classes of its machines."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from llfsm.runtime.plans.plan import Plan, PlannedMachine, names_of, read_plan
 
 from ..machine_names import find_machine
 
-__all__ = ["Library", "Planned", "plan_of"]
+__all__ = ["ResolvedPlan", "parse_arguments"]
 
 _FILE = ".toml"
 
 
-class Planned:
-    """A plan, with the class of each machine under the name that it gets, in the plan's order."""
+class ResolvedPlan:
+    """A plan with the class of each machine, by the name that it gets, in the plan's order."""
 
     def __init__(self, plan: Plan, folders: Sequence[Path], source: str = ""):
         found = [_find(planned, folders, source) for planned in plan.machines]
@@ -31,12 +31,12 @@ class Planned:
         self.plan = plan
         beside = [Path(cls.table.path) for cls in found]
         bundles = [path.parent for path in beside if path.suffix == SUFFIX]
-        self.library = Library(self.classes.values(), dict.fromkeys([*folders, *bundles]))
+        self.library = _MachineFinder(self.classes.values(), dict.fromkeys([*folders, *bundles]))
 
     def set(self, texts: Iterable[str]) -> None:
-        """Do what ``name:variable=value`` and ``name:slot:=other`` say.
+        """Set variables and slots by ``name:variable=value`` and ``name:slot:=other``.
 
-        Raise ``click.UsageError`` that tells what is wrong with which text.
+        Raise ``click.UsageError`` for a text that names no machine, variable or slot.
         """
         machines = dict(zip(self.classes, self.plan.machines, strict=True))
         for text in texts:
@@ -48,7 +48,7 @@ class Planned:
             planned = machines[name]
             if planned.preload:
                 raise click.UsageError(
-                    f"{text!r}: {name} is only preloaded; who loads it says that"
+                    f"{text!r}: {name} is only preloaded; the machine that loads it sets that"
                 )
             if what.endswith(":"):
                 slot = _slot(text, name, self.classes[name], what[:-1])
@@ -59,37 +59,37 @@ class Planned:
         self.plan = replace(self.plan, machines=tuple(machines.values()))
 
 
-class Library:
-    """Find machines that code loads by name: those of the plan, and bundles beside them."""
+class _MachineFinder:
+    """Find the machines that code loads by name: those of the plan, and bundles beside them."""
 
     def __init__(self, classes: Iterable[type[Machine]], folders: Iterable[Path]):
         self._classes = {cls.__name__: cls for cls in classes}
         self._folders = (Path(), *folders)
 
     def __call__(self, name: str) -> type[Machine] | None:
-        """Return the class of that name, or None."""
+        """Return the machine class of that name, or None."""
         if name in self._classes:
             return self._classes[name]
         try:
             return find_machine(name, self._folders)
         except click.UsageError:
-            return None  # the arrangement's own error names those that can be loaded
+            return None  # the arrangement's error names the machines that can be loaded
 
 
-def plan_of(
+def parse_arguments(
     arguments: Iterable[str],
     table: Path | None,
     suspended: Iterable[str],
     preloaded: Iterable[str],
-) -> Planned:
-    """Return what the arguments of ``llfsm run`` ask for; raise ``click.UsageError``."""
+) -> ResolvedPlan:
+    """Return the plan of the arguments of ``llfsm run``; raise ``click.UsageError``."""
     sets = [text for text in arguments if ":" in text.partition("=")[0] and "=" in text]
     machines = [text for text in arguments if text not in sets]
     files = [Path(text) for text in machines if text.endswith(_FILE)]
     if table is not None:
         files.append(table)
     if len(files) > 1 or (files and len(machines) > (table is None)):
-        raise click.UsageError("name one arrangement file or dispatch table, and no machines")
+        raise click.UsageError("name one arrangement file or one dispatch table, without machines")
     more = [PlannedMachine(definition=text, suspended=True) for text in suspended]
     more += [PlannedMachine(definition=text, preload=True) for text in preloaded]
     if files:
@@ -99,16 +99,16 @@ def plan_of(
             plan = read_plan(file)
         else:
             plan = read_dispatch_table(file)
-            folders.reverse()  # as for clfsm, paths start from where it is
+            folders.reverse()  # as in clfsm, paths are relative to the current folder
     else:
         plan = Plan(machines=tuple(_named(text) for text in machines))
         folders = [Path()]
     plan = replace(plan, machines=(*plan.machines, *more))
     if all(planned.preload for planned in plan.machines):
         raise click.UsageError("name a machine to run; `llfsm run --help` shows examples")
-    planned = Planned(plan, folders, f"{files[0]}: " if files else "")
-    planned.set(sets)
-    return planned
+    resolved = ResolvedPlan(plan, folders, f"{files[0]}: " if files else "")
+    resolved.set(sets)
+    return resolved
 
 
 def _named(text: str) -> PlannedMachine:
@@ -120,7 +120,7 @@ def _named(text: str) -> PlannedMachine:
 
 
 def _find(planned: PlannedMachine, folders: Sequence[Path], source: str) -> type[Machine]:
-    """Return the class of a machine; `source` is what says so, if it is no argument."""
+    """Return the class of a machine; `source` is the file that names it, "" for an argument."""
     try:
         return find_machine(planned.definition, folders)
     except click.UsageError as error:

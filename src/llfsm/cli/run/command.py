@@ -1,4 +1,4 @@
-"""``llfsm run``: machines as one arrangement, with clfsm's letters."""
+"""``llfsm run``: machines as one arrangement, with clfsm's options."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from llfsm.runtime.plans.plan import Plan, assemble
 from llfsm.whiteboard import Whiteboard
 
 from ..options import board_option, end_with_input, supervised_options
-from .arguments import plan_of
+from .arguments import parse_arguments
 from .nonstop import run_nonstop
 from .recorder_process import recorded
 from .report import StateReport, SuspensionReport, timing_table
@@ -26,14 +26,14 @@ __all__ = ["run"]
 @click.command()
 @click.argument("machines", nargs=-1)
 @click.option(
-    "-S", "suspended", metavar="MACHINE", multiple=True, help="Load MACHINE, too, suspended."
+    "-S", "suspended", metavar="MACHINE", multiple=True, help="Load MACHINE as well, suspended."
 )
 @click.option(
     "-P",
     "preloaded",
     metavar="MACHINE",
     multiple=True,
-    help="Make MACHINE ready to be loaded by the others.",
+    help="Preload MACHINE, for the others to load.",
 )
 @click.option(
     "-T",
@@ -46,38 +46,40 @@ __all__ = ["run"]
     "-v",
     "verbose",
     count=True,
-    help="Tell each state change: machine number, state number, machine, state; -vv: its path too.",
+    help="Print state changes: machine number, state number, machine, state; -vv: its path.",
 )
-@click.option("-s", "report", is_flag=True, help="Tell of suspends, resumes and restarts.")
-@click.option("-t", "timed", is_flag=True, help="Time the ringlets; tell at the end.")
+@click.option("-s", "report", is_flag=True, help="Print suspends, resumes and restarts.")
+@click.option(
+    "-t", "timed", is_flag=True, help="Time the ringlets and print statistics at the end."
+)
 @click.option("-n", "nonstop", is_flag=True, help="Start again after a crash.")
-@click.option("-q", "quiet", is_flag=True, help="Leave out the header.")
+@click.option("-q", "quiet", is_flag=True, help="Print no header.")
 @click.option("-u", "keep", is_flag=True, help="Do not unload accepting machines.")
 @click.option(
     "-i",
     "idle_us",
     metavar="US",
     type=click.IntRange(0),
-    help="Sleep so many microseconds (10000) after a round in which no transition fired.",
+    help="Sleep this many microseconds (10000) after a round in which no transition fired.",
 )
 @click.option(
     "--period",
     "period_us",
     metavar="US",
     type=click.IntRange(1),
-    help="Begin a round every so many microseconds instead.",
+    help="Begin a round every US microseconds instead.",
 )
 @click.option(
     "--on-error",
     type=click.Choice(["stop", "suspend"]),
-    help="When a machine's code raises: stop all (as by default), or suspend that machine.",
+    help="If a machine's code raises: stop all (the default) or suspend that machine.",
 )
 @click.option(
     "--record",
     "recording",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Record the whiteboard and all that the machines do, to be run again by llfsm rerun.",
+    help="Record the whiteboard and all that the machines do, for llfsm rerun.",
 )
 @board_option
 @supervised_options
@@ -103,7 +105,7 @@ def run(
     """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
 
     A machine is one that ships, package.module:Class, or the folder of a bundle; name=machine
-    gives it a name, name:variable=value sets a variable, name:slot:=other exchanges a slot.
+    gives it a name, name:variable=value sets a variable, name:slot:=other replaces a slot.
     Instead of machines, name an arrangement file (.toml).
 
     \b
@@ -115,8 +117,8 @@ def run(
     """
     if nonstop and recording is not None:
         raise click.UsageError("--record keeps one run, -n may start several: leave out one")
-    planned = plan_of(machines, table, suspended, preloaded)
-    plan = _with_options(planned.plan, keep, idle_us, period_us, on_error)
+    resolved = parse_arguments(machines, table, suspended, preloaded)
+    plan = _with_options(resolved.plan, keep, idle_us, period_us, on_error)
     _log()
     with (
         Whiteboard(_board(plan, board)) as wb,
@@ -124,7 +126,7 @@ def run(
     ):
         try:
             arrangement = assemble(
-                plan, planned.classes, environment, library=planned.library, timed=timed
+                plan, resolved.classes, environment, library=resolved.library, timed=timed
             )
             if verbose:
                 arrangement.attach(StateReport(arrangement, with_path=verbose > 1))
@@ -132,7 +134,7 @@ def run(
                 arrangement.attach(SuspensionReport(arrangement))
             if not quiet:
                 version = importlib.metadata.version("llfsm")
-                names = ", ".join(planned.classes)
+                names = ", ".join(resolved.classes)
                 click.echo(f"llfsm {version}: {names} on whiteboard {wb.name}", err=True)
             if until_eof:
                 end_with_input()
@@ -160,9 +162,9 @@ def _with_options(
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
 ) -> Plan:
-    """Return the plan with what the command line says differently."""
+    """Return the plan with the options of the command line, which override it."""
     if period_us is not None and any(machine.period_us for machine in plan.machines):
-        raise click.UsageError("--period: the machines have their own times already")
+        raise click.UsageError("--period: the machines have periods of their own")
     return replace(
         plan,
         unload_accepting=plan.unload_accepting and not keep,
@@ -173,15 +175,15 @@ def _with_options(
 
 
 def _log() -> None:
-    """Have what machines say on standard output, and what went wrong on standard error."""
-    said, wrong = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
-    said.addFilter(lambda record: record.levelno < logging.WARNING)
-    wrong.setLevel(logging.WARNING)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[said, wrong])
+    """Log messages of machines to standard output, warnings and errors to standard error."""
+    messages, problems = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
+    messages.addFilter(lambda record: record.levelno < logging.WARNING)
+    problems.setLevel(logging.WARNING)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[messages, problems])
 
 
 def _board(plan: Plan, board: str) -> str:
-    """Return the whiteboard's name: the command line's, if it gives one, else the file's."""
+    """Return the whiteboard's name: the command line's if given, else the file's or the default."""
     source = click.get_current_context().get_parameter_source("board")
     given = source is click.core.ParameterSource.COMMANDLINE
     return board if given or plan.board is None else plan.board

@@ -24,9 +24,9 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
     """Call `run` in a forked process, again and again until it ends without a failure.
 
-    The fork has everything as it is now, so that each run starts with machines as they were
-    loaded. The first SIGINT or SIGTERM has `stop` called there, as does the end of this process;
-    the next is handed on. (A terminal's Ctrl-C reaches both: nobody gets it twice.)
+    The fork has the state of this process, so each run starts with the machines as loaded. The
+    first SIGINT or SIGTERM calls `stop` in the fork, as does the end of this process; the next
+    signal is passed on. (A terminal's Ctrl-C reaches both processes; the fork gets it only once.)
     """
     child, pipe, asked = 0, -1, 0
 
@@ -36,14 +36,14 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
         if child and asked == 1:
             os.close(pipe)
         elif child:
-            with suppress(ProcessLookupError):  # it has ended, which is about to be noticed
+            with suppress(ProcessLookupError):  # it has ended, as waitpid is about to return
                 os.kill(child, number)
 
     before = {number: signal.signal(number, on_signal) for number in _SIGNALS}
     while not asked:
-        sys.stdout.flush()  # or the child would say it again
+        sys.stdout.flush()  # or the child would print it again
         sys.stderr.flush()
-        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # until they reach whom they are for
+        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # until both processes can handle them
         if asked:
             break
         end, pipe = os.pipe()
@@ -65,15 +65,15 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
         click.echo(f"the arrangement {how}; it starts again", err=True)
         until = time.monotonic() + _PAUSE_S
         while time.monotonic() < until and not asked:
-            time.sleep(0.02)  # Python goes on sleeping after a signal: look whether one came
+            time.sleep(0.02)  # Python resumes a sleep after a signal: look whether one came
 
 
 def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -> NoReturn:
-    """Run, say what went wrong, and leave without what the parent will do at its own end."""
+    """Run, print an error, and exit without the cleanup that the parent does at its own end."""
 
     def wait() -> None:
         os.read(pipe, 1)  # which is never written to
-        stop("an end was asked for, or the supervisor has died")
+        stop("an end was requested, or the supervisor has died")
 
     threading.Thread(target=wait, name="supervisor", daemon=True).start()
     status = 1
@@ -93,5 +93,5 @@ def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -
         try:
             sys.stdout.flush()
             sys.stderr.flush()
-        finally:  # also if nobody listens: what comes after `run_nonstop` is up to the parent
+        finally:  # even if the output is closed: the code after `run_nonstop` is the parent's
             os._exit(status)

@@ -1,7 +1,7 @@
-"""Machines of which all is recorded: by a process of their own, or by whoever records the board.
+"""The recorder of ``llfsm run --record``, a process of its own, and one that runs already.
 
-Machines share neither a core nor a fate with a recorder: they hand their journal over on the
-whiteboard and never wait. If it dies they go on; if they are killed it completes its file.
+Machines hand their journal to the recorder through the whiteboard and never wait for it. If the
+recorder dies, they go on; if they are killed, it completes its file.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def recorded(
     limit: int = HANDOVER_LIMIT,
     patience_s: float = 5.0,
 ) -> Iterator[Environment]:
-    """Give the environment of an arrangement on `board`: recorded, if a process records the board.
+    """Give the environment of an arrangement on `board`, journalled if a process records the board.
 
-    With `file`, a recorder that writes it is started, and ends with the ``with`` block. Of an
-    arrangement that `forks`, only the events are recorded, from when it runs. `limit` bytes are
-    kept for a recorder that stalls; at the end it has `patience_s` seconds to take each part of
-    them and to complete the file. Raise ``click.ClickException`` if that cannot be.
+    With `file`, a recorder that writes it is started; it ends with the ``with`` block. If the
+    arrangement `forks`, only its events are recorded, from the time that it runs. `limit` bytes
+    are kept for a recorder that stalls; at the end it has `patience_s` seconds to take each part
+    of them and to complete the file. Raise ``click.ClickException`` if recording is impossible.
     """
     recorder = find_recorder(board)
     if file is not None:
@@ -74,7 +74,7 @@ def _recorded_environment(
 
 @contextmanager
 def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None]:
-    """Have a process record the board; it ends when it cannot read what we write any more."""
+    """Record the board by another process, which ends when our end of its input is closed."""
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "llfsm.cli", "record", "--until-eof"),
@@ -82,13 +82,13 @@ def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None
         ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        start_new_session=True,  # a Ctrl-C is for the machines, whose last events it must see
+        start_new_session=True,  # Ctrl-C ends the machines, and it has to record their last events
     )
     assert process.stdin is not None
     assert process.stdout is not None
     try:
-        with process.stdout as said:
-            if not said.readline():
+        with process.stdout as output:
+            if not output.readline():
                 raise click.ClickException("the recorder did not start, nothing was run")
         yield
     finally:
@@ -96,5 +96,5 @@ def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None
         try:
             process.wait(patience_s)
         except subprocess.TimeoutExpired:
-            process.kill()  # what it has written can be read
+            process.kill()  # the file can be read as it is
             process.wait()

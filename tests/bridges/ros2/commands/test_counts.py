@@ -28,21 +28,21 @@ def test_rates_are_those_of_the_last_second_or_more():
     for _ in range(50):
         link.count()
     now[0] += 0.5
-    assert counts.look()[0].rate == 0.0  # too early to tell
+    assert counts.read()[0].rate == 0.0  # too early to tell
     now[0] += 0.5
-    assert counts.look()[0].rate == 50.0
+    assert counts.read()[0].rate == 50.0
     now[0] += 2.0
-    assert counts.look()[0].rate == 0.0
+    assert counts.read()[0].rate == 0.0
 
 
 def test_a_line_says_how_much_went_through_and_when():
     link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
     counts = Counts([link])
-    assert str(counts.look()[0]) == "pose <- /pose: 0, 0.0/s"
+    assert str(counts.read()[0]) == "pose <- /pose: 0, 0.0/s"
     link.count()
     link.failed = 2
-    assert str(counts.look()[0]).startswith("pose <- /pose: 1, 0.0/s, the last 0.")
-    assert str(counts.look()[0]).endswith(" s ago, 2 failed")
+    assert str(counts.read()[0]).startswith("pose <- /pose: 1, 0.0/s, the last 0.")
+    assert str(counts.read()[0]).endswith(" s ago, 2 failed")
 
 
 def test_a_terminal_has_a_table_that_changes_and_notices_above_it(

@@ -97,7 +97,7 @@ def test_a_file_that_is_not_there(llfsm, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "what"),
     [
-        (["ros2"], "say what to connect"),
+        (["ros2"], "nothing to connect"),
         (["ros2", "--to-ros", "pinpong"], "--to-ros pinpong: write NAME:TYPE"),
         (["ros2", "--both", "a:std_msgs/msg/Strng"], "--both a:std_msgs/msg/Strng: "),
         (["ros2", "--to-ros", "9:std_msgs/msg/String"], "'9' is not a name"),
