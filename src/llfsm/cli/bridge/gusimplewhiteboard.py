@@ -98,7 +98,7 @@ def _relay(config: RelayConfiguration) -> None:
                 run(
                     foreign,
                     relays,
-                    lambda: asked.wait(config.period_ms / 1000),
+                    lambda: asked.wait(period_s),
                     lambda: board.alive,
                 )
         finally:
