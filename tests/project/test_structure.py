@@ -132,3 +132,11 @@ def test_the_architecture_lists_the_modules_of_every_folder() -> None:
 
 def test_the_architecture_is_at_most_200_lines() -> None:
     assert len((ROOT / "ARCHITECTURE.md").read_text().splitlines()) <= 200
+
+
+def test_every_path_in_the_architecture_exists() -> None:
+    """`NAME` and `PACKAGE` stand for what a reader adds."""
+    paths = re.findall(r"`([\w.-]+/[\w./-]*)`", (ROOT / "ARCHITECTURE.md").read_text())
+    existing = [path for path in paths if not re.search("NAME|PACKAGE", path)]
+    assert len(existing) > 40
+    assert [path for path in existing if not (ROOT / path).exists()] == []
