@@ -46,3 +46,10 @@ def foreign(native: Native, path: Path) -> Iterator[GuWhiteboard]:
     found = GuWhiteboard(path)
     yield found
     found.close()
+
+
+def change(path: Path, at: int, data: bytes) -> None:
+    """Overwrite bytes of a file."""
+    with path.open("r+b") as file:
+        file.seek(at)
+        file.write(data)

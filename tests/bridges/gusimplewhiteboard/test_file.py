@@ -14,6 +14,8 @@ import pytest
 from llfsm.bridges.gusimplewhiteboard import GuFileError, GuFormatError, GuWhiteboard
 from llfsm.bridges.gusimplewhiteboard.file import RingPosition
 
+from .conftest import change
+
 Native = Callable[..., str]
 SIZE = 263712
 MAGIC_AT = 263696
@@ -123,12 +125,6 @@ def test_a_read_gives_up_at_last(foreign: GuWhiteboard) -> None:
 
 
 # ---- What is refused ------------------------------------------------------------------------
-
-
-def change(path: Path, at: int, data: bytes) -> None:
-    with path.open("r+b") as file:
-        file.seek(at)
-        file.write(data)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,8 @@ from llfsm.whiteboard import Board, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Vector3
 from llfsm.whiteboard.messages.turtlesim import Color
 
+from .conftest import change
+
 Native = Callable[..., str]
 VECTOR = Slot("vector", Vector3)
 
@@ -142,10 +144,10 @@ def test_a_message_that_is_about_to_be_counted_is_relayed_once(
 ) -> None:
     relay_in = relay("in")
     foreign.message_bytes(12, 1, 24)[:] = struct.pack("<3d", 1, 2, 3)
-    foreign._file.indexes[12] = 1
+    change(foreign.path, 4 + 12, b"\1")  # its index
     relay_in.step()
     assert board[VECTOR].count == 0
-    foreign._file.event_counters[12] = 1
+    change(foreign.path, 4 + 512 + 2 * 12, b"\1")  # its counter
     for _ in range(3):
         relay_in.step()
     assert board[VECTOR].count == 1
@@ -157,7 +159,7 @@ def test_a_writer_that_does_not_count_is_relayed_all_the_same(
     relay_in = relay("in")
     for value in range(1, 9):
         foreign.message_bytes(12, value % 4, 24)[:] = struct.pack("<3d", value, 0, 0)
-        foreign._file.indexes[12] = value % 4
+        change(foreign.path, 4 + 12, bytes([value % 4]))
         for _ in range(3):
             relay_in.step()
         assert board.get_message(VECTOR) == Vector3(float(value))

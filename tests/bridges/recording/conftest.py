@@ -7,14 +7,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 import pytest
+from mcap.writer import Writer
 
 from llfsm.bridges.recording.reader import RecordedMessage, Recording
-from llfsm.bridges.recording.writer import RecordingWriter
+from llfsm.bridges.recording.writer import ABOUT, RecordingWriter
 from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot, Whiteboard
 from llfsm.whiteboard.local import LocalBoard
@@ -85,6 +87,17 @@ def write(file: Path, samples: list[tuple[Slot[Any], Sample[Any]]]) -> None:
     with RecordingWriter(file, {"board": "test"}) as writer:
         for slot, sample in samples:
             writer.add(slot, sample)
+
+
+@contextmanager
+def foreign_writer(file: Path) -> Iterator[Writer]:
+    """Make a recording with the library alone, to put into it what we never write."""
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="llfsm")
+        writer.add_metadata(ABOUT, {"offset_ns": "0", "begin_ns": "0"})
+        yield writer
+        writer.finish()
 
 
 def keep_journal(

@@ -32,7 +32,7 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 from llfsm.whiteboard.schema import describe
 
-from .conftest import OTHER, READING, Reading, messages_of, samples_of, write
+from .conftest import OTHER, READING, Reading, foreign_writer, messages_of, samples_of, write
 
 READINGS = [Reading(i, i / 7, "ü" * (i % 5), bytes([i % 256])) for i in range(200)]
 
@@ -240,14 +240,14 @@ def test_definitions_are_attachments_and_come_back_as_messages(file: Path) -> No
     "data",
     [b"", b"[]", b'{"path": "x"}', b'{"$count": 1, "$writer": "x"}', b"\xff"],
 )
-def test_an_attachment_of_ours_that_is_none_is_told(file: Path, data: bytes) -> None:
-    with RecordingWriter(file, {}) as writer:
-        writer._writer.add_attachment(1, 1, "llfsm/definition/x", "application/json", data)
+def test_an_invalid_definition_is_an_error(file: Path, data: bytes) -> None:
+    with foreign_writer(file) as writer:
+        writer.add_attachment(1, 1, "llfsm/definition/x", "application/json", data)
     with pytest.raises(RecordingFileError, match="has an invalid channel or attachment"):
         Recording(file)
 
 
 def test_what_others_attach_is_left_alone(file: Path) -> None:
-    with RecordingWriter(file, {}) as writer:
-        writer._writer.add_attachment(1, 1, "notes.txt", "text/plain", b"hello")
+    with foreign_writer(file) as writer:
+        writer.add_attachment(1, 1, "notes.txt", "text/plain", b"hello")
     assert Recording(file).slots == {}

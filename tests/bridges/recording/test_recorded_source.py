@@ -12,7 +12,6 @@ import msgspec
 import pytest
 
 from llfsm.bridges.recording.errors import RecordingFileError
-from llfsm.bridges.recording.json_codec import JsonCodec
 from llfsm.bridges.recording.recorded_source import RecordedSource
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.page_source import Change
@@ -24,7 +23,7 @@ from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Sample, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
-from .conftest import OTHER, READING, Reading, end_of, keep_journal
+from .conftest import OTHER, READING, Reading, end_of, foreign_writer, keep_journal
 
 MS = 1_000_000
 STATUS = status_slot("Patrol")
@@ -158,19 +157,18 @@ def test_a_machine_that_dies_is_gone_in_history(file: Path) -> None:
     assert not source.is_live(source.snapshot().samples[STATUS.name])
 
 
-def test_a_message_that_is_none_is_a_problem_of_its_slot(
-    file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with RecordingWriter(file, {}) as writer:
-        writer.add(READING, Sample(Reading(1), 1, writer.begin_ns, 1))
-    source = RecordedSource(file)
-    monkeypatch.setattr(JsonCodec, "decode", lambda _, text: msgspec.json.decode(text[:-1]))
-    look = source.snapshot()
-    assert not look.samples
-    assert "message 1" in look.problems[READING.name]
+def test_an_invalid_message_is_a_problem_of_its_slot(file: Path) -> None:
+    with foreign_writer(file) as writer:
+        schema = writer.register_schema("R", "jsonschema", msgspec.json.encode(READING.schema))
+        about = {"writer": "7", "capacity": "64", "wraps": "0"}
+        channel = writer.register_channel(READING.name, "json", schema, about)
+        writer.add_message(channel, 0, b'{"number": 1', 0, 1)
+    snapshot = RecordedSource(file).snapshot()
+    assert not snapshot.samples
+    assert "message 1" in snapshot.problems[READING.name]
 
 
-def test_what_is_no_recording_is_told(file: Path) -> None:
+def test_a_file_that_is_not_a_recording_is_an_error(file: Path) -> None:
     file.write_text("?")
     with pytest.raises(RecordingFileError):
         RecordedSource(file)
