@@ -17,7 +17,7 @@ from llfsm.bridges.recording.board_recorder import BoardRecorder
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.frames import FrameEncoder
-from llfsm.bridges.view.live import LiveSource
+from llfsm.bridges.view.live_source import LiveSource
 from llfsm.cli.root import main
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import (
@@ -126,7 +126,7 @@ def test_each_is_described_and_the_others_are_as_ever(board: Whiteboard) -> None
     assert board.get_message(GOOD) == Int32(data=7)
 
 
-def test_who_has_another_type_is_told(board: Whiteboard) -> None:
+def test_another_type_is_an_error_that_names_both(board: Whiteboard) -> None:
     for name in ("list", "empty", "broken", "odd"):
         with pytest.raises(SlotTypeError, match=f"slot '{name}' holds .*, not our std_msgs"):
             board[Slot(name, Int32)]
@@ -142,7 +142,7 @@ def test_one_that_is_damaged_in_the_file_is_one_slot(board: Whiteboard) -> None:
     assert board.get_message(other) == Int32(data=8)
 
 
-def test_commands_tell_of_them_and_go_on(board: Whiteboard) -> None:
+def test_commands_report_them_and_go_on(board: Whiteboard) -> None:
     done = CliRunner().invoke(main, ["whiteboard", "list", board.name])
     assert done.exit_code == 0, done.output
     lines = {line.split()[0]: line for line in done.output.splitlines()}

@@ -94,18 +94,23 @@ def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> R
     table = Table.grid(padding=(0, 2))
     for machine in machines:
         style = "yellow" if machine.suspended else "bold green"
-        how = "suspended" if machine.suspended else "running"
+        condition = "suspended" if machine.suspended else "running"
         if machine.silent_s > SILENT_S:
-            style, how = "red", "silent"
+            style, condition = "red", "silent"
         row: list[RenderableType] = [
             Text(machine.name),
             Text(machine.state, style),
             f"{machine.in_state_s:6.1f} s",
         ]
         if wide:
-            told = machine.status
-            overruns = Text(f"{told.overruns} overruns", "red" if told.overruns else "dim")
-            row += [Text(how, style), f"{told.ringlets} ringlets", overruns, f"pid {told.pid}"]
+            status = machine.status
+            overruns = Text(f"{status.overruns} overruns", "red" if status.overruns else "dim")
+            row += [
+                Text(condition, style),
+                f"{status.ringlets} ringlets",
+                overruns,
+                f"pid {status.pid}",
+            ]
         table.add_row(*row)
     return table
 

@@ -76,7 +76,7 @@ def view(
 
 def _source(recording: Path | None, board: str) -> PageSource:
     if recording is None:
-        from llfsm.bridges.view.live import LiveSource
+        from llfsm.bridges.view.live_source import LiveSource
 
         return LiveSource(board)
     from llfsm.bridges.recording.recorded_source import RecordedSource

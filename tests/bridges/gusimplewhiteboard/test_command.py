@@ -78,9 +78,7 @@ def refusal(folder: Path, *arguments: object) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
-def test_it_relays_both_ways_until_it_is_told_to_end(
-    native: Native, tmp_path: Path, board: str
-) -> None:
+def test_it_relays_both_ways_until_it_is_ended(native: Native, tmp_path: Path, board: str) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     (tmp_path / "structures.py").write_text(STRUCTURES)
     native("add", 12, 1.5, -1)
@@ -153,7 +151,7 @@ def test_it_ends_with_the_board(native: Native, tmp_path: Path, board: str, path
         ("slot = ", "slots = ", 6, "unknown field `slots`"),
     ],
 )
-def test_a_wrong_plan_is_told_with_its_line(
+def test_an_error_in_the_file_has_its_line(
     native: Native, tmp_path: Path, board: str, old: str, new: str, line: int, what: str
 ) -> None:
     (tmp_path / "plan.toml").write_text(PLAN.replace(old, new, 1))

@@ -166,7 +166,7 @@ def test_a_writer_that_does_not_count_is_relayed_all_the_same(
         assert board[VECTOR].count == value
 
 
-def test_a_misfit_is_refused_and_told_once(
+def test_a_misfit_is_refused_with_one_warning(
     foreign: GuWhiteboard, board: Board, caplog: pytest.LogCaptureFixture
 ) -> None:
     color = Slot("color", Color)
@@ -191,7 +191,7 @@ def test_a_misfit_is_refused_and_told_once(
     assert len(caplog.records) == 2
 
 
-def test_a_misfit_outwards_is_refused_and_told_once(
+def test_a_misfit_outwards_is_refused_with_one_warning(
     foreign: GuWhiteboard, board: Board, caplog: pytest.LogCaptureFixture
 ) -> None:
     relay = Relay(foreign, 1, board, VECTOR, find_layout("<3f", VECTOR.schema))

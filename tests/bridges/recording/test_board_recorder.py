@@ -41,7 +41,7 @@ def post(board: Whiteboard, file: Path, number: int) -> None:
     wait_for(lambda: number in numbers(file), f"{number} in the file")
 
 
-def test_each_look_takes_what_is_new(board: Whiteboard, file: Path) -> None:
+def test_each_poll_writes_what_is_new(board: Whiteboard, file: Path) -> None:
     board.add_message(READING, Reading(1))
     with RecordingWriter(file, {}) as writer:
         recorder = BoardRecorder(board, writer, ["robot/*"])
@@ -55,9 +55,7 @@ def test_each_look_takes_what_is_new(board: Whiteboard, file: Path) -> None:
     assert numbers(file) == [1, 2, 3, 4, 6]
 
 
-def test_it_says_that_somebody_looks_if_variables_are_wanted(
-    board: Whiteboard, tmp_path: Path
-) -> None:
+def test_it_asks_for_variables_if_they_are_recorded(board: Whiteboard, tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "a.mcap", {}) as writer:
         BoardRecorder(board, writer, ["robot/*"]).poll()
         assert board[VIEWER].count == 0
@@ -65,7 +63,7 @@ def test_it_says_that_somebody_looks_if_variables_are_wanted(
     assert board.get_message(VIEWER).pid == os.getpid()
 
 
-def test_a_slot_that_cannot_be_read_is_told_of_once_and_left_out(
+def test_a_slot_that_cannot_be_read_is_one_warning_and_left_out(
     board: Whiteboard, file: Path, caplog: pytest.LogCaptureFixture, monkeypatch: Any
 ) -> None:
     board.add_message(READING, Reading(1))

@@ -249,7 +249,7 @@ def test_an_invalid_journal_is_one_warning_and_the_others_go_on(
     assert caplog.text.count("writes an invalid journal") == 1
 
 
-def test_parts_for_somebody_before_are_taken_and_left_out(board: Whiteboard, file: Path) -> None:
+def test_parts_meant_for_an_earlier_recorder_are_left_out(board: Whiteboard, file: Path) -> None:
     pid = os.getpid()
     slot = board[journal_slot(0)]
     slot.add(JournalPart(pid, born(pid), 5, True, 0))

@@ -59,7 +59,7 @@ def numbers(source: RecordedSource) -> dict[str, int]:
     }
 
 
-def test_it_stands_still_at_the_beginning(source: RecordedSource, clock: ManualClock) -> None:
+def test_it_is_paused_at_the_beginning(source: RecordedSource, clock: ManualClock) -> None:
     assert numbers(source) == {READING.name: 0}
     clock.advance(s=5)
     assert numbers(source) == {READING.name: 0}
@@ -82,7 +82,7 @@ def test_a_leap_shows_that_moment_and_a_new_epoch(source: RecordedSource) -> Non
         epochs.add(look.epoch)
 
 
-def test_it_plays_as_fast_as_told_and_pauses_at_the_end(
+def test_it_plays_at_the_requested_speed_and_pauses_at_the_end(
     source: RecordedSource, clock: ManualClock
 ) -> None:
     player = source.player
@@ -114,7 +114,7 @@ def test_a_sample_is_what_the_board_had(source: RecordedSource) -> None:
     assert msgspec.structs.astuple(sample.message) == msgspec.structs.astuple(Reading(3))
 
 
-def test_what_machines_were_in_is_known_from_the_beginning(source: RecordedSource) -> None:
+def test_the_states_of_machines_are_known_from_the_beginning(source: RecordedSource) -> None:
     first_ns = source.player.span_ns[0]
     assert source.history() == {
         "Patrol": [

@@ -1,4 +1,4 @@
-"""Nobody sees or does anything who may not, and no file is served that is none of the page's."""
+"""Access is refused to requests without permission, and to all files but the page's own."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_what_reaches_this_host_only(host: str, is_it: bool) -> None:
     assert is_loopback(host) is is_it
 
 
-def test_a_name_that_somebody_made_to_mean_this_host_is_refused(server: Server) -> None:
+def test_another_name_of_this_host_is_refused(server: Server) -> None:
     for path in ("/", "/about", "/diagram", "/assets/main.js"):
         assert server.get(path).status_code < 400 or path == "/diagram"
         answer = server.get(path, headers={"Host": f"evil.example:{server.port}"})
@@ -106,8 +106,8 @@ def test_a_name_that_somebody_made_to_mean_this_host_is_refused(server: Server) 
 )
 def test_a_websocket_of_another_origin_is_refused(server: Server, origin: str | None) -> None:
     assert _status(server) == 101
-    told = None if origin is None else origin.format(server.port)
-    assert _status(server, origin=told) == 403
+    given = None if origin is None else origin.format(server.port)
+    assert _status(server, origin=given) == 403
 
 
 def test_a_request_of_another_origin_is_refused(server: Server) -> None:
@@ -154,9 +154,9 @@ def test_nothing_is_controlled_without_control(shown: str, server: Server) -> No
 def _ask(live: Any, request: object) -> Any:
     live.send(request if isinstance(request, bytes | str) else json.dumps(request))
     while True:
-        told = json.loads(live.recv(10))
-        if "answer" in told:
-            return told
+        answer = json.loads(live.recv(10))
+        if "answer" in answer:
+            return answer
 
 
 @pytest.mark.parametrize(

@@ -127,16 +127,16 @@ def test_a_machine_is_running_suspended_silent_or_ended() -> None:
     encoder = FrameEncoder(source)
     name = status_slot("M").name
 
-    def told(now_s: float, status: MachineStatus) -> Any:
+    def condition(now_s: float, status: MachineStatus) -> Any:
         sample = Sample(status, round(now_s * 10) + 1, 0, 1)
         frame = _frame(encoder, _snapshot({name: sample}, round(now_s * 1e9)))
         return frame["machines"]["M"]["condition"]
 
-    assert told(0, MachineStatus("a")) == "running"
-    assert told(0.1, MachineStatus("a", suspended=True)) == "suspended"
-    assert told(1.5, MachineStatus("a")) == "silent"
+    assert condition(0, MachineStatus("a")) == "running"
+    assert condition(0.1, MachineStatus("a", suspended=True)) == "suspended"
+    assert condition(1.5, MachineStatus("a")) == "silent"
     source.live = False
-    assert told(1.6, MachineStatus("a")) == "ended"
+    assert condition(1.6, MachineStatus("a")) == "ended"
 
 
 def test_history_is_sent_once_in_order_even_if_its_beginning_was_forgotten() -> None:

@@ -322,12 +322,12 @@ def test_of_two_ways_to_a_state_the_one_that_was_taken_is_lit(
     # b is too short to be seen: it has come from c, which is lit, and not from what was seen.
     page.wait_for_selector(".fired[data-transition='c:0']")
     assert page.locator("[data-transition='rest:0'].fired").count() == 0
-    told = page.evaluate(
+    changes = page.evaluate(
         "new Promise((done) => { const socket = new WebSocket(`ws://${location.host}/live`);"
         " const skipped = []; socket.onmessage = ({data}) => { const frame = JSON.parse(data);"
         " for (const each of Object.values(frame.history ?? {}).flat()) skipped.push(each);"
         ' if (skipped.length > 8) done(skipped); else socket.send(\'{"type": "seen"}\'); } })'
     )
-    ways = {(state, source, number) for _, state, _, source, number, _ in told if source}
+    ways = {(state, source, number) for _, state, _, source, number, _ in changes if source}
     assert ways <= {("rest", "a", 0), ("b", "rest", 1), ("c", "b", 0), ("a", "c", 0)}
-    assert any(skipped for *_, skipped in told)
+    assert any(skipped for *_, skipped in changes)

@@ -19,7 +19,7 @@ __all__ = ["LiveSource"]
 
 _OPEN_NS = 300_000_000  # between two attempts to open a board that is not there
 _DISCOVERY_S = 0.4  # between two searches for new slots
-_VIEW_NS = 500_000_000  # between two messages that somebody looks
+_VIEW_NS = 500_000_000  # between two messages that the variables are viewed
 
 
 class LiveSource(PageSource):

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.view.live import LiveSource
+from llfsm.bridges.view.live_source import LiveSource
 from llfsm.bridges.view.state_history import StateHistory
 from llfsm.runtime import Arrangement, Machine, State
 from llfsm.whiteboard import Sample, Slot, Whiteboard
@@ -65,7 +65,7 @@ def test_it_waits_for_a_board_and_notices_its_end(board: str, source: LiveSource
     assert epochs[0] < epochs[1]
 
 
-def test_looking_makes_nothing_but_the_sign_that_somebody_looks(
+def test_a_snapshot_adds_nothing_but_the_request_for_variables(
     board: str, source: LiveSource
 ) -> None:
     with Whiteboard(board) as wb:
@@ -146,7 +146,9 @@ def test_a_page_that_never_answers_is_sent_two_frames_and_then_the_newest(
             assert [s[4] for s in newest["samples"] if s[1] > 100] == [[until + 199]]
 
 
-def test_machines_tell_their_variables_to_whoever_looks(board: str, source: LiveSource) -> None:
+def test_machines_publish_their_variables_while_they_are_viewed(
+    board: str, source: LiveSource
+) -> None:
     with Whiteboard(board) as wb:
         arrangement = Arrangement([Blink], whiteboard=wb)
         seen = []
@@ -176,7 +178,7 @@ def test_a_damaged_board_is_trouble_until_it_is_whole(board: str, source: LiveSo
         assert source.snapshot().trouble == ""
 
 
-def test_states_that_nobody_saw_are_not_pretended() -> None:
+def test_states_that_were_not_seen_are_marked_as_skipped() -> None:
     history, pid = StateHistory(), os.getpid()
     stamps = iter(range(1, 100))
 
@@ -208,7 +210,7 @@ def test_states_that_nobody_saw_are_not_pretended() -> None:
     assert len(history.changes["M"]) == 5
 
 
-def test_what_is_on_its_way_to_a_recorder_is_not_shown(board: str, source: LiveSource) -> None:
+def test_journals_are_not_shown(board: str, source: LiveSource) -> None:
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
         wb.add_message(journal_slot(0), JournalPart(1, 2, 3, True, 0, data=bytes(100_000)))
