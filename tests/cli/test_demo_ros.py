@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from llfsm.cli.demo.ros import RosGraph
+from llfsm.cli.demo.ros_graph import RosGraph
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtlesim import Pose

@@ -18,7 +18,7 @@ from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.shared import boards
 
 from .processes import Processes
-from .ros import RosGraph, ros_options
+from .ros_graph import RosGraph, ros_options
 from .screen import LiveBoard, show
 
 __all__ = ["demo"]

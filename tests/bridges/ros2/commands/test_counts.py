@@ -1,4 +1,4 @@
-"""What people see of a bridge that runs."""
+"""A running bridge on a terminal."""
 
 from __future__ import annotations
 
@@ -14,35 +14,9 @@ import time
 
 import pyte
 
-from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.graph import Role
-from llfsm.cli.bridge.counts import Counts
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import String
-
-
-def test_rates_are_those_of_the_last_second_or_more():
-    now = [100.0]
-    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
-    counts = Counts([link], lambda: now[0])
-    for _ in range(50):
-        link.count()
-    now[0] += 0.5
-    assert counts.read()[0].rate == 0.0  # too early to tell
-    now[0] += 0.5
-    assert counts.read()[0].rate == 50.0
-    now[0] += 2.0
-    assert counts.read()[0].rate == 0.0
-
-
-def test_a_line_says_how_much_went_through_and_when():
-    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
-    counts = Counts([link])
-    assert str(counts.read()[0]) == "pose <- /pose: 0, 0.0/s"
-    link.count()
-    link.failed = 2
-    assert str(counts.read()[0]).startswith("pose <- /pose: 1, 0.0/s, the last 0.")
-    assert str(counts.read()[0]).endswith(" s ago, 2 failed")
 
 
 def test_a_terminal_has_a_table_that_changes_and_notices_above_it(

@@ -18,7 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 from llfsm.cli import ps as ps_module
-from llfsm.cli.control import control
+from llfsm.cli.requests import carry_out
 from llfsm.cli.root import main
 from llfsm.runtime.presence.remote import SILENT_S, Directory
 from llfsm.whiteboard import Whiteboard
@@ -363,7 +363,7 @@ def test_patience_has_an_end(board: str, running: subprocess.Popen[str], action:
         Whiteboard(board, create=False) as wb,
         pytest.raises(click.ClickException, match=error),
     ):
-        control(wb, "Stays", action, patience_s=0.1)
+        carry_out(wb, "Stays", action, patience_s=0.1)
 
 
 def test_a_request_that_waits_for_the_next_turn_is_not_done_yet(llfsm: Llfsm, board: str) -> None:
@@ -371,6 +371,6 @@ def test_a_request_that_waits_for_the_next_turn_is_not_done_yet(llfsm: Llfsm, bo
     wait_for_line(process, "Stays entered A")
     with Whiteboard(board, create=False) as wb:
         with pytest.raises(click.ClickException, match="did not carry out the request"):
-            control(wb, "Stays", "restart", patience_s=0.5)
+            carry_out(wb, "Stays", "restart", patience_s=0.5)
         told = wb[status_slot("Stays")]
         wait_for(lambda: told.get().pending == "restart", "the request is told of")

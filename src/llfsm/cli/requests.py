@@ -14,7 +14,7 @@ from llfsm.whiteboard.messages.llfsm import Action, MachineStatus, status_slot
 
 from .options import board_option
 
-__all__ = ["control", "restart", "resume", "stop", "suspend"]
+__all__ = ["carry_out", "restart", "resume", "stop", "suspend"]
 
 _PATIENCE_S = 5.0  # a machine's next turn may be that far away; with a long period, further
 
@@ -40,7 +40,7 @@ _OUTCOMES: dict[Action, _Outcome] = {
 }
 
 
-def control(board: Board, name: str, action: Action, *, patience_s: float = _PATIENCE_S) -> str:
+def carry_out(board: Board, name: str, action: Action, *, patience_s: float = _PATIENCE_S) -> str:
     """Request `action` of a machine and wait until it has taken effect.
 
     Return the state it is in then, "" if it has ended. Raise `UnknownMachineError` if there is no
@@ -77,7 +77,7 @@ def _command(action: Action, text: str) -> click.Command:
     @board_option
     def command(machine: str, board: str) -> None:
         with Whiteboard(board, create=False) as wb:
-            state = control(wb, machine, action)
+            state = carry_out(wb, machine, action)
         click.echo(f"{machine} {_OUTCOMES[action].text}" + (f" in {state}" if state else ""))
 
     return command

@@ -1,4 +1,4 @@
-"""What `llfsm bridge` says to those who ask for what cannot be."""
+"""`llfsm bridge`: configurations that are wrong, wrong usage; the counts of its links."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import importlib.util
 import pytest
 from click.testing import CliRunner
 
+from llfsm.bridges.ros2.bridging.link import BridgeLink
+from llfsm.cli.bridge.counts import Counts
 from llfsm.cli.root import main
-from llfsm.whiteboard import Slot
+from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 
 GOOD = """\
@@ -35,10 +37,10 @@ BAD_FILES = {
 
 @pytest.fixture
 def llfsm(board):
-    """Run a command in this process, on the test's board; returns (status, what it says)."""
+    """Run a command in this process, on the test's board; returns (status, output)."""
 
     def run(*arguments):
-        command = ["bridge", *arguments, "--board", board.name]
+        command = ["bridge", *arguments, "--board", board]
         done = CliRunner().invoke(main, command, catch_exceptions=False)
         return done.exit_code, done.output
 
@@ -78,13 +80,14 @@ def test_a_good_file_has_no_findings(llfsm, tmp_path):
 
 
 def test_a_slot_of_another_schema_is_told(llfsm, board, tmp_path):
-    board.add_message(Slot("text", Twist), Twist())
     file = tmp_path / "bridge.toml"
     file.write_text(GOOD)
-    for command in (["check", str(file)], ["ros2", "--config", str(file)]):
-        status, said = llfsm(*command)
-        assert status == 2
-        assert f"{file}:2: slot 'text' holds geometry_msgs/msg/Twist" in said
+    with Whiteboard(board) as wb:
+        wb.add_message(Slot("text", Twist), Twist())
+        for command in (["check", str(file)], ["ros2", "--config", str(file)]):
+            status, said = llfsm(*command)
+            assert status == 2
+            assert f"{file}:2: slot 'text' holds geometry_msgs/msg/Twist" in said
 
 
 def test_a_file_that_is_not_there(llfsm, tmp_path):
@@ -148,3 +151,27 @@ def test_a_domain_of_the_environment_that_is_none_is_wrong_usage(llfsm, monkeypa
     status, said = llfsm("turtlesim", "--transport", "zenoh")
     assert status == 2
     assert "ROS_DOMAIN_ID" in said
+
+
+def test_rates_are_those_of_the_last_second_or_more():
+    now = [100.0]
+    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
+    counts = Counts([link], lambda: now[0])
+    for _ in range(50):
+        link.count()
+    now[0] += 0.5
+    assert counts.read()[0].rate == 0.0  # too early to tell
+    now[0] += 0.5
+    assert counts.read()[0].rate == 50.0
+    now[0] += 2.0
+    assert counts.read()[0].rate == 0.0
+
+
+def test_a_line_says_how_much_went_through_and_when():
+    link = BridgeLink("pose", "<-", "/pose", "turtlesim/msg/Pose")
+    counts = Counts([link])
+    assert str(counts.read()[0]) == "pose <- /pose: 0, 0.0/s"
+    link.count()
+    link.failed = 2
+    assert str(counts.read()[0]).startswith("pose <- /pose: 1, 0.0/s, the last 0.")
+    assert str(counts.read()[0]).endswith(" s ago, 2 failed")

@@ -1,0 +1,111 @@
+"""`llfsm view` as a command: its address, its end, its errors."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from websockets.sync.client import connect
+
+from waiting import PATIENCE_S, wait_for
+
+from .conftest import Llfsm, wait_for_line
+
+
+def serve(llfsm: Llfsm, board: str) -> tuple[subprocess.Popen[str], int]:
+    """Start a server on a free port; return it and its port."""
+    process = llfsm.start("view", "-b", board, "--no-open", "--port", "0")
+    found = re.search(r"at http://127\.0\.0\.1:(\d+)/", wait_for_line(process, " at "))
+    assert found
+    return process, int(found[1])
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_it_prints_its_address_and_ends_when_asked(
+    llfsm: Llfsm, board: str, how: signal.Signals
+) -> None:
+    process, port = serve(llfsm, board)
+    origin = f"http://127.0.0.1:{port}"
+    with connect(f"ws://127.0.0.1:{port}/live", origin=origin, proxy=None) as page:
+        page.recv(PATIENCE_S)
+        process.send_signal(how)  # a page that is open does not keep it
+        said, _ = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, said) == (0, "")
+
+
+def test_a_port_in_use_is_an_error_that_says_what_to_do(llfsm: Llfsm, board: str) -> None:
+    _, port = serve(llfsm, board)
+    done = llfsm.run("view", "-b", board, "--no-open", "--port", str(port))
+    assert done.returncode == 1
+    assert f"port {port}" in done.stderr
+    assert "--port" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_an_address_that_is_none_is_an_error(llfsm: Llfsm, board: str) -> None:
+    done = llfsm.run("view", "-b", board, "--no-open", "--host", "no.such.host.invalid")
+    assert done.returncode == 1
+    assert "no.such.host.invalid" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_it_opens_the_browser(
+    llfsm: Llfsm, board: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = tmp_path / "opened"
+    script = tmp_path / "browser"
+    script.write_text(f"#!/bin/sh\necho \"$1\" > '{opened}'\n")
+    script.chmod(0o755)
+    monkeypatch.setenv("BROWSER", f"{script} %s")
+    process = llfsm.start("view", "-b", board, "--port", "0", "--control")
+    address = wait_for_line(process, " at ").split(" at ")[1].strip()
+    wait_for(lambda: opened.exists() and opened.read_text().strip(), "the browser was started")
+    assert opened.read_text().strip() == address
+
+
+def test_it_ends_with_its_supervisor(board: str, tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        f"{sys.executable} -m llfsm.cli view -b {board} --no-open --port 0 --until-eof".split(),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        cwd=tmp_path,
+    )
+    assert process.stdout is not None
+    assert b"http://127.0.0.1" in process.stdout.readline()
+    process.communicate(timeout=30)
+    assert process.returncode == 0
+
+
+def test_without_its_libraries_it_says_what_to_install(board: str, tmp_path: Path) -> None:
+    code = """
+import sys
+sys.modules["uvicorn"] = None
+from llfsm.cli.root import main
+main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, "view", "-b", board, "--no-open"],
+        text=True,
+        capture_output=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1
+    assert "llfsm[view]" in done.stderr
+
+
+def test_help_and_the_command_line_load_no_server() -> None:
+    code = """
+import sys
+from click.testing import CliRunner
+from llfsm.cli.root import main
+assert CliRunner().invoke(main, ["--help"]).exit_code == 0
+assert CliRunner().invoke(main, ["view", "--help"]).exit_code == 0
+print(*sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
+    assert not {"starlette", "uvicorn", "websockets", "asyncio"} & set(done.stdout.split())
