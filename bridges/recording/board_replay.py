@@ -82,16 +82,16 @@ class BoardReplay:
         self._catch_up(first_ns)
         turn: ReplayStep | None = None  # the one in progress
         posted: list[Posted] = []  # in it
-        for moment in self._recording.timeline(self._slots.keys(), first_ns):
-            since_ns = moment.now_ns - self._begin_ns
-            if moment.slot is not None and moment.recorded is not None:
-                each = self._post(moment.slot, moment.recorded)
+        for item in self._recording.timeline(self._slots.keys(), first_ns):
+            since_ns = item.now_ns - self._begin_ns
+            if item.slot is not None and item.recorded is not None:
+                each = self._post(item.slot, item.recorded)
                 if turn is None:
                     yield ReplayStep(since_ns, "", [each])
                 else:
                     posted.append(each)
-            elif moment.entry is not None:
-                entry = self._recording.entry(moment.entry)
+            elif item.entry is not None:
+                entry = self._recording.entry(item.entry)
                 if entry["event"] in ("Turn", "End") and turn is not None:
                     yield turn._replace(posted=posted)
                     turn, posted = None, []

@@ -130,9 +130,9 @@ class Recording:
 
         Leave out those recorded before `from_ns`.
         """
-        for moment in self.timeline(slots, from_ns, events=False):
-            if moment.recorded is not None and moment.slot is not None:
-                yield moment.slot, moment.recorded
+        for item in self.timeline(slots, from_ns, events=False):
+            if item.recorded is not None and item.slot is not None:
+                yield item.slot, item.recorded
 
     def timeline(
         self, slots: Collection[str] | None = None, from_ns: int = 0, *, events: bool = True
@@ -150,7 +150,7 @@ class Recording:
         ]
         attached.sort(key=attrgetter("now_ns"))
         found = self._index.in_order(channels, max(0, from_ns + self._offset_ns))
-        yield from merge(attached, map(self._moment, found), key=attrgetter("now_ns"))
+        yield from merge(attached, map(self._item, found), key=attrgetter("now_ns"))
 
     def entries(self, journal: RecordedJournal) -> Iterator[Entry]:
         """Return the entries of a journal, with an entry `Lost` wherever some are missing."""
@@ -179,7 +179,7 @@ class Recording:
         if self._index.has(number, channels):
             found = self._index.chunk(number)
             for record in sorted(r for channel in channels for r in found.get(channel, ())):
-                yield self._moment(record)
+                yield self._item(record)
 
     @property
     def chunks(self) -> range:
@@ -230,7 +230,7 @@ class Recording:
             record.data,
         )
 
-    def _moment(self, record: MessageRecord) -> TimelineItem:
+    def _item(self, record: MessageRecord) -> TimelineItem:
         now_ns = record.log_ns - self._offset_ns
         if record.channel not in self._of:
             return TimelineItem(now_ns, None, None, record)

@@ -45,7 +45,7 @@ class _RecordedTrack(Track):
         elif self.changes[-1].state:
             super().add(Change(change.stamp_ns, "", False))
 
-    def status(self, sample: Sample[MachineStatus], *, by_events: bool) -> None:
+    def add_status(self, sample: Sample[MachineStatus], *, by_events: bool) -> None:
         """Add the state of a published status, unless events provide it."""
         status = sample.message
         if by_events and status.loaded:
@@ -89,9 +89,9 @@ class RecordedHistory:
         """Read on for a moment, and return the changes known so far."""
         until_ns = time.monotonic_ns() + _READ_NS
         while self._next < len(self._recording.chunks):
-            for moment in self._recording.history(self._next, self._slots):
-                self.known_ns = max(self.known_ns, moment.now_ns)
-                self._take(moment)
+            for item in self._recording.history(self._next, self._slots):
+                self.known_ns = max(self.known_ns, item.now_ns)
+                self._take(item)
             self._next += 1
             if self._next == len(self._recording.chunks):
                 self._end()
@@ -105,21 +105,21 @@ class RecordedHistory:
             if end_ns - track.latest_ns > SILENT_NS:
                 track.lose(track.latest_ns + SILENT_NS)
 
-    def _take(self, moment: TimelineItem) -> None:
-        if moment.entry is not None:
-            kind = moment.entry.data[:_KIND_BYTES]
+    def _take(self, item: TimelineItem) -> None:
+        if item.entry is not None:
+            kind = item.entry.data[:_KIND_BYTES]
             if any(each in kind for each in _RELEVANT):
-                journal = self._journals[moment.entry.channel]
+                journal = self._journals[item.entry.channel]
                 self._events_ns.setdefault(journal.process, journal.begin_ns)
                 with suppress(RecordingFileError, ValueError, TypeError, LookupError):
-                    self._take_entry(journal, moment.now_ns, self._recording.entry(moment.entry))
-        elif moment.slot is not None and moment.recorded is not None:
+                    self._take_entry(journal, item.now_ns, self._recording.entry(item.entry))
+        elif item.slot is not None and item.recorded is not None:
             with suppress(ValueError):
-                sample = cast("Sample[MachineStatus]", moment.slot.sample(moment.recorded))
+                sample = cast("Sample[MachineStatus]", item.slot.sample(item.recorded))
                 begun_ns = self._events_ns.get(sample.message.pid)
-                track = self._track(moment.slot.slot.name.removeprefix(MACHINES))
+                track = self._track(item.slot.slot.name.removeprefix(MACHINES))
                 by_events = begun_ns is not None and begun_ns <= sample.stamp_ns
-                track.status(sample, by_events=by_events)
+                track.add_status(sample, by_events=by_events)
 
     def _take_entry(self, journal: RecordedJournal, now_ns: int, entry: Mapping[str, Any]) -> None:
         match entry:

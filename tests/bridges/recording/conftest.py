@@ -104,8 +104,8 @@ def keep_journal(
     writer: RecordingWriter, entries: Iterable[Entry], *, process: int = 1, whole: bool = True
 ) -> None:
     """Write the journal of an arrangement."""
-    told = {"session": f"{process}-0", "writer": str(process), "whole": "yes" if whole else "no"}
-    journal = writer.add_journal(told)
+    about = {"session": f"{process}-0", "writer": str(process), "whole": "yes" if whole else "no"}
+    journal = writer.add_journal(about)
     for entry in entries:
         writer.add_entry(journal, entry)
 

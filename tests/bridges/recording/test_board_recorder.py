@@ -1,4 +1,4 @@
-"""From a board into a file: all that can be seen, and the file is there whoever is killed."""
+"""From a board into a file, which can be read whichever process is killed."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_each_poll_writes_what_is_new(board: Whiteboard, file: Path) -> None:
             recorder.poll()
             recorder.poll()
             board.add_message(READING, Reading(number))
-        board.add_message(READING, Reading(6))  # in whose place nobody saw 5
+        board.add_message(READING, Reading(6))  # which replaces 5 before the poll
         recorder.poll()
         assert writer.missed() == {READING.name: 1}
     assert numbers(file) == [1, 2, 3, 4, 6]
@@ -137,7 +137,7 @@ def test_the_end_of_the_board_is_the_end(llfsm: Any, board: Whiteboard, file: Pa
     board.remove()
     status, said = end_of(process)
     assert status == 0
-    assert said in (  # if nobody looked in between
+    assert said in (  # without a poll between the two
         "run.mcap: 2 messages, 0 more came too fast\n",
         "run.mcap: 1 messages, 1 more came too fast\n",
     )

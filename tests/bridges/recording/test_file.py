@@ -188,8 +188,8 @@ def test_what_was_missed_is_counted(file: Path) -> None:
         assert writer.missed() == {READING.name: 3}
         assert writer.messages == 5
     with file.open("rb") as stream:
-        told = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
-    assert told[STATISTICS] == {READING.name: "5 recorded, 3 missed"}
+        metadata = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
+    assert metadata[STATISTICS] == {READING.name: "5 recorded, 3 missed"}
 
 
 def test_a_message_from_before_was_seen_when_the_recording_began(file: Path) -> None:
@@ -225,10 +225,10 @@ def test_definitions_are_attachments_and_come_back_as_messages(file: Path) -> No
     write(file, samples)
     with file.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
-        told = {each.name: each.media_type for each in reader.iter_attachments()}
+        found = {each.name: each.media_type for each in reader.iter_attachments()}
         assert reader.get_summary().statistics.attachment_count == 2
         assert not list(reader.iter_messages())
-    assert told == {slot.name: "application/json"}
+    assert found == {slot.name: "application/json"}
     recording = Recording(file)
     assert plain(recording) == [(each.name, sample) for each, sample in samples]
     latest = recording.latest(recording.slots[slot.name], recording.span_ns[1])

@@ -283,8 +283,8 @@ def test_arrangements_and_definitions_are_metadata_and_attachments(
     about = found[ARRANGEMENT].metadata
     assert (about["machines"], about["whole"]) == ("a", "yes")
     assert msgspec.json.decode(about["plan"])["machine"][0]["definition"] == "RosPingPong"
-    told = msgspec.json.decode(found["llfsm/definition/a"].data)
-    assert [state["name"] for state in told["states"]][:1] == ["INITIAL"]
+    definition = msgspec.json.decode(found["llfsm/definition/a"].data)
+    assert [state["name"] for state in definition["states"]][:1] == ["INITIAL"]
     recording = Recording(file)
     assert "llfsm/definition/a" in recording.slots
     assert not any("journal" in name or "recorder" in name for name in recording.slots)

@@ -46,8 +46,8 @@ def source(file: Path, clock: ManualClock) -> RecordedSource:
                 writer.add(OTHER, Sample(Reading(-i), i, stamp_ns, 8))
             if i <= 20 and i % 2 == 0:
                 state, since = ("wait", i) if i < 8 else ("go", i - 7)
-                told = MachineStatus(state=state, in_state_s=since / 10, suspended=i == 20)
-                writer.add(STATUS, Sample(told, i // 2 + 1, stamp_ns, 9))
+                status = MachineStatus(state=state, in_state_s=since / 10, suspended=i == 20)
+                writer.add(STATUS, Sample(status, i // 2 + 1, stamp_ns, 9))
     return RecordedSource(file, clock)
 
 

@@ -121,10 +121,10 @@ class Visit:
         self.errors: list[str] = []
         page.set_default_timeout(PATIENCE_S * 1000)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.on("console", self._hear)
+        page.on("console", self._note)
         page.goto(address)
 
-    def _hear(self, message: Any) -> None:
+    def _note(self, message: Any) -> None:
         if message.type in ("error", "warning"):
             self.errors.append(message.text)
 

@@ -104,7 +104,7 @@ def test_the_history_is_of_the_states_that_were_seen() -> None:
     alive = False
     note(1400, "b", in_ms=0)
     alive = True
-    note(9000, "c", in_ms=100)  # nobody has looked for long
+    note(9000, "c", in_ms=100)  # after a long gap
     note(20_000, "c", in_ms=11_100)
     assert [(c.stamp_ns // 1_000_000, c.state, c.suspended) for c in history.changes["M"]] == [
         (600, "a", False),
