@@ -80,16 +80,18 @@ def formats(items: list[Item], at: At) -> tuple[list[tuple[str, int]], At]:
 
 
 def fixed_items(record: RecordType) -> list[Item] | None:
-    """Return the items of a message that always has the same size, and so may stand in a row.
+    """Return the items of a message that has one layout wherever it stands, so that many form a row.
 
-    None if it has fields of varying size or arrays of numbers, or if padding would be needed
-    between two of them.
+    None if it has fields of varying size or arrays of numbers, if its first item needs less
+    alignment than another (CDR aligns numbers, not messages: then the padding inside depends on
+    where it starts), or if padding would be needed between two messages.
     """
     items = _items(record)
     if items is None:
         return None
+    align = max(item.align for item in items)
     size = padded(items, HEADER)[1]
-    return None if size % max(item.align for item in items) else items
+    return items if items[0].align == align and size % align == 0 else None
 
 
 def _items(record: RecordType) -> list[Item] | None:

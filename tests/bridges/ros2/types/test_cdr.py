@@ -52,6 +52,20 @@ def test_messages_in_a_row_are_aligned_one_by_one(thing):
     assert kind.decode(data).c == (one, two)
 
 
+def test_messages_in_a_row_are_not_aligned_themselves(define):
+    """CDR aligns numbers alone: the padding inside a message depends on where it starts."""
+    types = define(Pair="uint8 a\nint16 b", Thing="uint8[3] x\nPair[2] pairs", Many="Far[] all",
+                   Far="uint8 a\nfloat64 b")  # fmt: skip
+    thing, pair = types.message("own_msgs/msg/Thing"), types.message("own_msgs/msg/Pair").message
+    message = thing.message(x=b"\1\2\3", pairs=(pair(a=4, b=5), pair(a=6, b=7)))
+    assert thing.encode(message) == LITTLE + struct.pack("<3sBhBxh", b"\1\2\3", 4, 5, 6, 7)
+    assert thing.decode(thing.encode(message)) == message
+    many, far = types.message("own_msgs/msg/Many"), types.message("own_msgs/msg/Far").message
+    message = many.message(all=(far(a=1, b=2.0), far(a=3, b=4.0)))
+    assert many.encode(message) == LITTLE + struct.pack("<IB3xdB7xd", 2, 1, 2.0, 3, 4.0)
+    assert many.decode(many.encode(message)) == message
+
+
 def test_an_empty_message_is_a_byte(thing):
     kind = thing("Nothing a\nNothing[] b", Nothing="")
     nothing = type(kind.message().a)()
