@@ -1,12 +1,13 @@
 """An action's server on a transport: goals, feedback, cancelling, results.
 
-An action is three services and two topics under ``<name>/_action/``. What is answered and
-published, and when, is what rclcpp_action does:
+An action is three services and two topics under ``<name>/_action/``. It answers and publishes what
+rclcpp_action does, at the same times:
 
-* ``send_goal``: a goal is executed at once or refused. An id that is known already is refused.
-* ``cancel_goal``: by id; by time, all goals accepted until then; both, either; neither, all.
-* ``get_result``: answered when the goal has ended; a result is kept for 10 s.
-* ``status``: all goals that are known, at each change, and kept for who comes later.
+* ``send_goal``: a goal is executed immediately or refused. A known id is refused.
+* ``cancel_goal``: by id; by time (all goals accepted until then); by both, either matches; by
+  neither, all.
+* ``get_result``: answered when the goal has ended; results are kept for 10 s.
+* ``status``: all known goals, at each change, and kept for late subscriptions.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ _STATUS_QOS = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
 
 
 class ServerGoal:
-    """A goal that was accepted, for who follows it.
+    """An accepted goal, for the code that executes it.
 
-    message: what was asked for.
-    status: EXECUTING, CANCELING once somebody has successfully asked for that, or how it ended.
+    message: the goal.
+    status: EXECUTING; CANCELING once a request to cancel was accepted; or the final status.
     """
 
     def __init__(self, server: ActionServer, info: Any, message: Any) -> None:
@@ -57,22 +58,22 @@ class ServerGoal:
         self._server.publish_feedback(self, feedback)
 
     def end(self, status: GoalStatus, result: Message) -> None:
-        """End as SUCCEEDED, CANCELED or ABORTED, and answer those who wait for the result.
+        """End as SUCCEEDED, CANCELED or ABORTED, and answer the callers that wait for the result.
 
         Raise :class:`.AlreadyAnsweredError` the second time.
         """
         if not self.status.active:
-            raise AlreadyAnsweredError(f"this goal has ended: {self.status.name}")
+            raise AlreadyAnsweredError(f"this goal has ended already: {self.status.name}")
         self._server.end(self, status, result)
 
 
 class ActionServer:
     """Serves one action of a node until it is closed.
 
-    ``begin`` gets each new goal and returns whether it is accepted, ``cancel`` one that somebody
-    wants cancelled and returns whether it agrees; both may end goals, but `cancel` not that one.
-    They are called through ``put``, on the thread to which all of this belongs: no method may be
-    called on another.
+    ``begin`` gets each new goal and returns whether it is accepted. ``cancel`` gets a goal that a
+    client wants to cancel and returns whether it agrees. Both may end goals, but ``cancel`` not the
+    goal that it gets. They are called through ``put``, on the thread that owns the server: call no
+    method on another.
     """
 
     def __init__(
@@ -119,7 +120,7 @@ class ActionServer:
             opened(node.server(f"{name}/_action/{service}", of_service, through(put, take)))
 
     def close(self) -> None:
-        """Take it off the graph; who waits for a result then gets none."""
+        """Take it off the graph; callers that wait for a result get none."""
         self._ends.close()
 
     def publish_feedback(self, goal: ServerGoal, feedback: Message) -> None:
@@ -127,7 +128,7 @@ class ActionServer:
         self._send_feedback(self._feedback(goal_id=goal.info.goal_id, feedback=feedback))
 
     def end(self, goal: ServerGoal, status: GoalStatus, result: Message) -> None:
-        """Let a goal have ended."""
+        """End a goal with a status and a result."""
         goal.status = status
         goal.ended_ns = self._clock.now_ns()
         goal.response = self._result(status=int(status), result=result)
@@ -142,7 +143,7 @@ class ActionServer:
         key = message.goal_id.uuid
         info = self._info(goal_id=message.goal_id, stamp=from_ns(time.time_ns()))
         if key in self._goals:
-            _LOG.warning("%s: refused a goal whose id is known: %s", self._name, key.hex())
+            _LOG.warning("%s: refused a goal with a known id: %s", self._name, key.hex())
             accepted = False
         else:
             accepted = self._accept(key, ServerGoal(self, info, message.goal))
@@ -175,7 +176,7 @@ class ActionServer:
             self._publish_status()
 
     def _meant(self, key: bytes, until_ns: int) -> tuple[int, list[ServerGoal]]:
-        """Return which goals a request to cancel is about, and the answer's code."""
+        """Return the code of the answer and the goals that a request would cancel."""
         if any(key) and not until_ns:
             goal = self._goals.get(key)
             if goal is None:
@@ -202,7 +203,7 @@ class ActionServer:
             request.answer(goal.response)
 
     def _forget(self) -> None:
-        """Drop the results that have been kept for long enough."""
+        """Drop results older than 10 s."""
         then = self._clock.now_ns() - _KEPT_NS
         self._goals = {
             key: goal

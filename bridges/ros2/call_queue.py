@@ -1,4 +1,4 @@
-"""What came in on a transport's threads and is to be done on another."""
+"""Actions from a transport's threads, run on one other thread."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["CallQueue", "Put", "through"]
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 Put = Callable[[Callable[[], object]], None]
-"""What takes something to be done on the one thread where a state lives."""
+"""Queues an action for the thread that owns the state it changes."""
 
 
 class CallQueue:
-    """Brings things from any thread to one, in the order in which they came.
+    """Hands actions from any thread to one thread, in the order of their arrival.
 
-    So that what they change needs no lock, and changes only when that thread is ready for it. An
-    action that raises something is logged, and the next one is done.
+    The state that they change needs no lock, and changes only when its thread is ready. An error of
+    an action is logged, and the next action runs.
     """
 
     def __init__(self) -> None:
@@ -34,22 +34,22 @@ class CallQueue:
         return len(self._waiting)
 
     def put(self, do: Callable[[], object]) -> None:
-        """Have it done when the backlog is worked off next."""
+        """Queue an action for the next :meth:`run_pending`."""
         self._waiting.append(do)
 
     def run_pending(self) -> None:
-        """Do all that waits now; what comes meanwhile has to wait for the next time."""
+        """Run all actions queued so far; actions queued meanwhile wait for the next call."""
         for _ in range(len(self._waiting)):
             try:
                 self._waiting.popleft()()
             except Exception:
-                _LOG.exception("something that came in could not be done")
+                _LOG.exception("a queued action failed")
 
 
 def through(
     put: Put, handle: Callable[[ServiceRequest[Any, Any]], None]
 ) -> Callable[[ServiceRequest[Any, Any]], None]:
-    """Return a server's handler that has requests handled there; what raises fails the request."""
+    """Return a server's handler that queues requests for ``handle``; an error fails the request."""
 
     def work(request: ServiceRequest[Any, Any]) -> None:
         try:

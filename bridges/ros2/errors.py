@@ -1,25 +1,25 @@
-"""What can go wrong for those who use the ROS 2 bridge.
+"""The errors of the ROS 2 bridge.
 
 Ros2Error
 ├── RosNameError              not a name of a node, topic or service
 ├── RosTypeError
-│   ├── UnknownTypeError      nobody defines that type
-│   ├── DefinitionSyntaxError a definition breaks ROS 2's rules for them
-│   ├── DefinitionPathError  where definitions were to be looked for is nothing
-│   └── TypeMismatchError     a Message class with other fields than the type of its name
-├── CdrError                  bytes that are no message of a type, or a message that has no bytes
+│   ├── UnknownTypeError      no definition of that type is found
+│   ├── DefinitionSyntaxError a definition breaks ROS 2's rules
+│   ├── DefinitionPathError  a folder or file to search for definitions is not there
+│   └── TypeMismatchError     a Message class has other fields than the ROS type of its name
+├── CdrError                  bytes do not decode as a type, or a message cannot be encoded
 └── TransportError
-    ├── TransportUnavailableError  this way into ROS is not installed, or cannot be opened
+    ├── TransportUnavailableError  a transport is not installed, or cannot be opened
     ├── DomainIdError         not a ROS domain id
     ├── TransportClosedError       the transport, node or endpoint is closed
     ├── AlreadyAnsweredError  a request was answered twice
     ├── RouterError           a router cannot be started
     └── ServiceCallError      a call ended without a response
-        ├── NoServerError     nobody serves it
+        ├── NoServerError     no server is known
         ├── CallTimeoutError  no answer in time
-        └── CallFailedError   the server refused, or went away while it was asked
+        └── CallFailedError   the server refused, or went away during the call
 
-What arrives from others raises nothing: one bad message must not end a bridge. It is told as a
+A bad message from another program raises nothing: it must not end a bridge. It is reported as a
 notice (see :mod:`.transport`).
 """
 
@@ -48,7 +48,7 @@ __all__ = [
 
 
 class Ros2Error(LlfsmError):
-    """Everything the ROS 2 bridge raises."""
+    """The root of all errors of the ROS 2 bridge."""
 
 
 class RosNameError(Ros2Error, ValueError):
@@ -56,35 +56,35 @@ class RosNameError(Ros2Error, ValueError):
 
 
 class RosTypeError(Ros2Error):
-    """Something about a ROS type or its definition."""
+    """An error in a ROS type or its definition."""
 
 
 class UnknownTypeError(RosTypeError, LookupError):
-    """Nobody defines that type; the message says where it was looked for and what comes near."""
+    """No definition of a type is found; the message names the places searched and similar types."""
 
 
 class DefinitionSyntaxError(RosTypeError, ValueError):
-    """A definition breaks ROS 2's rules; the message says where and which."""
+    """A definition breaks ROS 2's rules; the message names the place and the rule."""
 
 
 class DefinitionPathError(RosTypeError, ValueError):
-    """A folder or file in which to look for definitions is not there."""
+    """A folder or file to search for definitions is not there."""
 
 
 class TypeMismatchError(RosTypeError, TypeError):
-    """A Message class bears the name of a ROS type and has other fields; says how they differ."""
+    """A Message class has the name of a ROS type and other fields; the message lists them."""
 
 
 class CdrError(Ros2Error, ValueError):
-    """Bytes are no message of a type, or a message cannot be bytes; the message names the field."""
+    """Bytes do not decode, or a message cannot be encoded; the message names the field."""
 
 
 class TransportError(Ros2Error):
-    """Something about a way into ROS."""
+    """An error of a transport or of something on it."""
 
 
 class TransportUnavailableError(TransportError):
-    """A way into ROS is not installed or cannot be opened; the message says how to get it."""
+    """A transport is not installed or cannot be opened; the message explains how to get it."""
 
 
 class DomainIdError(TransportError, ValueError):
@@ -96,11 +96,11 @@ class TransportClosedError(TransportError):
 
 
 class AlreadyAnsweredError(TransportError):
-    """A request has one answer, and it was given."""
+    """A request was answered a second time."""
 
 
 class RouterError(TransportError):
-    """A router cannot listen where it was told to."""
+    """A router cannot listen on an endpoint."""
 
 
 class ServiceCallError(TransportError):
@@ -108,7 +108,7 @@ class ServiceCallError(TransportError):
 
 
 class NoServerError(ServiceCallError):
-    """Nobody serves it, or only with another type."""
+    """No server is known, or only one with another type."""
 
 
 class CallTimeoutError(ServiceCallError, TimeoutError):
@@ -116,4 +116,4 @@ class CallTimeoutError(ServiceCallError, TimeoutError):
 
 
 class CallFailedError(ServiceCallError):
-    """The server refused, or went away while it was asked."""
+    """The server refused, or went away during the call."""

@@ -1,4 +1,4 @@
-"""How far an action's goal is."""
+"""The status of an action's goal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class GoalStatus(IntEnum):
     """The states of a goal, numbered as in action_msgs/msg/GoalStatus."""
 
     UNKNOWN = 0
-    """What is answered about a goal that the server does not know (any more)."""
+    """The answer about a goal that the server does not know, or no longer."""
     ACCEPTED = 1
     EXECUTING = 2
     CANCELING = 3

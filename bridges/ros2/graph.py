@@ -1,4 +1,4 @@
-"""The ROS graph as data: who publishes, subscribes, serves and calls what."""
+"""The ROS graph as data: nodes, publishers, subscriptions, servers and clients."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Endpoint", "Graph", "Role", "qos_conflict", "type_conflict"]
 
 
 class Role(Enum):
-    """What an endpoint does; the text is how people call it."""
+    """The role of an endpoint; the value is its name in messages."""
 
     PUBLISHER = "publisher"
     SUBSCRIPTION = "subscription"
@@ -44,24 +44,24 @@ class Endpoint(NamedTuple):
     type_name: str
     """As ``geometry_msgs/msg/Twist``."""
     type_hash: str | None
-    """As ``RIHS01_...``; None where the middleware does not tell."""
+    """As ``RIHS01_...``; None where the middleware does not report it."""
     qos: Qos | None
-    """None where the middleware does not tell."""
+    """None where the middleware does not report it."""
 
 
 class Graph(NamedTuple):
-    """What was known of the graph at one moment, in the order of names."""
+    """The graph as it was known at one moment, sorted by name."""
 
     nodes: tuple[str, ...] = ()
-    """Full names, of nodes that are not hidden; a name stands twice if two nodes have it."""
+    """Full names of the nodes that are not hidden; twice if two nodes have the same name."""
     endpoints: tuple[Endpoint, ...] = ()
 
     @classmethod
     def of(cls, nodes: Iterable[str], endpoints: Iterable[Endpoint]) -> Graph:
-        """Return the graph of these.
+        """Return the graph of these nodes and endpoints.
 
-        As `ros2 node list` does, it leaves out nodes whose name begins with an underscore, as those
-        of the ros2 command do. Their endpoints are there as all others.
+        Like `ros2 node list`, it leaves out nodes whose name begins with an underscore, such as
+        those of the ros2 command, but not their endpoints.
         """
         return cls(
             tuple(sorted(node for node in nodes if not node.rpartition("/")[2].startswith("_"))),
@@ -69,15 +69,15 @@ class Graph(NamedTuple):
         )
 
     def topics(self) -> dict[str, tuple[str, ...]]:
-        """Return each topic's types; more than one is a mistake that is made."""
+        """Return each topic's types; more than one means that nodes disagree."""
         return self._types({Role.PUBLISHER, Role.SUBSCRIPTION})
 
     def services(self) -> dict[str, tuple[str, ...]]:
-        """Return each served service's types."""
+        """Return the types of each service that has a server."""
         return self._types({Role.SERVER})
 
     def ends(self, name: str, role: Role) -> tuple[Endpoint, ...]:
-        """Return the endpoints of one role that a topic or service has."""
+        """Return the endpoints of a topic or service in one role."""
         return tuple(e for e in self.endpoints if e.name == name and e.role is role)
 
     def _types(self, roles: set[Role]) -> dict[str, tuple[str, ...]]:
@@ -89,7 +89,7 @@ class Graph(NamedTuple):
 
 
 def type_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
-    """Return why two ends of one name do not understand each other, or None if they do."""
+    """Return why two endpoints of one name are incompatible, or None if they are not."""
     if ours.type_name != theirs.type_name:
         return f"{_who(theirs)} has type {theirs.type_name}, ours is {ours.type_name}"
     if None not in (ours.type_hash, theirs.type_hash) and ours.type_hash != theirs.type_hash:
@@ -101,7 +101,7 @@ def type_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
 
 
 def qos_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
-    """Return why what one end of a topic offers is not what the other asks for, or None."""
+    """Return why a publisher offers less than a subscription requests, or None."""
     asking, offering = (ours, theirs) if ours.role is Role.SUBSCRIPTION else (theirs, ours)
     if (asking.role, offering.role) != (Role.SUBSCRIPTION, Role.PUBLISHER):
         return None

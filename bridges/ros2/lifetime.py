@@ -1,4 +1,4 @@
-"""Things that are closed once, after what they own."""
+"""Objects that are closed once, after the objects they own."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ __all__ = ["Closable"]
 
 
 class Closable(ABC):
-    """Something that may be closed by anybody, at any time, more than once.
+    """An object that any thread may close at any time, more than once.
 
-    What it owns is closed first, the newest first. Usable as a context manager. Who makes something
-    that it owns holds ``_lifetime`` meanwhile, so that nothing is made in what is being closed.
+    The objects it owns are closed first, the newest first. It is a context manager. Code that
+    creates an owned object holds ``_lifetime`` meanwhile, so that nothing is created in an object
+    that is being closed.
     """
 
     def __init__(self, owner: Closable | None = None) -> None:
@@ -43,7 +44,7 @@ class Closable(ABC):
         return self._closed
 
     def close(self) -> None:
-        """Close it and what it owns. Its callbacks that have begun may still be running."""
+        """Close it and what it owns. Callbacks that have begun may still be running."""
         with self._lifetime:
             if self._closed:
                 return
@@ -58,7 +59,7 @@ class Closable(ABC):
 
     @abstractmethod
     def _close(self) -> None:
-        """Let go of what only this one has."""
+        """Release the resources of this object alone."""
 
     def _check_open(self) -> None:
         if self._closed:

@@ -1,7 +1,7 @@
 """A node's parameters: what they are, what they may be, and why a value is refused.
 
-They are declared with values of one type each and keep it, as rclcpp's are unless somebody asks for
-dynamic typing. Reasons are given in rclcpp's words, which people search for.
+Each parameter is declared with a value and keeps its type, as in rclcpp without dynamic typing. The
+reasons are in rclcpp's words, which people search for.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ _SEVERAL = {
 
 
 def type_of(value: Value) -> ParameterType:
-    """Return a value's type; an empty tuple is taken for bytes, as rclpy does."""
+    """Return a value's type; an empty tuple counts as bytes, as in rclpy."""
     if isinstance(value, tuple):
         return _SEVERAL[type(value[0])] if value else ParameterType.BYTE_ARRAY
     return _SINGLE[type(value)]
 
 
 class Parameter(NamedTuple):
-    """A parameter as its node declares it."""
+    """A parameter's declaration."""
 
     default: bool | int | float | str
     description: str = ""
@@ -79,7 +79,7 @@ class NodeParameters:
         return dict(self._values)
 
     def refusal(self, name: str, value: Value) -> str | None:
-        """Return why a parameter cannot have that value, or None if it can."""
+        """Return why a parameter refuses a value, or None if it accepts it."""
         declared = self.declared.get(name)
         if declared is None:
             return f"parameter '{name}' cannot be set because it was not declared"
@@ -96,5 +96,5 @@ class NodeParameters:
         return None
 
     def assign(self, name: str, value: Value) -> None:
-        """Give a parameter a value that it does not refuse."""
+        """Assign a value that :meth:`refusal` accepts."""
         self._values[name] = value

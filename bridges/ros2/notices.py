@@ -1,4 +1,4 @@
-"""Tells what happens to a transport outside any call, and each fault once."""
+"""Notices: events of a transport outside any call, each fault reported once."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 
 def log_notice(notice: Notice) -> None:
-    """Log a notice as a warning (coming up again: as information)."""
+    """Log a notice as a warning; :attr:`.NoticeKind.UP` as information."""
     level = logging.INFO if notice.kind is NoticeKind.UP else logging.WARNING
     _LOG.log(level, "%s", ": ".join(part for part in (notice.name, notice.text) if part))
 
 
 class Notifier:
-    """Gives notices to the function that a transport was opened with.
+    """Passes notices to the function that a transport was opened with.
 
-    That function cannot break a transport: what it raises is logged.
+    An error of that function does not break the transport: it is logged.
     """
 
     def __init__(self, notify: Callable[[Notice], None]) -> None:
@@ -36,14 +36,14 @@ class Notifier:
         self._lock = threading.Lock()
 
     def notify(self, kind: NoticeKind, text: str, name: str = "") -> None:
-        """Tell something that is news each time."""
+        """Report an event each time."""
         try:
             self._notify(Notice(kind, name, text))
         except Exception:
             _LOG.exception("a function that gets notices failed")
 
     def once(self, kind: NoticeKind, name: str, text: str, about: str = "") -> None:
-        """Tell something that is news only the first time for this name and what it is about."""
+        """Report an event the first time for this kind, name and ``about``."""
         with self._lock:
             if (kind, name, about) in self._reported:
                 return
@@ -51,16 +51,16 @@ class Notifier:
         self.notify(kind, text, name)
 
     def bad_message(self, name: str, error: object) -> None:
-        """Tell that what arrived could not be decoded."""
+        """Report that a message cannot be decoded."""
         self.once(NoticeKind.BAD_MESSAGE, name, f"{error}; further ones are dropped silently")
 
     def callback_failed(self, name: str, error: Exception) -> None:
-        """Tell that a callback raised ``error``; its traceback is logged each time."""
+        """Report that a callback raised ``error``; its traceback is logged each time."""
         _LOG.error("%s: a callback failed", name, exc_info=error)
         self.once(NoticeKind.CALLBACK_FAILED, name, f"a callback failed: {error!r}")
 
     def deliver(self, name: str, callback: Callable[[T], None], thing: T) -> None:
-        """Call a callback, and tell what it raises."""
+        """Call a callback, and report an error that it raises."""
         try:
             callback(thing)
         except CdrError as error:
@@ -69,9 +69,9 @@ class Notifier:
             self.callback_failed(name, error)
 
     def compare(self, ours: Endpoint, theirs: Endpoint) -> None:
-        """Tell, once, why two endpoints of one name do not fit each other."""
+        """Report once why two endpoints of one name are incompatible."""
         if theirs.role not in (ours.role, ours.role.partner):
-            return  # a topic and a service, which may have one name
+            return  # a topic and a service may have the same name
         for kind, conflict in (
             (NoticeKind.TYPE_MISMATCH, type_conflict(ours, theirs)),
             (NoticeKind.QOS_MISMATCH, qos_conflict(ours, theirs)),

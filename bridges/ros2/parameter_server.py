@@ -1,7 +1,6 @@
 """A node's parameters on a transport: the services of rcl_interfaces, and /parameter_events.
 
-A question about several parameters of which one is unknown is answered with nothing, as rclcpp
-does.
+As in rclcpp, a request for several parameters returns nothing if one of them is unknown.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ __all__ = ["PendingCalls", "PendingRequests", "Responder"]
 
 
 class PendingCalls:
-    """A client's calls; each ends in the first way that is told."""
+    """A client's open calls. The first of the methods below that names a call ends it."""
 
     def __init__(self, service: str, response: RosMessage[Any], notifier: Notifier) -> None:
         self._service = service
@@ -52,7 +52,7 @@ class PendingCalls:
                 call.set_result(response)
 
     def failed(self, call: Future[Any], reason: str) -> None:
-        """End a call that the server refused, or cannot answer any more."""
+        """End a call that the server refused or can no longer answer."""
         _end(call, CallFailedError(f"{self._service}: {reason}"))
 
     def timed_out(self, call: Future[Any]) -> None:
@@ -60,11 +60,11 @@ class PendingCalls:
         _end(call, CallTimeoutError(f"{self._service}: no answer in time"))
 
     def unserved(self, call: Future[Any], reason: str) -> None:
-        """End a call that nobody got."""
+        """End a call that reached no server."""
         _end(call, NoServerError(reason))
 
     def close(self) -> None:
-        """End all calls that are open."""
+        """End all open calls."""
         for call in list(self._pending):
             _end(
                 call,
@@ -78,17 +78,17 @@ def _end(call: Future[Any], error: Exception) -> None:
 
 
 class Responder(Protocol):
-    """How an answer reaches who asked. Exactly one of these is called, at most once."""
+    """Sends the response to the caller. At most one of its methods is called, once."""
 
     def answer(self, data: bytes) -> None:
         """Send a response, as CDR."""
 
     def fail(self, reason: str) -> None:
-        """Say that there is none."""
+        """Report that there is no response."""
 
 
 class PendingRequests:
-    """Takes a server's requests in, and remembers those that are open."""
+    """A server's requests: handles them and keeps track of those that are open."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class PendingRequests:
         self._closed = False
 
     def take(self, data: bytes, info: MessageInfo | None, back: Responder) -> None:
-        """Have a request handled. ``info`` is None if it came without."""
+        """Handle a request. ``info`` is None if it has no metadata."""
         try:
             if info is None:
                 raise CdrError("a request without the attachment of ROS 2")
@@ -128,7 +128,7 @@ class PendingRequests:
             request.fail_if_open(f"the server failed: {error}")
 
     def close(self) -> None:
-        """Take no more, and fail what is open."""
+        """Accept no more requests, and fail the open ones."""
         with self._lock:
             self._closed = True
             still_open = list(self._open)
@@ -167,7 +167,7 @@ class _Request(ServiceRequest[Any, Any]):
         with self._taking:
             back, self._back = self._back, None
         if back is None:
-            raise AlreadyAnsweredError(f"this request of {self._service} has its answer")
+            raise AlreadyAnsweredError(f"this request of {self._service} is already answered")
         return back
 
     def __del__(self) -> None:

@@ -1,7 +1,7 @@
-"""Quality of service: what a topic's two ends ask of each other.
+"""Quality of service: what publishers offer and subscriptions request.
 
-The names and numbers are those of ROS 2 (rmw/types.h). Deadline, lifespan and liveliness are left
-at their defaults: nothing here offers or asks for them.
+The names and numbers are those of ROS 2 (rmw/types.h). Deadline, lifespan and liveliness keep
+their defaults: nothing here offers or requests them.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ __all__ = ["SERVICE", "TOPIC", "DurabilityPolicy", "HistoryPolicy", "Qos", "Reli
 
 
 class ReliabilityPolicy(IntEnum):
-    """Whether a message may be lost on its way."""
+    """Whether messages may be lost on the way."""
 
     RELIABLE = 1
     BEST_EFFORT = 2
 
 
 class DurabilityPolicy(IntEnum):
-    """Whether a subscription that comes late gets what was published before."""
+    """Whether a late subscription gets messages that were published before."""
 
     TRANSIENT_LOCAL = 1
     VOLATILE = 2
@@ -40,12 +40,12 @@ class Qos(NamedTuple):
     durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
     history: HistoryPolicy = HistoryPolicy.KEEP_LAST
     depth: int = 10
-    """Messages kept, from 1; it says nothing if all are kept."""
+    """Messages kept, from 1; without meaning if all are kept."""
 
     def refusal(self, offered: Qos) -> str | None:
-        """Return why a subscription with this profile gets nothing from one that offers another.
+        """Return why a subscription with this profile refuses a publisher's, or None if it does not.
 
-        The rule is DDS's: an offer must be at least as strong as what is asked for. None if it is.
+        The rule is DDS's: an offer must be at least as strong as the request.
         """
         refused = []
         if self.reliability < offered.reliability:
@@ -56,7 +56,7 @@ class Qos(NamedTuple):
 
 
 TOPIC = Qos()
-"""The profile of a topic unless somebody says otherwise (rmw_qos_profile_default)."""
+"""The default profile of a topic (rmw_qos_profile_default)."""
 
 SERVICE = Qos()
 """The profile of both ends of a service (rmw_qos_profile_services_default)."""

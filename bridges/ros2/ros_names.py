@@ -1,4 +1,4 @@
-"""Names of nodes, topics and services: which are valid, and what they are in full.
+"""Names of nodes, topics and services: validation and expansion to full names.
 
 The rules are those of ROS 2 (rmw's validation of names, and "Topic and Service names" of its design
 articles): parts of letters, digits and underscores, joined by ``/``; none begins with a digit.
@@ -23,19 +23,19 @@ _LONGEST_NAME = 247  # 255 less the prefix that DDS puts before a name ("rq/" an
 
 
 class Names:
-    """The names that one node uses, made full."""
+    """Expands the names that one node uses."""
 
     def __init__(
         self, node: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
     ) -> None:
         """Name a node.
 
-        ``remap`` gives names (of topics and services, as the node would use them) another name.
-        Raise :class:`.RosNameError` if any is not one.
+        ``remap`` maps names of topics and services, as the node uses them, to other names. Raise
+        :class:`.RosNameError` for an invalid name.
         """
         if not _NODE.fullmatch(node) or len(node) > _LONGEST_NODE:
             raise RosNameError(
-                f"{node!r} is not a name of a node: letters, digits and underscores, no digit "
+                f"{node!r} is not a node name: letters, digits and underscores, no digit "
                 f"first, at most {_LONGEST_NODE}"
             )
         self.node = node
@@ -49,7 +49,7 @@ class Names:
         """Return a topic's or service's full name, remapped.
 
         ``/x`` is full already, ``x`` is in the node's namespace, ``~/x`` is the node's own. Raise
-        :class:`.RosNameError` if it is not a name.
+        :class:`.RosNameError` for an invalid name.
         """
         full = self._expand(name)
         return self._remap.get(full, full)

@@ -1,4 +1,4 @@
-"""A node's log on /rosout, where ROS's tools look for it."""
+"""A node's log on /rosout, which ROS's tools read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points in time as ROS's messages have them."""
+"""Time stamps of ROS messages."""
 
 from __future__ import annotations
 

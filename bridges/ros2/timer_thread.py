@@ -1,4 +1,4 @@
-"""The thread on which a transport does what must not be done where it is found out."""
+"""A thread that runs a transport's actions soon or after a delay."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _LOG = logging.getLogger("llfsm.bridges.ros2")
 class TimerThread:
     """Runs actions one after the other on a thread of its own.
 
-    Middleware calls back on threads where nothing may wait; a future's result is given here, so
-    that what users attach to it may take its time. An action that fails is logged.
+    The middleware's own threads must not block. So futures get their results here, where callbacks
+    that users attach may block. An action that fails is logged.
     """
 
     def __init__(self, name: str) -> None:
@@ -28,15 +28,15 @@ class TimerThread:
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     def call_soon(self, do: Callable[[], object]) -> None:
-        """Run ``do`` after what was asked for before."""
+        """Run ``do`` after the actions that were queued before."""
         self._todo.put((0.0, next(self._count), do))
 
     def call_later(self, seconds: float, do: Callable[[], object]) -> None:
-        """Run ``do`` when ``seconds`` have passed, unless it is closed before."""
+        """Run ``do`` after ``seconds``, unless the thread is closed before."""
         self._todo.put((time.monotonic() + seconds, next(self._count), do))
 
     def close(self) -> None:
-        """End the thread when it has done what was to be done soon."""
+        """End the thread after the actions queued by :meth:`call_soon`."""
         self._todo.put((0.0, next(self._count), None))
 
     def _run(self) -> None:

@@ -1,6 +1,6 @@
-"""A transport: all that a bridge needs of ROS 2, whatever carries it.
+"""The transport: the interface to ROS 2 that a bridge uses, whatever middleware carries it.
 
-    Transport            one way into one ROS domain
+    Transport            access to one ROS domain
     └── Node        a node on its graph
         ├── Publisher       publish(message)
         ├── TopicSubscription    callback(arrival)
@@ -12,12 +12,11 @@ What holds on every transport:
 * **Threads.** Every method may be called from any thread. Callbacks run on threads of the
   transport: those of one entity never overlap, those of different entities may. They should return
   soon and must not wait for another callback.
-* **The newest wins.** While a subscription's callback is busy, the newest ``depth`` messages wait
-  for it and older ones are dropped unseen, as "keep last" says. A message that is dropped was
-  never decoded.
-* **Faults are told, not raised into threads.** What goes wrong outside a call (a lost router, a
-  message that cannot be decoded, a type that does not fit) is a :class:`Notice` to the function
-  that the transport was opened with; a fault of the same kind on the same topic is told once.
+* **The newest wins.** While a subscription's callback runs, the newest ``depth`` messages wait for
+  it and older ones are dropped ("keep last"). A dropped message is never decoded.
+* **Faults are reported, not raised into threads.** What goes wrong outside a call (a lost router,
+  a message that cannot be decoded, an incompatible type) is passed as a :class:`Notice` to the
+  function that the transport was opened with, once for each kind of fault on a topic.
 * **Closing** an entity takes it off the graph before ``close`` returns; a node closes its
   entities, a transport its nodes.
 
@@ -59,44 +58,44 @@ __all__ = [
 
 
 class NoticeKind(Enum):
-    """What a notice is about; the text is how it is logged."""
+    """The kind of a notice; its value is the text in the log."""
 
     DOWN = "down"
-    """The way into ROS is lost: no router, or rclpy was shut down."""
+    """The connection to ROS is lost: no router, or rclpy was shut down."""
     UP = "up"
-    """It is there again."""
+    """The connection is back."""
     TYPE_MISMATCH = "type mismatch"
-    """Somebody has another type, or another version of it, under a name of ours."""
+    """Another node uses one of our names with another type, or another version of the type."""
     QOS_MISMATCH = "QoS mismatch"
-    """What one end offers is less than the other asks for."""
+    """A publisher offers less than a subscription requests."""
     BAD_MESSAGE = "bad message"
-    """What arrived cannot be decoded, or comes without its attachment."""
+    """A message cannot be decoded, or has no attachment."""
     CALLBACK_FAILED = "callback failed"
-    """A callback raised something; that message or request is lost, the next is delivered."""
+    """A callback raised an error; that message or request is lost, the next is delivered."""
 
 
 class Notice(NamedTuple):
-    """Something that happened to a transport outside any call."""
+    """An event on a transport outside any call."""
 
     kind: NoticeKind
     name: str
-    """The topic or service; empty if it is about the whole transport."""
+    """The topic or service; empty if the notice concerns the whole transport."""
     text: str
 
 
 class MessageInfo(NamedTuple):
-    """What comes with a message."""
+    """Metadata of a message."""
 
     source_ns: int
-    """When it was published, by the publisher's wall clock: nanoseconds since 1970; 0: unknown."""
+    """Time of publication by the publisher's clock, in nanoseconds since 1970; 0: unknown."""
     sequence: int
-    """The publisher's count of its messages; 0: unknown, or a publisher that starts there."""
+    """The publisher's sequence number; 0: unknown, or the first one if it counts from 0."""
     gid: bytes
-    """The publisher's 16 bytes; empty: unknown."""
+    """The publisher's global identifier, 16 bytes; empty: unknown."""
 
 
 class SerializedMessage(ABC, Generic[M]):
-    """A message that came in and is not decoded yet. It may be kept and used on any thread."""
+    """A received message, not decoded yet. It may be kept and used on any thread."""
 
     __slots__ = ()
 
@@ -108,18 +107,18 @@ class SerializedMessage(ABC, Generic[M]):
     @property
     @abstractmethod
     def info(self) -> MessageInfo:
-        """Where and when it comes from."""
+        """Its publisher, sequence number and time."""
 
     @abstractmethod
     def decode(self) -> M:
-        """Return the message; raise :class:`.CdrError` if it is none of its type.
+        """Return the message; raise :class:`.CdrError` if the bytes do not decode.
 
-        In a callback that error need not be caught: the transport tells it.
+        A callback need not catch that error: the transport reports it.
         """
 
 
 class SerializedBytes(SerializedMessage[M]):
-    """An arrival whose bytes are here already."""
+    """A received message whose bytes were copied from the middleware."""
 
     __slots__ = ("_data", "_info", "_of")
 
@@ -144,12 +143,12 @@ class SerializedBytes(SerializedMessage[M]):
 
 
 class Publisher(Closable, Generic[M]):
-    """Sends messages to a topic."""
+    """Publishes messages on a topic."""
 
     name: str
     """The topic's full name."""
     gid: bytes
-    """What its messages carry as :attr:`MessageInfo.gid`; empty where that is not known."""
+    """The :attr:`MessageInfo.gid` of its messages; empty where that is not known."""
 
     @abstractmethod
     def publish(self, message: M) -> None:
@@ -163,7 +162,7 @@ class Publisher(Closable, Generic[M]):
 
 
 class TopicSubscription(Closable):
-    """Gets the messages of a topic until it is closed."""
+    """Receives the messages of a topic until it is closed."""
 
     name: str
     """The topic's full name."""
@@ -182,18 +181,18 @@ class Client(Closable, Generic[Req, Res]):
     @property
     @abstractmethod
     def ready(self) -> bool:
-        """Whether a server with our type is known; one may also be there and not be known yet."""
+        """Whether a server with our type is known; a new server may not be known yet."""
 
     @abstractmethod
     def call(self, request: Req, *, timeout: float) -> Future[Res]:
-        """Send a request without waiting for the response, which the future will have.
+        """Send a request and return a future of the response.
 
-        If there is none, the future has one of
+        Without a response the future raises one of
 
-        * :class:`.NoServerError`: nobody serves it,
+        * :class:`.NoServerError`: no server is known,
         * :class:`.CallTimeoutError`: no answer within ``timeout`` seconds,
-        * :class:`.CallFailedError`: the server refused, or went away while it was asked,
-        * :class:`.CdrError`: the response is none of its type,
+        * :class:`.CallFailedError`: the server refused, or went away during the call,
+        * :class:`.CdrError`: the response does not decode,
         * :class:`.TransportClosedError`: the client was closed before an answer came.
 
         Its done-callbacks run on a thread of the transport. ``cancel`` forgets the call; the server
@@ -202,14 +201,14 @@ class Client(Closable, Generic[Req, Res]):
 
 
 class ServiceRequest(ABC, Generic[Req, Res]):
-    """A request that somebody waits to have answered, by any thread at any time.
+    """A received request, which any thread may answer at any time.
 
-    One that is dropped without an answer has failed, as far as the middleware can tell the caller.
+    A request that is dropped without an answer fails, if the middleware can report that.
     """
 
     message: Req
     info: MessageInfo
-    """When it was sent, the client's count of its requests, and the client's gid."""
+    """The time of the request, its sequence number, and the client's gid."""
 
     @abstractmethod
     def answer(self, response: Res) -> None:
@@ -222,10 +221,10 @@ class ServiceRequest(ABC, Generic[Req, Res]):
 
     @abstractmethod
     def fail(self, reason: str) -> None:
-        """Tell the caller that there is no response, in a way it can tell from one.
+        """Report to the caller that there is no response.
 
-        ROS 2 itself has no such message: a caller that uses rclcpp or rclpy waits until its own
-        time-out. Raise :class:`.AlreadyAnsweredError` the second time.
+        ROS 2 itself has no such message: callers with rclcpp or rclpy wait for their own timeout.
+        Raise :class:`.AlreadyAnsweredError` the second time.
         """
 
 
@@ -237,18 +236,18 @@ class Server(Closable):
 
 
 class Node(Closable):
-    """A node on the graph, and the maker of its endpoints.
+    """A node on the graph, which creates endpoints.
 
-    Each maker raises :class:`.RosNameError` for a name that is not one, and
+    Each of its methods raises :class:`.RosNameError` for an invalid name, and
     :class:`.TransportClosedError` after ``close``.
     """
 
     name: str
-    """Its full name, namespace included."""
+    """The full name, with the namespace."""
 
     @abstractmethod
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> Publisher[M]:
-        """Publish on a topic."""
+        """Create a publisher of a topic."""
 
     @abstractmethod
     def subscription(
@@ -258,11 +257,11 @@ class Node(Closable):
         callback: Callable[[SerializedMessage[M]], None],
         qos: Qos = TOPIC,
     ) -> TopicSubscription:
-        """Have ``callback`` called with what is published on a topic."""
+        """Create a subscription: ``callback`` is called with each message of a topic."""
 
     @abstractmethod
     def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> Client[Any, Any]:
-        """Call a service."""
+        """Create a client of a service."""
 
     @abstractmethod
     def server(
@@ -272,14 +271,14 @@ class Node(Closable):
         handler: Callable[[ServiceRequest[Any, Any]], None],
         qos: Qos = SERVICE,
     ) -> Server:
-        """Have ``handler`` called with each request; it answers at once or keeps the request.
+        """Create a server: ``handler`` gets each request and answers it, then or later.
 
-        What the handler raises fails the request and is told as a notice.
+        An error that the handler raises fails the request and is reported as a notice.
         """
 
 
 class Transport(Closable):
-    """One way into one ROS domain."""
+    """Access to one ROS domain."""
 
     domain: int
     """The ROS domain id."""
@@ -287,24 +286,24 @@ class Transport(Closable):
     @property
     @abstractmethod
     def up(self) -> bool:
-        """Whether the way into ROS is there; see :attr:`NoticeKind.DOWN`."""
+        """Whether the connection to ROS exists; see :attr:`NoticeKind.DOWN`."""
 
     @abstractmethod
     def node(
         self, name: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
     ) -> Node:
-        """Put a node on the graph; raise :class:`.RosNameError` if a name is not one.
+        """Create a node; raise :class:`.RosNameError` if a name is invalid.
 
-        ``remap`` gives names of topics and services that its endpoints use another name.
+        ``remap`` maps names of topics and services to the names that its endpoints use instead.
         """
 
     @abstractmethod
     def graph(self) -> Graph:
-        """Return what is known of the graph now, our own nodes included."""
+        """Return the graph as it is known now, with our own nodes."""
 
     @abstractmethod
     def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
-        """Block until ``ready`` says yes to the graph; False if ``timeout`` seconds pass before.
+        """Block until ``ready(graph)`` is true; return False after ``timeout`` seconds.
 
-        Raise :class:`.TransportClosedError` if the transport is closed meanwhile.
+        Raise :class:`.TransportClosedError` if the transport is closed while waiting.
         """

@@ -1,4 +1,4 @@
-"""A node's service ``~/get_type_description``: what a type is made of, for tools (REP 2011)."""
+"""A node's service ``~/get_type_description``, which describes types to tools (REP 2011)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["TypeDescriptionServer"]
 class TypeDescriptionServer:
     """Describes every type that its library knows, in use or not.
 
-    Sources are never sent: of many types there are none. Requests are handled through ``put``.
+    It never sends sources, which many types do not have. Requests are handled through ``put``.
     """
 
     def __init__(self, node: Node, types: TypeLibrary, put: Put) -> None:
@@ -38,7 +38,7 @@ class TypeDescriptionServer:
             request.answer(self._response(failure_reason=str(error)))
             return
         if type_hash != wanted:
-            reason = f"{name} is known here as {type_hash}"
+            reason = f"the hash of {name} is {type_hash} here"
             request.answer(self._response(failure_reason=reason))
             return
         whole = self._classes["TypeDescription"](

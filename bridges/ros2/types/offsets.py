@@ -80,7 +80,7 @@ def formats(items: list[Item], at: At) -> tuple[list[tuple[str, int]], At]:
 
 
 def fixed_items(record: RecordType) -> list[Item] | None:
-    """Return the items of a message that has one layout wherever it stands, so that many form a row.
+    """Return the items of a message with one layout wherever it starts, so that many form a row.
 
     None if it has fields of varying size or arrays of numbers, if its first item needs less
     alignment than another (CDR aligns numbers, not messages: then the padding inside depends on

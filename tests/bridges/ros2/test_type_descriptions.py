@@ -67,7 +67,7 @@ def test_the_answer_has_the_hash_that_was_asked_for(ask, types, name):
 @pytest.mark.parametrize(
     ("name", "type_hash", "reason"),
     [
-        ("turtlesim/msg/Pose", "RIHS01_00", "turtlesim/msg/Pose is known here as RIHS01_7"),
+        ("turtlesim/msg/Pose", "RIHS01_00", "the hash of turtlesim/msg/Pose is RIHS01_7"),
         ("turtlesim/msg/Pos", "RIHS01_00", "did you mean turtlesim/msg/Pose"),
         ("", "", "is no name of a type"),
     ],
