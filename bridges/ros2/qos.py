@@ -43,7 +43,7 @@ class Qos(NamedTuple):
     """Messages kept, from 1; without meaning if all are kept."""
 
     def refusal(self, offered: Qos) -> str | None:
-        """Return why a subscription with this profile refuses a publisher's, or None if it does not.
+        """Return why a subscription with this profile refuses an offered one, or None.
 
         The rule is DDS's: an offer must be at least as strong as the request.
         """

@@ -1,16 +1,15 @@
-"""A whiteboard and a ROS graph, connected: relays between slots and topics, services in slots.
+"""Connects a whiteboard with a ROS graph: relays between slots and topics, services in slots.
 
-tally     what a link has done so far
-echo      which messages a relay of both directions has sent itself
-relays    slot to topic, topic to slot
-numbered  a service's messages as slots have them: with a number, and a failure
-calling   requests in a slot to calls of a ROS service
-answering requests of a ROS service to a slot, answers back
-position  where a turtle is, for those who ask in ROS or on the board
-config    what a configuration file may say
-planning  a configuration made into slots, topics and types, or what is wrong in it
-presets   configurations that ship
-bridge    all of it, running
+link            what a link has passed on so far, and what went wrong in it
+echo_filter     which messages a relay of both directions has sent itself
+relays          slot to topic, topic to slot
+service_slots   a service's messages in slots: with a number, and a failure
+slot_client     requests in a slot become calls of a ROS service
+slot_server     requests of a ROS service go to a slot, answers back
+turtle_position the turtle's position as a service, in ROS and on the board
+bridge_config   what a configuration file may contain
+bridge_plan     a configuration resolved to slots, topics and types, or its errors
+bridge          all of it, running
 """
 
 from .service_slots import ServiceSlots, service_slots

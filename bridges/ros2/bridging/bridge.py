@@ -1,4 +1,4 @@
-"""A bridge that runs: the links of a plan between a board and a transport."""
+"""A running bridge: the links of a plan between a board and a transport."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Bridge:
         *,
         history: float = 1.0,
     ) -> None:
-        """Begin. ``notify`` gets what goes wrong in a link, once for each kind.
+        """Start. ``notify`` gets the faults of links, each kind once for a link.
 
         ``history`` is how many seconds a latched topic has to deliver what it has kept before its
         slot is published. Raise :class:`.SlotTypeError` if a slot was made with another type since
@@ -70,7 +70,7 @@ class Bridge:
             raise
 
     def close(self) -> None:
-        """End all links; what is on the slots by now is published before."""
+        """End all links, after publishing what is on the slots by now."""
         for worker in self._workers:
             worker.finish()
         for worker in self._workers:
@@ -159,15 +159,13 @@ class Bridge:
         self._workers.append(position)
         try:
             node.server(SERVICE, plan.of, position.asked)
-        except (
-            TransportUnavailableError
-        ) as error:  # rclpy, where nobody has built the type's package
+        except TransportUnavailableError as error:  # rclpy without the type's package
             self._faults.report(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
 
 
 def _is_commanded(relay: ToRos[Any]) -> bool:
     try:
         sample = relay.slot.sample()
-    except WhiteboardError:  # nonsense, or the board is gone
+    except WhiteboardError:  # unreadable, or the board is gone
         return False
     return sample is not None and sample.writer != os.getpid() and writer_lives(sample)

@@ -30,25 +30,25 @@ class RelayConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True)
     """Its ROS name, as ``geometry_msgs/msg/Twist``."""
     direction: Direction
     topic: str | None = None
-    """None: called like the slot."""
+    """None: the slot's name."""
     reliability: Literal["reliable", "best_effort"] = "reliable"
     durability: Literal["volatile", "transient_local"] = "volatile"
     depth: _Depth | None = None
-    """Messages that wait for a slow reader; None: 10 to ROS, as is usual there, 1 to a slot."""
+    """Messages that wait for a slow reader; None: 10 to ROS, its default, and 1 to a slot."""
     rate: _Positive | None = None
     """At most so many messages a second, in each direction."""
     capacity: _Capacity | None = None
-    """Bytes of the longest message in a slot that is made; None: what the type needs."""
+    """Bytes of the longest message in a new slot; None: what the type needs."""
 
 
 class ServiceConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A ROS service that is called, or answered, in slots."""
+    """A ROS service that is called or answered through slots."""
 
     service: str
     type: str
     """Its ROS name, as ``turtlesim/srv/Spawn``."""
     slots: str | None = None
-    """The slots are ``SLOTS/request`` and ``SLOTS/answer``; None: called like the service."""
+    """The slots are ``SLOTS/request`` and ``SLOTS/answer``; None: the service's name."""
     timeout: _Positive = 5.0
     """Seconds that an answer may take."""
     capacity: _Capacity | None = None
@@ -62,17 +62,17 @@ class PositionConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tr
 
 
 class BridgeConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """All of it."""
+    """A bridge's configuration."""
 
     node: str = "llfsm_bridge"
-    """The bridge's name on the ROS graph; a full one has a namespace."""
+    """The bridge's node name, optionally with a namespace."""
     types: tuple[str, ...] = ()
-    """Where to look for definitions first: packages, folders of packages, or files."""
+    """Where definitions are searched first: packages, folders of packages, or files."""
     relay: tuple[RelayConfig, ...] = ()
     client: tuple[ServiceConfig, ...] = ()
-    """Called by requests in a slot."""
+    """Services called by requests in a slot."""
     server: tuple[ServiceConfig, ...] = ()
-    """Answered from a slot."""
+    """Services answered from a slot."""
     turtle_position: PositionConfig | None = None
 
 

@@ -1,4 +1,4 @@
-"""A configuration made into slots, topics and types; or what is wrong in it, and where."""
+"""Resolves a configuration to slots, topics and types, or lists its errors and their places."""
 
 from __future__ import annotations
 
@@ -32,37 +32,37 @@ P = TypeVar("P")
 
 
 class RelayPlan(NamedTuple):
-    """A relay, ready to be made."""
+    """A resolved relay."""
 
     slot: Slot[Any]
     topic: str
-    """Full."""
+    """Its full name."""
     of: RosMessage[Any]
     to_ros: Qos | None
-    """None: not in that direction."""
+    """None: not relayed in that direction."""
     from_ros: Qos | None
     period: float
     """Seconds; 0: no limit."""
 
 
 class ServicePlan(NamedTuple):
-    """A service through slots, ready to be made."""
+    """A resolved service through slots."""
 
     slots: ServiceSlots
     service: str
-    """Full."""
+    """Its full name."""
     timeout: float
 
 
 class PositionPlan(NamedTuple):
-    """The service turtle_position, ready to be made."""
+    """The resolved service turtle_position."""
 
     pose: Slot[Pose]
     of: RosService
 
 
 class BridgePlan(NamedTuple):
-    """All that a bridge does."""
+    """Everything that a bridge connects."""
 
     node: Names
     relays: list[RelayPlan]
@@ -74,10 +74,10 @@ class BridgePlan(NamedTuple):
 def make_plan(
     config: BridgeConfig, folder: Path, slots: list[SlotInfo]
 ) -> tuple[BridgePlan, list[ConfigurationError]]:
-    """Return what to do, and all that is wrong with it; without a fault nothing is left out.
+    """Return the plan and the errors of a configuration; without errors the plan is complete.
 
-    ``folder`` is where ``types`` are looked for, ``slots`` what is on the board. The errors have a
-    ``where`` in the configuration.
+    ``folder`` is where relative ``types`` are searched, ``slots`` those on the board. The errors
+    have a ``where`` in the configuration.
     """
     planner = _Planner(config, folder, {info.name: info for info in slots})
     return planner.plan(), planner.faults
@@ -119,7 +119,7 @@ class _Planner:
 
     @contextmanager
     def _at(self, *where: str | int) -> Iterator[None]:
-        """Note what is wrong with the value at `where`, and go on behind the block."""
+        """Record an error of the value at `where`, and continue after the block."""
         try:
             yield
         except (RosNameError, RosTypeError, WhiteboardError) as error:
@@ -189,13 +189,15 @@ class _Planner:
         return None
 
     def _claim(self, slot: Slot[Any]) -> Slot[Any]:
-        """Return the slot as all use it; raise if the board or another use has another type."""
+        """Return the slot that all uses share; raise if the board or a use has another type."""
         info = self._on_board.get(slot.name)
         if info is not None and fingerprint(info.schema) != slot.fingerprint:
             raise slot.clash(info.schema)
         used = self._slots.setdefault(slot.name, slot)
         if used.fingerprint != slot.fingerprint:
-            raise SlotTypeError(f"slot {slot.name!r} is used with {used.type_name} elsewhere here")
+            raise SlotTypeError(
+                f"slot {slot.name!r} is used with {used.type_name} elsewhere in the configuration"
+            )
         return used
 
     def _check_capacity(self, slot: Slot[Any], wanted: int | None, where: _Where) -> None:
@@ -208,7 +210,7 @@ class _Planner:
             )
 
     def _check_pairs(self, relays: Mapping[int, RelayPlan]) -> None:
-        """Find relays that do what others do already, or undo it."""
+        """Find relays that repeat or reverse others."""
         done: dict[tuple[str, str], set[bool]] = {}
         for i, relay in relays.items():
             way = {to for to, qos in ((True, relay.to_ros), (False, relay.from_ros)) if qos}
@@ -227,7 +229,7 @@ class _Planner:
 
     def _check_loops(self, relays: Mapping[int, RelayPlan]) -> None:
         if self.faults:
-            return  # of pairs, which are the smallest loops, or what makes others guesswork
+            return  # pairs are the smallest cycles, and other errors would make cycles guesswork
         edges = []
         for i, relay in relays.items():
             slot, topic = f"slot {relay.slot.name}", f"topic {relay.topic}"
@@ -237,7 +239,7 @@ class _Planner:
                 edges.append(RelayEdge(i, topic, slot))
         loop = find_cycle(edges)
         if loop:
-            self._fault(f"messages go round and round: {' -> '.join(loop[1])}", "relay", loop[0])
+            self._fault(f"messages would cycle for ever: {' -> '.join(loop[1])}", "relay", loop[0])
 
     def _check_services(
         self,
@@ -245,18 +247,18 @@ class _Planner:
         servers: Mapping[int, ServicePlan],
         position: PositionPlan | None,
     ) -> None:
-        """Find slots that two services use, and services that are served twice."""
+        """Find slots that two services share, and services that are served twice."""
         pairs = {REQUEST.name} if position else set()
         served = {Names(NODE).full(SERVICE)} if position else set()
         for kind, plans in (("client", clients), ("server", servers)):
             for i, plan in plans.items():
                 request = plan.slots.request.name
                 if request in pairs:
-                    self._fault(f"the slot {request!r} has a service already", kind, i)
+                    self._fault(f"the slot {request!r} already has a service", kind, i)
                 pairs.add(request)
                 if kind == "server":
                     if plan.service in served:
-                        self._fault(f"{plan.service} is served already", kind, i, "service")
+                        self._fault(f"{plan.service} is already served", kind, i, "service")
                     served.add(plan.service)
 
 

@@ -1,4 +1,4 @@
-"""How large a slot has to be for a type."""
+"""The capacity that a slot needs for a type."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _HEADER = 5  # bytes before the longest text or array
 
 
 def capacity_for(cls: type[Message]) -> int:
-    """Return bytes that hold any message of a type; 64 KiB if its texts or arrays may be longer."""
+    """Return the bytes of a type's longest message; 64 KiB if its texts or arrays are unbounded."""
     longest = _longest(mi.type_info(cls))
     return _UNBOUNDED if longest is None else max(longest, DEFAULT_CAPACITY)
 

@@ -1,4 +1,4 @@
-"""Messages that would go round and round."""
+"""Cycles: messages that relays would pass on for ever."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ class RelayEdge(NamedTuple):
     """A relay in one of its directions."""
 
     relay: int
-    """Its place in the configuration."""
+    """Its index in the configuration."""
     source: str
     target: str
 
 
 class _Stop(NamedTuple):
-    """A message in a place, with the relay that brought it; that one does not take it back."""
+    """A message at a place, with the relay that brought it, which does not take it back."""
 
     place: str
     relay: int
 
 
 def find_cycle(edges: Iterable[RelayEdge]) -> tuple[int, list[str]] | None:
-    """Return a relay and the places that a message passes from there until it is there again."""
+    """Return a relay and the places of a cycle that it is part of, or None."""
     edges = list(edges)
     harmless: set[_Stop] = set()
     for first in edges:

@@ -1,4 +1,4 @@
-"""Which messages a relay of both directions has sent itself, so that they do not come back."""
+"""Recognises the messages that a relay of both directions has sent itself."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..types import RosMessage
 
 __all__ = ["EchoFilter"]
 
-_RETURN_S = 1.0  # in which a message that was published comes back, if it does
+_RETURN_S = 1.0  # within which a published message comes back, if at all
 _MOST = 1000
 
 
 class EchoFilter(Generic[M]):
-    """Remembers what one relay did on either side.
+    """Remembers what one relay has sent in each direction.
 
     On the board a message is identified by its count in the slot, in ROS by its publisher: an equal
     message from another publisher is a new one. Where a transport does not report publishers, the
@@ -35,12 +35,12 @@ class EchoFilter(Generic[M]):
         self._published: deque[tuple[float, bytes]] = deque(maxlen=_MOST)
 
     def add(self, slot: BoundSlot[M], message: M) -> None:
-        """Add what came from ROS to the slot."""
-        with self._lock:  # or it is seen on the board before its number is known
+        """Add a message from ROS to the slot."""
+        with self._lock:  # else its sample is read before its count is known
             self._added = slot.add(message)
 
     def is_news(self, sample: Sample[M]) -> bool:
-        """Tell whether ROS does not know of this message, nor of a newer one."""
+        """Return whether ROS does not have this message, nor a newer one."""
         with self._lock:
             return sample.count > self._added
 
@@ -51,9 +51,9 @@ class EchoFilter(Generic[M]):
                 self._published.append((time.monotonic(), self._encode(message)))
 
     def is_ours(self, arrival: SerializedMessage[M]) -> bool:
-        """Tell whether what arrives is what was published here.
+        """Return whether a received message was published here.
 
-        Raise :class:`.CdrError` if that cannot be told as it is no message.
+        Raise :class:`.CdrError` if it has to be decoded and cannot be.
         """
         if self._gid:
             return arrival.info.gid == self._gid

@@ -1,4 +1,4 @@
-"""A link between the board and ROS: what it has done so far, and what went wrong in it."""
+"""A link between the board and ROS: what it has passed on so far, and what went wrong in it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["BridgeLink", "LinkFaults"]
 
 
 class BridgeLink:
-    """One direction of a relay, or a service: who is connected, and how much went through.
+    """One direction of a relay, or a service: its two ends and its counts.
 
-    Each is counted up by one thread; any may read it.
+    One thread counts; any thread may read.
     """
 
     def __init__(self, slot: str, arrow: str, name: str, type_name: str) -> None:
@@ -30,33 +30,33 @@ class BridgeLink:
         self.passed = 0
         """Messages, or answered requests."""
         self.failed = 0
-        """Those that could not be passed on, or were not answered."""
+        """Messages that could not be passed on, or requests without an answer."""
         self._last: float | None = None
 
     def __str__(self) -> str:
         return f"{self.slot} {self.arrow} {self.name}"
 
     def count(self) -> None:
-        """Count one that went through, now."""
+        """Count a message that was passed on now."""
         self.passed += 1
         self._last = time.monotonic()
 
     @property
     def age(self) -> float | None:
-        """Seconds since the last one went through, or None before the first."""
+        """Seconds since the last message was passed on, or None before the first."""
         last = self._last
         return None if last is None else time.monotonic() - last
 
 
 class LinkFaults:
-    """Gives notices of links to the function that a transport gives its own to."""
+    """Counts the faults of links, and reports each kind once, as a transport reports notices."""
 
     def __init__(self, notify: Callable[[Notice], None]) -> None:
         self._notifier = Notifier(notify)
         self._lock = threading.Lock()
 
     def count(self, link: BridgeLink, error: Exception) -> None:
-        """Count a failure, and tell it if it is the link's first of its kind."""
+        """Count a failure, and report it if it is the link's first of its kind."""
         with self._lock:
             link.failed += 1
         if not isinstance(error, Ros2Error | WhiteboardError):
@@ -68,6 +68,6 @@ class LinkFaults:
         self.report(link, text, type(error).__name__)
 
     def report(self, link: BridgeLink, text: str, kind: str) -> None:
-        """Tell something of a link, the first time for this kind."""
+        """Report something of a link, the first time for this kind."""
         text = f"slot {link.slot}: {text}"
         self._notifier.once(NoticeKind.BAD_MESSAGE, link.name, text, about=f"{link} {kind}")

@@ -63,7 +63,7 @@ class ToRos(Generic[M]):
         )
 
     def finish(self) -> None:
-        """Ask for the end once what is on the slot by now is published."""
+        """Ask for the end after publishing what is on the slot by now."""
         self._over.set()
         self._subscription.finish()
 
@@ -98,10 +98,10 @@ class ToRos(Generic[M]):
 
 
 class FromRos(Generic[M]):
-    """Adds to a slot what arrives: :meth:`arrived` is a subscription's callback.
+    """Adds received messages to a slot: :meth:`arrived` is a subscription's callback.
 
-    With a ``period`` (seconds) the newest of what arrives within one is added at its end; the
-    others are never decoded.
+    With a ``period`` (seconds) the newest message within a period is added at its end; the others
+    are never decoded.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class FromRos(Generic[M]):
         self._lock = threading.Lock()
 
     def arrived(self, arrival: SerializedMessage[M]) -> None:
-        """Add what arrives, now or when it is time for it; raise :class:`.CdrError`."""
+        """Add a message, now or at the end of the period; raise :class:`.CdrError`."""
         if self._echo is not None and self._echo.is_ours(arrival):
             return
         if not self._period or self._begins_period(arrival):
@@ -157,7 +157,7 @@ class FromRos(Generic[M]):
             else:
                 self._echo.add(self._slot, message)
         except BoardClosedError:
-            return  # it ends
+            return  # the bridge ends
         except Exception as error:  # bad bytes, too large for the slot: the next may be right
             self._faults.count(self._link, error)
             return

@@ -1,7 +1,7 @@
-"""A service's messages as slots have them: with a number, answers also with a failure.
+"""A service's messages in slots: requests with a number, answers also with a failure.
 
-Who asks posts a request with a number above all before it, and pulls until there is an answer with
-that number. A slot holds one message, so whoever asks on their own has slots of their own.
+A caller posts a request with a number above all earlier ones, and pulls until there is an answer
+with that number. A slot holds one message, so independent callers need slots of their own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class ServiceSlots:
     Attributes:
         request: its messages have ``number`` and the fields of the service's request.
         answer: its messages have ``number``, the fields of the response, and ``failure``, which
-            says why there is no response, or is empty.
+            is the reason why there is no response, or empty.
 
     """
 
@@ -37,30 +37,30 @@ class ServiceSlots:
         self.of = of
 
     def asked(self, number: int, request: Message) -> Message:
-        """Return a request of ROS for the slot."""
+        """Return a ROS request as a message of the slot."""
         return self.request.type(number, *astuple(request))  # type: ignore[no-any-return]
 
     def answered(self, number: int, response: Message) -> Message:
-        """Return a response of ROS for the slot."""
+        """Return a ROS response as a message of the slot."""
         return self.answer.type(number, *astuple(response))  # type: ignore[no-any-return]
 
     def failed(self, number: int, why: str) -> Message:
-        """Return the answer that there is none."""
+        """Return the answer of a failure."""
         return self.answer.type(number=number, failure=why)  # type: ignore[no-any-return]
 
     def ros_request(self, asked: Message) -> Message:
-        """Return a request on the slot as ROS has it."""
+        """Return the ROS request of a message in the slot."""
         return self.of.request.message(*astuple(asked)[1:])  # type: ignore[no-any-return]
 
     def ros_response(self, answered: Message) -> Message:
-        """Return an answer on the slot as ROS has it."""
+        """Return the ROS response of a message in the slot."""
         return self.of.response.message(*astuple(answered)[1:-1])  # type: ignore[no-any-return]
 
 
 def service_slots(name: str, of: RosService, capacity: int | None = None) -> ServiceSlots:
     """Return the slots ``name/request`` and ``name/answer`` of a service type.
 
-    A field of the service that is called like one of ours has an underscore behind it. Raise
+    A field of the service with the name of one of ours gets an underscore. Raise
     :class:`.SlotNameError`.
     """
     asked, answered = _numbered(of.request), _numbered(of.response, failure="")

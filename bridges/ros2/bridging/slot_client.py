@@ -1,4 +1,4 @@
-"""Requests in a slot become calls of a ROS service; what comes of each goes to the answer slot."""
+"""Requests in a slot become calls of a ROS service; responses go to the answer slot."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["SlotClient", "unanswered"]
 
 
 class SlotClient:
-    """Calls a service for whoever posts requests, one call at a time.
+    """Calls a service for the requests in a slot, one call at a time.
 
-    A request from before the bridge has not been carried out for all that is known, and perhaps
-    it was: it is answered with a failure, so that nothing is done twice.
+    A request from before the bridge started may or may not have been carried out: it is answered
+    with a failure, so that nothing is done twice.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class SlotClient:
         self._seen = requests.count
         old = unanswered(requests, self._answers)
         if old is not None:
-            self._fail(old, "it was asked before the bridge was there")
+            self._fail(old, "it was requested before the bridge started")
         self._subscription = requests.subscribe(self._call, after=self._seen, on_error=self._failed)
 
     def finish(self) -> None:

@@ -1,4 +1,4 @@
-"""Requests of a ROS service go to a slot; whoever answers there answers ROS."""
+"""Requests of a ROS service go to a slot; an answer there is the response in ROS."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class _Waiting(NamedTuple):
 
 
 class SlotServer:
-    """Posts requests one after the other, each when the one before it has its answer or none.
+    """Posts requests one after the other, each when the one before it was answered or has failed.
 
-    :meth:`asked` is a server's handler. Who answers adds to the answer slot with the request's
-    number; with a ``failure`` the caller is told that there is no response.
+    :meth:`asked` is a server's handler. A program answers by adding to the answer slot with the
+    request's number; with a ``failure`` the call fails.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class SlotServer:
         link: BridgeLink,
         faults: LinkFaults,
     ) -> None:
-        """``timeout`` is how many seconds from its arrival a request may wait for its answer."""
+        """``timeout`` is how many seconds a request may wait for its answer from its arrival."""
         self._slots = slots
         self._timeout = timeout
         self._link = link
@@ -56,14 +56,14 @@ class SlotServer:
         self._thread.start()
 
     def asked(self, request: ServiceRequest[Any, Any]) -> None:
-        """Take a request in."""
+        """Queue a request."""
         if self._waiting.qsize() < _MOST:
             self._waiting.put(_Waiting(request, time.monotonic() + self._timeout))
         else:
             self._fail(request, f"{_MOST} requests are waiting already")
 
     def finish(self) -> None:
-        """Ask for the end; requests that are open fail."""
+        """Ask for the end; open requests fail."""
         self._over.set()
         self._waiting.put(None)
 
@@ -86,7 +86,7 @@ class SlotServer:
                 request.fail(str(error))
 
     def _ask(self, request: ServiceRequest[Any, Any], until: float) -> Any:
-        """Post a request; return the answer, or a text that says why there is none."""
+        """Post a request; return the answer, or the reason why there is none."""
         answers = Cursor(self._answers, after=self._answers.count)
         self._number += 1
         if time.monotonic() < until:

@@ -1,7 +1,7 @@
-"""Where a turtle is, told to those who ask: the service ``turtle_position``, in ROS and in slots.
+"""The service ``turtle_position``, in ROS and in slots: where a turtle is.
 
-turtlesim has no such service. A caller in ROS that asks before the first pose gets no response, one
-that asks on the board gets the reason.
+turtlesim has no such service. Before the first pose a call in ROS gets no response, and a request
+on the board gets the reason.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TYPE = "turtle_sensor_poster/srv/TurtlePosition"
 class PositionServer:
     """Answers from the latest pose in a slot; :meth:`asked` is the handler of the ROS service.
 
-    A pose from before counts for nothing: whoever posted it may be gone long since.
+    A pose from before the bridge started does not count: its writer may have ended long ago.
     """
 
     def __init__(
@@ -55,13 +55,13 @@ class PositionServer:
         requests: BoundSlot[TurtlePositionRequest] = board[REQUEST]
         after = requests.count
         if unanswered(requests, self._answers) is not None:
-            after -= 1  # asked before the bridge was there, and to be answered now
+            after -= 1  # requested before the bridge started, and to be answered now
         self._subscription = requests.subscribe(
             self._asked_in_slot, after=after, on_error=self._failed
         )
 
     def asked(self, request: ServiceRequest[Any, Any]) -> None:
-        """Answer a request of ROS, or fail it."""
+        """Answer a request from ROS, or fail it."""
         pose = self._latest()
         if isinstance(pose, str):
             self._in_ros.failed += 1
@@ -82,7 +82,7 @@ class PositionServer:
     def _latest(self) -> Pose | str:
         sample = self._pose.sample()
         if sample is None or sample.count <= self._before:
-            return f"no pose in slot {self._pose_slot} since the bridge is there"
+            return f"no pose in slot {self._pose_slot} since the bridge started"
         return sample.message
 
     def _asked_in_slot(self, sample: Sample[TurtlePositionRequest]) -> None:

@@ -1,4 +1,4 @@
-"""The context, the executor's thread, and the graph as rclpy tells it."""
+"""rclpy's context, the executor's thread, and the graph."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ __all__ = ["RclpyContext"]
 
 E = TypeVar("E", bound=IntEnum)
 
-_LOOK = 1.0  # seconds between looks at who does not fit us: rclpy tells of no change
+_LOOK = 1.0  # seconds between checks for incompatible endpoints: rclpy reports no changes
 
-_PAUSE = 0.01  # seconds after an error, so that one that stays costs little
+_PAUSE = 0.01  # seconds after an error, so that a lasting one costs little
 
 
 class RclpyContext:
     """A context of its own, whose nodes' callbacks run on one thread.
 
-    It takes no signal handlers. rclpy shuts it down when another part of the process has it do so.
+    It installs no signal handlers. Another part of the process may shut it down through rclpy.
     """
 
     def __init__(self, domain: int, notifier: Notifier) -> None:
@@ -64,11 +64,11 @@ class RclpyContext:
         )
         self.context.on_shutdown(self._on_shutdown)
         self.executor = self.rclpy.new_executor(context=self.context)
-        # A hidden node, which asks for the graph.
+        # A hidden node, which reads the graph.
         self._asking = self.new_node(Names(f"_llfsm_{os.getpid()}"))
 
     def new_node(self, names: Names) -> api.NodeApi:
-        """Make a node with nothing on it but what every rclpy node has, and let it spin."""
+        """Create a node with only the endpoints of every rclpy node, and spin it."""
         rclpy = self.rclpy
         node = rclpy.new_node(
             names.node,
@@ -88,24 +88,24 @@ class RclpyContext:
         node.destroy_node()
 
     def run(self, do: Callable[..., object], *arguments: object) -> None:
-        """Have the executor's thread do something, unless it is told to end."""
-        with self._ending:  # so that the executor is there until it is asked
+        """Run an action on the executor's thread, unless that is ending."""
+        with self._ending:  # so that the executor exists until the task is queued
             if not self._over.is_set():
                 self.executor.create_task(do, *arguments)
 
     def close(self) -> None:
-        """Have the executor's thread shut all down, and wait for it unless this is it."""
+        """Let the executor's thread shut everything down, and wait for it unless this is it."""
         atexit.unregister(self.close)
         with self._ending:
             self._over.set()
-            # Without work a spin goes on, whatever wakes it.
+            # A spin without work continues, whatever wakes it.
             self.executor.create_task(lambda: None)
         if threading.current_thread() is not self._thread:
             self._thread.join()
         self.timer.close()
 
     def qos(self, qos: Qos) -> object:
-        """Return a profile as rclpy has it; the numbers are the same."""
+        """Return a profile of rclpy; the numbers are the same."""
         of = self.rclpy.qos
         profile: object = of.QoSProfile(
             reliability=of.ReliabilityPolicy(int(qos.reliability)),
@@ -116,7 +116,7 @@ class RclpyContext:
         return profile
 
     def graph(self) -> Graph:
-        """Return the graph as rclpy tells it."""
+        """Return the graph from rclpy."""
         names = self._asking.get_node_names_and_namespaces()
         return Graph.of(
             (_full(name, namespace) for name, namespace in names),
@@ -124,7 +124,7 @@ class RclpyContext:
         )
 
     def wait(self, ready: Callable[[], bool], timeout: float) -> bool | None:
-        """Wait until something on the graph is so; None if it was closed meanwhile."""
+        """Wait until ``ready()`` is true; return None if it is closed meanwhile."""
         period = 0.02
         for _ in range(int(timeout / period) + 1):
             if self._over.is_set():
@@ -161,7 +161,7 @@ class RclpyContext:
                         yield Endpoint(role, _full(name, namespace), service, of, None, None)
 
     def _spin(self) -> None:
-        with suppress(self.rclpy.shut_down):  # which is told already
+        with suppress(self.rclpy.shut_down):  # which is reported already
             while not self._over.is_set():
                 self._spin_once()
         self._over.wait()
@@ -175,13 +175,13 @@ class RclpyContext:
             self.executor.spin_once()
         except self.rclpy.shut_down:
             raise
-        except Exception as error:  # as of something cut short that rclpy cannot take
+        except Exception as error:  # as of a truncated message that rclpy cannot take
             self.notifier.bad_message("", error)
             self._release()
             self._over.wait(_PAUSE)
 
     def _release(self) -> None:
-        """Have the executor serve what it failed to take from, and the rest of its node, again."""
+        """Let the executor serve the entity that it failed to take from, and its node, again."""
         for node in self.executor.get_nodes():
             for entity in (*node.subscriptions, *node.clients, *node.services):
                 if entity._executor_event:
@@ -192,7 +192,7 @@ class RclpyContext:
         self.timer.call_later(_LOOK, self._look)
 
     def _look(self) -> None:
-        """Tell which endpoints do not fit ours."""
+        """Report endpoints that are incompatible with ours."""
         if self._over.is_set() or not self.context.ok():
             return
         for ours in list(self.ours):
@@ -218,11 +218,11 @@ def _endpoint(role: Role, topic: str, info: api.EndpointInfo) -> Endpoint:
         _full(info.node_name, info.node_namespace),
         topic,
         info.topic_type,
-        hash_text if hash_text.startswith("RIHS") else None,  # not every middleware tells it
+        hash_text if hash_text.startswith("RIHS") else None,  # not every middleware reports it
         Qos(
             _known(ReliabilityPolicy, profile.reliability, ReliabilityPolicy.RELIABLE),
             _known(DurabilityPolicy, profile.durability, DurabilityPolicy.VOLATILE),
-            # Of others these are often unknown.
+            # Those of other nodes are often unknown.
             _known(HistoryPolicy, profile.history, HistoryPolicy.KEEP_LAST),
             profile.depth or Qos().depth,
         ),

@@ -23,7 +23,7 @@ from .context import RclpyContext
 __all__ = ["RclpyClient", "RclpyServer"]
 
 # Requests that wait for a server, and responses for a client. DDS drops older ones beyond the
-# depth, which is 10 by default; who asked would wait in vain.
+# depth, which is 10 by default; the caller would wait in vain.
 _DEPTH = 1000
 
 
@@ -39,7 +39,7 @@ class RclpyClient(Client[Any, Any]):
         of: RosService,
         qos: Qos,
     ) -> None:
-        found = api.find_class(of.name)  # first: what is not there has nothing to close
+        found = api.find_class(of.name)  # first: a failure leaves nothing to close
         super().__init__(owner)
         self.name = name
         self._world = world

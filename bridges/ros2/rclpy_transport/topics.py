@@ -28,7 +28,7 @@ __all__ = ["RclpyPublisher", "RclpySubscription"]
 class RclpyPublisher(Publisher[M]):
     """Gives rclpy what our codec wrote."""
 
-    gid = b""  # rclpy does not tell
+    gid = b""  # rclpy does not report it
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class RclpyPublisher(Publisher[M]):
         of: RosMessage[M],
         qos: Qos,
     ) -> None:
-        found = api.find_class(of.name)  # first: what is not there has nothing to close
+        found = api.find_class(of.name)  # first: a failure leaves nothing to close
         super().__init__(owner)
         self.name = end.name
         self._world = world

@@ -23,7 +23,7 @@ __all__ = ["RclpyTransport"]
 
 
 class RclpyTransport(Transport):
-    """A way into ROS through the rclpy of the sourced environment.
+    """A transport through the rclpy of the sourced environment.
 
     All callbacks run on one thread, that of its executor.
     """
@@ -50,12 +50,12 @@ class RclpyTransport(Transport):
             return _RclpyNode(self, self._world, Names(name, namespace, remap))
 
     def graph(self) -> Graph:
-        """Return what rclpy tells."""
+        """Return the graph from rclpy."""
         self._check_open()
         return self._world.graph()
 
     def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
-        """Block until ``ready`` says yes to the graph, which is looked at 50 times a second."""
+        """Block until ``ready(graph)`` is true; it is checked 50 times a second."""
         done = None if self._closed else self._world.wait(lambda: ready(self.graph()), timeout)
         if done is None:
             raise TransportClosedError(f"{self} is closed")

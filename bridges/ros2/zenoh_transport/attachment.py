@@ -1,7 +1,7 @@
-"""What goes with each message: 33 bytes.
+"""The attachment of each message: 33 bytes.
 
-Sequence number and time in ns as 64 bits little-endian, the number 16, and 16 bytes that name the
-sender. A reply carries the sequence number and the sender of its request.
+Sequence number and time in ns as 64 bits little-endian, the number 16, and 16 bytes that identify
+the sender. A reply carries the sequence number and the sender of its request.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def pack(sequence: int, time_ns: int, gid: bytes) -> bytes:
 
 
 def unpack(data: bytes) -> MessageInfo | None:
-    """Return what an attachment says, or None if it is not one."""
+    """Return the metadata in an attachment, or None if the bytes are not one."""
     if len(data) != _LAYOUT.size:
         return None
     sequence, time_ns, size, gid = _LAYOUT.unpack(data)

@@ -18,7 +18,7 @@ __all__ = ["Discovery"]
 
 
 class Discovery:
-    """Knows the tokens of a domain, and tells which endpoints do not fit ours."""
+    """Knows the tokens of a domain, and reports endpoints that are incompatible with ours."""
 
     def __init__(
         self, session: zenoh.Session, domain: int, notifier: Notifier, events: TimerThread
@@ -35,7 +35,7 @@ class Discovery:
         )
 
     def close(self) -> None:
-        """Stop listening; who waits is let go."""
+        """Stop listening; waits return."""
         self._subscriber.undeclare()
         with self._changed:
             self._over = True
@@ -52,18 +52,18 @@ class Discovery:
             return self._graph
 
     def wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
-        """Wait until ``ready`` says yes to the graph; None if it was closed meanwhile."""
+        """Wait until ``ready(graph)`` is true; return None if it is closed meanwhile."""
         with self._changed:
             done = self._changed.wait_for(lambda: self._over or ready(self.graph()), timeout)
             return None if self._over else done
 
     def look_again(self, _: zenoh.MatchingStatus) -> None:
-        """Let those who wait look again: something changed that no token tells."""
+        """Wake all waits: something changed that no token shows."""
         with self._changed:
             self._changed.notify_all()
 
     def why_unserved(self, service: str) -> str:
-        """Say why a call found no server with its type."""
+        """Return why a call found no server with its type."""
         types = {end.type_name for end in self.named(service) if end.role is Role.SERVER}
         if types:
             return f"{service} is served, but with another type: {', '.join(sorted(types))}"
@@ -78,7 +78,7 @@ class Discovery:
         key = str(sample.key_expr)
         token = parse(key)
         if token is None:
-            return  # of a version of ROS that tells more, or of something else
+            return  # of a newer version of ROS, or of another program
         if sample.kind == zenoh.SampleKind.DELETE:
             self._remove(key, token)
         else:

@@ -25,9 +25,9 @@ class Connection(NamedTuple):
     notifier: Notifier
     domain: int
     events: TimerThread
-    """What changes around us."""
+    """Changes of the graph and of the connection."""
     answers: TimerThread
-    """Results of calls, on a thread of their own: what follows one may wait for the others."""
+    """Results of calls, on a thread of their own: callbacks of one may wait for another."""
 
 
 class ZenohEndpoint:
@@ -40,7 +40,7 @@ class ZenohEndpoint:
         self.name = end.name
         self.key = data_key(wire.domain, end.name, dds_type, end.type_hash or "")
         self._token_key = endpoint_token(node_token, number, end, dds_type)
-        # Messages do not tell their endpoint's token, so rmw_zenoh_cpp makes the gid from it.
+        # Messages do not carry their endpoint's token, so rmw_zenoh_cpp derives the gid from it.
         self.gid = xxhash.xxh3_128_intdigest(self._token_key.encode()).to_bytes(GID_SIZE, "little")
         self._token: zenoh.LivelinessToken | None = None
 

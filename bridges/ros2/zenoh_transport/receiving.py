@@ -1,4 +1,4 @@
-"""What comes in from Zenoh, on threads of ours.
+"""Receives from Zenoh on threads of ours.
 
 Zenoh's own way of calling Python starts a thread that the interpreter waits for at its end: a
 process that forgets to close a transport would never end. The interpreter does not wait for ours,
@@ -33,7 +33,7 @@ def _join() -> None:
 
 
 def hand_over(do: Callable[[T], None], timer: TimerThread) -> zenoh.handlers.Callback[T]:
-    """Return a handler that has ``do`` called on another thread, which Zenoh does not wait for."""
+    """Return a handler that calls ``do`` on another thread, so that Zenoh does not wait for it."""
 
     def callback(thing: T) -> None:
         timer.call_soon(partial(do, thing))

@@ -39,7 +39,7 @@ class ZenohClient(Client[Any, Any]):
         self._call_soon = place.wire.answers.call_soon
         self._sequence = itertools.count(1)
         self._calls = PendingCalls(place.name, of.response, place.wire.notifier)
-        # It knows whether a queryable is there, which a server's token may tell too early.
+        # It knows whether a queryable exists; a server's token may be known too early.
         self._querier = place.wire.session.declare_querier(
             place.key, target=zenoh.QueryTarget.ALL_COMPLETE
         )
@@ -58,7 +58,7 @@ class ZenohClient(Client[Any, Any]):
         return bool(status.matching)
 
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
-        """Send a query; Zenoh watches the time."""
+        """Send a query; Zenoh enforces the timeout."""
         data = self._of.request.encode(request)
         with self._lifetime:
             self._check_open()
@@ -75,7 +75,7 @@ class ZenohClient(Client[Any, Any]):
         try:
             self._place.wire.session.get(
                 self._place.key,
-                zenoh.handlers.Callback(on_reply, on_end, indirect=False),  # else a thread a call
+                zenoh.handlers.Callback(on_reply, on_end, indirect=False),  # else a thread each
                 target=zenoh.QueryTarget.ALL_COMPLETE,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout,
@@ -115,7 +115,7 @@ class ZenohClient(Client[Any, Any]):
         return f"the client of {self.name}"
 
 
-_WAITING = 256  # requests that may wait for the handler; more, and who asks is held up
+_WAITING = 256  # requests that may wait for the handler; beyond, callers block
 
 
 class ZenohServer(Server):
@@ -150,7 +150,7 @@ class ZenohServer(Server):
 
 
 class _Reply:
-    """A way back that ends the query. If who asked or the session is gone, nothing happens."""
+    """Ends a query with a response. If the caller or the session is gone, nothing happens."""
 
     def __init__(self, query: zenoh.Query, key: str, info: MessageInfo | None) -> None:
         self._query = query

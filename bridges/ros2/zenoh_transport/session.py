@@ -1,7 +1,7 @@
-"""How a Zenoh session is set up to meet rmw_zenoh's.
+"""Configures a Zenoh session that connects to those of rmw_zenoh.
 
-A peer that connects to a router and learns of other peers from it, without multicast. The
-environment says more, as for rmw_zenoh: ``ZENOH_SESSION_CONFIG_URI`` names a file to start from,
+It is a peer that connects to a router and discovers other peers through it, without multicast. The
+environment configures it as it does rmw_zenoh: ``ZENOH_SESSION_CONFIG_URI`` names a base file,
 ``ZENOH_CONFIG_OVERRIDE`` is ``path=value;path=value``, values in JSON5.
 """
 
@@ -25,7 +25,7 @@ _OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
 _PEER: dict[str, Any] = {
     "mode": "peer",
     "connect/endpoints": [ROUTER],
-    "connect/timeout_ms": -1,  # a router that is not there yet is no reason to give up
+    "connect/timeout_ms": -1,  # keep trying until a router is there
     "connect/exit_on_failure": False,
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
     "listen/endpoints": ["tcp/localhost:0"],
@@ -33,8 +33,8 @@ _PEER: dict[str, Any] = {
     "scouting/gossip/enabled": True,
 }
 _ALWAYS: dict[str, Any] = {
-    "scouting/delay": 1,  # ms that opening takes; others are not waited for
-    "timestamping/enabled": True,  # histories are ordered by it
+    "scouting/delay": 1,  # ms that opening takes; it waits for no other peer
+    "timestamping/enabled": True,  # histories are ordered by time stamps
     "transport/shared_memory/enabled": False,  # not used, and its file outlives a killed process
 }
 

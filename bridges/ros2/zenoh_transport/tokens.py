@@ -1,4 +1,4 @@
-"""Zenoh keys of ROS 2: where messages go, and the liveliness tokens that tell the graph.
+"""Zenoh keys of ROS 2: where messages go, and the liveliness tokens that describe the graph.
 
     data      <domain>/<name>/<DDS type>/<type hash>
     node      @ros2_lv/<domain>/<session>/<node id>/<node id>/NN/<enclave>/<namespace>/<node>
@@ -25,12 +25,12 @@ _ROLES = {role: code for code, role in _CODES.items()}
 _NODE_CODE = "NN"
 _NODE_PARTS = 9
 _ENDPOINT_PARTS = 13
-_DEFAULT_DEPTH = 42  # of rmw_zenoh's default profile: what a peer means that leaves it out
+_DEFAULT_DEPTH = 42  # of rmw_zenoh's default profile, which peers leave out of tokens
 _DEFAULT = Qos(depth=_DEFAULT_DEPTH)
 
 
 class Token(NamedTuple):
-    """What a token tells."""
+    """A parsed token."""
 
     session: str
     node: str
@@ -87,7 +87,7 @@ def endpoint_token(node: str, number: int, end: Endpoint, dds_type: str) -> str:
 
 
 def parse(key: str) -> Token | None:
-    """Return what a token tells, or None if it is not one."""
+    """Parse a token; return None if the key is not one."""
     parts = key.split("/")
     if len(parts) < _NODE_PARTS or parts[0] != _ROOT:
         return None

@@ -24,8 +24,8 @@ from .receiving import receive
 
 __all__ = ["ZenohPublisher", "ZenohSubscription"]
 
-_ALL = 1000  # what "keep all" keeps; more, and the sender is held up
-_HEARTBEAT = 0.5  # seconds, as rmw_zenoh's, between telling what a late subscription can ask for
+_ALL = 1000  # messages that "keep all" keeps; beyond, the sender blocks
+_HEARTBEAT = 0.5  # seconds between reports of what late subscriptions can request, as rmw_zenoh's
 _UNKNOWN = MessageInfo(0, 0, b"")
 
 
@@ -143,7 +143,7 @@ def _declare_publisher(place: ZenohEndpoint, qos: Qos) -> Any:
 
 
 def _declare_subscriber(place: ZenohEndpoint, qos: Qos) -> Any:
-    """Return a subscriber, of one of Zenoh's two kinds, whose handler keeps what QoS says."""
+    """Return a subscriber, of one of Zenoh's two kinds, whose handler keeps the QoS depth."""
     channel: zenoh.handlers.FifoChannel[Any] | zenoh.handlers.RingChannel[Any]
     if qos.history is HistoryPolicy.KEEP_ALL:
         channel = zenoh.handlers.FifoChannel(_ALL)

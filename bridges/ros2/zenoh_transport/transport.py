@@ -31,14 +31,14 @@ from .topics import ZenohPublisher, ZenohSubscription
 
 __all__ = ["ZenohTransport"]
 
-_GRACE = 1.0  # seconds that opening waits for a router before its absence is news
+_GRACE = 1.0  # seconds that opening waits for a router before it reports its absence
 
 
 class ZenohTransport(Transport):
-    """A citizen of the graph of nodes that use rmw_zenoh_cpp.
+    """A transport on the graph of nodes that use rmw_zenoh_cpp.
 
-    A lost router is told, and found again without help: within a second of its return the nodes
-    are back on its graph. Without one, nodes that were met before still hear each other.
+    It reports a lost router and reconnects by itself: within a second of the router's return its
+    nodes are on the graph again. Meanwhile nodes that are connected already still communicate.
     """
 
     def __init__(
@@ -48,10 +48,10 @@ class ZenohTransport(Transport):
         router: Sequence[str] | None = None,
         notify: Callable[[Notice], None] = log_notice,
     ) -> None:
-        """Open a session, whether the router is there or not; without, it takes a second.
+        """Open a session, with or without a router; without one it takes a second.
 
         ``domain`` defaults to ``ROS_DOMAIN_ID``, ``router`` (endpoints as ``tcp/localhost:7447``)
-        to what the environment says (see :mod:`.session`). Raise :class:`.DomainIdError` and
+        to the environment's (see :mod:`.session`). Raise :class:`.DomainIdError` and
         :class:`.TransportUnavailableError`.
         """
         super().__init__()
@@ -71,14 +71,14 @@ class ZenohTransport(Transport):
         self._listener = self._session.info.declare_transport_events_listener(
             hand_over(self._on_transport, events), history=True
         )
-        atexit.register(self.close)  # who forgets to close it leaves no ghost either
+        atexit.register(self.close)  # so that it leaves no ghost nodes if it is never closed
         with self._met:
             self._met.wait_for(lambda: self.up, _GRACE)
         self._report_router()
 
     @property
     def up(self) -> bool:
-        """Whether there is a connection to a router, if one was asked for."""
+        """Whether it is connected to a router, or configured for none."""
         return not self._router or bool(self._routers)
 
     def node(
@@ -94,11 +94,11 @@ class ZenohTransport(Transport):
             return _ZenohNode(self, names, token, self._wire, self._numbers)
 
     def graph(self) -> Graph:
-        """Return what the tokens tell."""
+        """Return the graph that the tokens describe."""
         return self._discovery.graph()
 
     def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:
-        """Block until ``ready`` says yes to the graph."""
+        """Block until ``ready(graph)`` is true."""
         done = self._discovery.wait(ready, timeout)
         if done is None:
             raise TransportClosedError(f"{self} is closed")
@@ -128,7 +128,7 @@ class ZenohTransport(Transport):
         self._report_router()
 
     def _report_router(self) -> None:
-        """Tell whether there is a router, if that is news."""
+        """Report whether there is a router, if that has changed."""
         with self._met:
             up = self.up
             if up is self._reported_up or self._closed:

@@ -55,7 +55,7 @@ def test_a_relay_as_it_is_when_all_is_said():
 
 
 WRONG = [
-    ({"node": "a b"}, ("node",), "not a name of a node"),
+    ({"node": "a b"}, ("node",), "not a node name"),
     ({"types": ["nowhere"]}, ("types",), "nowhere"),
     ({"relay": [TEXT, POSE | {"type": "turtlesim/msg/Pos"}]}, ("relay", 1, "type"), "Pose"),
     ({"relay": [POSE | {"type": "turtlesim/srv/Spawn"}]}, ("relay", 0, "type"), "service"),
@@ -70,8 +70,8 @@ WRONG = [
     ({"client": [SPAWN | {"type": "turtlesim/msg/Pose"}]}, ("client", 0, "type"), "message"),
     ({"client": [SPAWN | {"service": "a b"}]}, ("client", 0, "service"), "'a b'"),
     ({"server": [SPAWN | {"slots": "a b"}]}, ("server", 0, "slots"), "white space"),
-    ({"server": [SPAWN, SPAWN | {"slots": "b"}]}, ("server", 1, "service"), "served already"),
-    ({"client": [SPAWN], "server": [SPAWN]}, ("server", 0), "has a service already"),
+    ({"server": [SPAWN, SPAWN | {"slots": "b"}]}, ("server", 1, "service"), "already served"),
+    ({"client": [SPAWN], "server": [SPAWN]}, ("server", 0), "already has a service"),
     (
         {
             "turtle_position": {"pose": "pose"},
@@ -80,7 +80,7 @@ WRONG = [
             ],
         },
         ("server", 0),
-        "has a service already",
+        "already has a service",
     ),
     ({"turtle_position": {"pose": "a b"}}, ("turtle_position", "pose"), "white space"),
     (
