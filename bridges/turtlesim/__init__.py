@@ -14,9 +14,6 @@ The core is deterministic and does no input or output; each module imports only 
 
 Pictures of the field, drawn from a finished or a running simulator:
 
-    shapes       what a picture is made of
-    svg          shapes as SVG
-    png          shapes as PNG (needs Pillow: the extra llfsm[draw])
     field        the field with its trails and turtles as shapes, and as a file
 
 Connected to others; one simulator to one of them:

@@ -4,9 +4,7 @@
     ├── UnknownTurtleError   no turtle has that name
     ├── PenError             a pen's colour or width is outside 0 to 255
     ├── ParameterError       a parameter is unknown, or the value is not one for it
-    └── PictureError
-        ├── PictureFormatError    the file's ending names no format we draw
-        └── PillowMissingError    a PNG was asked for and Pillow is not installed
+    └── PictureFormatError   a picture's file ending is neither .svg nor .png
 
 What a message from outside can hold (an illegal name, a number that is not finite) raises nothing:
 one bad message must not end the simulation. It is refused, and the log says why.
@@ -17,9 +15,7 @@ from llfsm.errors import LlfsmError
 __all__ = [
     "ParameterError",
     "PenError",
-    "PictureError",
     "PictureFormatError",
-    "PillowMissingError",
     "TurtlesimError",
     "UnknownTurtleError",
 ]
@@ -41,13 +37,5 @@ class ParameterError(TurtlesimError, ValueError):
     """A parameter was refused; the message is the reason that rclcpp gives."""
 
 
-class PictureError(TurtlesimError):
-    """A picture cannot be drawn."""
-
-
-class PictureFormatError(PictureError, ValueError):
+class PictureFormatError(TurtlesimError, ValueError):
     """A picture's file name ends in neither .svg nor .png, or there is none."""
-
-
-class PillowMissingError(PictureError, ImportError):
-    """Pillow, which writes PNG, is not installed."""

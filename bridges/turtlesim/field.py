@@ -13,22 +13,26 @@ from textwrap import wrap
 from typing import Final, NamedTuple
 from uuid import uuid4
 
+from llfsm.runtime.drawing.png import write_png
+from llfsm.runtime.drawing.shapes import Ellipse, Group, Line, Picture, Polygon, Shape, Text
+from llfsm.runtime.drawing.svg import write_svg
+
 from .arithmetic import FIELD, METER
 from .canvas import SIZE
 from .errors import PictureFormatError
 from .pen import Color
-from .png import to_png
-from .shapes import Drawing, Ellipse, Group, Label, Line, Polygon, Shape
 from .simulator import Simulator
-from .svg import to_svg
 from .turtle import Turtle
 
-__all__ = ["draw", "drawing"]
+__all__ = ["draw", "field_picture"]
 
-_WRITERS: Final[dict[str, Callable[[Drawing], bytes]]] = {".svg": to_svg, ".png": to_png}
+_WRITERS: Final[dict[str, Callable[[Picture], bytes]]] = {
+    ".svg": lambda picture: write_svg(picture).encode(),
+    ".png": write_png,
+}
 
-_WHITE: Final = Color(255, 255, 255)
-_INK: Final = Color(30, 36, 64)
+_WHITE: Final = "#ffffff"
+_INK: Final = "#1e2440"
 
 _CAPTION_CHARACTERS = 56  # in a line of the caption
 _CAPTION_SIZE = 14.0
@@ -39,18 +43,18 @@ _NAME_SIZE = 13.0
 class _Coat(NamedTuple):
     """A turtle's colours: the shell's rim, its plates, the skin."""
 
-    rim: Color
-    plate: Color
-    skin: Color
+    rim: str
+    plate: str
+    skin: str
 
 
 _COATS: Final = (
-    _Coat(Color(27, 94, 52), Color(76, 175, 96), Color(174, 213, 129)),  # green
-    _Coat(Color(166, 66, 20), Color(245, 144, 60), Color(255, 213, 145)),  # orange
-    _Coat(Color(136, 20, 79), Color(232, 92, 152), Color(250, 187, 212)),  # pink
-    _Coat(Color(0, 96, 100), Color(46, 184, 190), Color(160, 226, 222)),  # teal
-    _Coat(Color(140, 98, 0), Color(246, 201, 62), Color(255, 238, 165)),  # yellow
-    _Coat(Color(130, 24, 24), Color(229, 83, 75), Color(255, 190, 172)),  # red
+    _Coat("#1b5e34", "#4caf60", "#aed581"),  # green
+    _Coat("#a64214", "#f5903c", "#ffd591"),  # orange
+    _Coat("#88144f", "#e85c98", "#fabbd4"),  # pink
+    _Coat("#006064", "#2eb8be", "#a0e2de"),  # teal
+    _Coat("#8c6200", "#f6c93e", "#ffeea5"),  # yellow
+    _Coat("#821818", "#e5534b", "#ffbeac"),  # red
 )
 
 
@@ -59,7 +63,7 @@ def draw(simulator: Simulator, path: str | os.PathLike[str], caption: str = "") 
 
     Folders that are missing are made. A file is complete at every moment, also for those who read
     it while it is replaced. Raise PictureFormatError for an ending that is neither .svg nor .png,
-    PillowMissingError for a PNG without Pillow, and OSError where a file cannot be written.
+    `DrawingError` for a PNG without Pillow, and OSError where a file cannot be written.
     """
     path = Path(path)
     if not path.name:
@@ -73,7 +77,7 @@ def draw(simulator: Simulator, path: str | os.PathLike[str], caption: str = "") 
             f"cannot draw {path}: its ending is {path.suffix!r}, and must be .svg or .png, "
             "or left out for both"
         )
-    picture = drawing(simulator, caption)
+    picture = field_picture(simulator, caption)
     path.parent.mkdir(parents=True, exist_ok=True)
     for file in paths:
         _replace(file, _WRITERS[file.suffix.lower()](picture))
@@ -90,11 +94,11 @@ def _replace(path: Path, content: bytes) -> None:
         unfinished.unlink(missing_ok=True)
 
 
-def drawing(simulator: Simulator, caption: str = "") -> Drawing:
-    """Return the field as shapes, with a caption below it if there is one."""
+def field_picture(simulator: Simulator, caption: str = "") -> Picture:
+    """Return the field as a picture, with a caption below it if there is one."""
     background = simulator.parameters.background
     shapes: list[Shape] = [
-        Line(stroke.points, stroke.pen.color, stroke.pen.width)
+        Line(stroke.points, stroke.pen.color.hex, stroke.pen.width)
         for stroke in simulator.canvas.strokes
     ]
     turtles = list(simulator.turtles.values())
@@ -104,7 +108,8 @@ def drawing(simulator: Simulator, caption: str = "") -> Drawing:
     band = _CAPTION_LEADING * (len(lines) + 1) if lines else 0.0
     shapes += _caption(lines, band)
     names = ", ".join(simulator.turtles) or "no turtle"
-    return Drawing(caption.strip() or f"turtlesim: {names}", SIZE, SIZE + band, background, shapes)
+    title = caption.strip() or f"turtlesim: {names}"
+    return Picture(title, SIZE, SIZE + band, background.hex, shapes)
 
 
 def _caption(lines: list[str], band: float) -> Iterator[Shape]:
@@ -113,16 +118,16 @@ def _caption(lines: list[str], band: float) -> Iterator[Shape]:
         yield Polygon(corners, _WHITE)
     for number, line in enumerate(lines, start=1):
         baseline = SIZE + _CAPTION_LEADING * number + _CAPTION_SIZE / 3
-        yield Label(SIZE / 2, baseline, line, _CAPTION_SIZE, _INK)
+        yield Text(SIZE / 2, baseline, line, _CAPTION_SIZE, _INK)
 
 
-def _name(turtle: Turtle, rim: Color) -> Shape:
+def _name(turtle: Turtle, rim: str) -> Shape:
     """Write the name below its turtle, or above it near the lower edge, inside the field."""
     x, y = _position(turtle)
     margin = min(_NAME_SIZE * 0.3 * len(turtle.name) + 4.0, SIZE / 2)
     baseline = y + 38.0 if y < SIZE - 44.0 else y - 28.0
     x = min(max(x, margin), SIZE - margin)
-    return Label(x, baseline, turtle.name, _NAME_SIZE, _WHITE, rim)
+    return Text(x, baseline, turtle.name, _NAME_SIZE, _WHITE, rim=rim)
 
 
 def _position(turtle: Turtle) -> tuple[float, float]:
@@ -131,15 +136,15 @@ def _position(turtle: Turtle) -> tuple[float, float]:
     return min(max(x, 0.0), FIELD) * METER, min(max(y, 0.0), FIELD) * METER
 
 
-def _shade(color: Color, part: float) -> Color:
-    return Color(*(round(value * part) for value in color))
+def _shade(color: Color, part: float) -> str:
+    return Color(*(round(value * part) for value in color)).hex
 
 
 def _turtle(turtle: Turtle) -> Shape:
     """Draw a turtle as big as turtlesim's, 45 units, seen from above and facing its heading."""
     x, y = _position(turtle)
     coat = _COATS[(sum(turtle.name.encode()) - sum(b"turtle1")) % len(_COATS)]
-    return Group(x, y, -degrees(turtle.pose.theta), tuple(_body(coat)))
+    return Group(tuple(_body(coat)), x, y, -degrees(turtle.pose.theta))
 
 
 def _body(coat: _Coat) -> Iterator[Shape]:

@@ -14,6 +14,11 @@ class Color(NamedTuple):
     g: int
     b: int
 
+    @property
+    def hex(self) -> str:
+        """The colour as "#rrggbb"."""
+        return "#{:02x}{:02x}{:02x}".format(*self)
+
 
 class Pen(NamedTuple):
     """What a turtle draws with: a colour, and a width in pixels (1 to 255)."""

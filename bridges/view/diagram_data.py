@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from llfsm.runtime.drawing import Diagram, arrange
 from llfsm.runtime.drawing.diagram import arrow_head
-from llfsm.runtime.drawing.typeset import TextLine, box_lines, label_lines
+from llfsm.runtime.drawing.shapes import Text
+from llfsm.runtime.drawing.typeset import box_lines, label_lines
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.presence.description import table_of
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
@@ -75,5 +76,5 @@ def _plain(diagram: Diagram) -> dict[str, Any]:
     }
 
 
-def _lines(lines: Iterable[TextLine]) -> list[tuple[float, float, str, float, str, bool]]:
+def _lines(lines: Iterable[Text]) -> list[tuple[float, float, str, float, str, bool]]:
     return [(line.x, line.y, line.text, line.size, line.face, line.centred) for line in lines]

@@ -4,11 +4,11 @@
 """
 
 from .arrange import arrange
-from .diagram import Box, Diagram, Edge, Label, Point
+from .diagram import Box, Diagram, Edge, Label
 from .dot import to_dot
 from .mermaid import to_mermaid
-from .png import to_png
-from .svg import to_svg
+from .rendering import to_png, to_svg
+from .shapes import Point
 
 __all__ = [
     "Box",

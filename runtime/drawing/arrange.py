@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from ..engine.state import State
 from ..engine.table import Table
 from .curves import hits, sample, straight
-from .diagram import Arrow, Box, Curve, Diagram, Edge, Label, Point, SectionText
+from .diagram import Arrow, Box, Diagram, Edge, Label, SectionText
 from .layered import layered
 from .placed import has_room, placed
+from .shapes import Curve, Point
 from .style import DOT, LINE, MARGIN
 from .text import numbered_labels, section_texts
 from .typeset import cut_sections, make_box, make_label

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
-from .diagram import Box, Curve, Label, Point
+from .shapes import Curve, Point
+
+if TYPE_CHECKING:
+    from .diagram import Box, Label
 
 __all__ = ["at", "contains", "crossing", "hits", "part", "sample", "straight", "through"]
 

@@ -1,7 +1,7 @@
 """A drawn machine as data: boxes, curves and labels with their places, for any writer.
 
-Lengths are in units of the picture, x to the right and y down. A curve is its start and three
-points for each cubic Bézier piece; it ends at the tip of its arrow.
+Lengths are in units of the picture, x to the right and y down. A curve ends at the tip of its
+arrow.
 """
 
 from __future__ import annotations
@@ -9,33 +9,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
+
+from .shapes import Curve, Point
 
 __all__ = [
     "HEAD",
     "Arrow",
     "Box",
-    "Curve",
     "Diagram",
     "Edge",
     "Label",
-    "Point",
     "SectionText",
     "arrow_head",
 ]
 
 HEAD = 9.0
 """The length of an arrow's head."""
-
-
-class Point(NamedTuple):
-    """A place in the picture."""
-
-    x: float
-    y: float
-
-
-Curve: TypeAlias = tuple[Point, ...]
 
 
 class SectionText(NamedTuple):

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from .curves import through
-from .diagram import Arrow, Box, Curve, Edge, Point
+from .diagram import Arrow, Box, Edge
 from .layers import place
 from .loops import loop_room, self_loops
 from .nodes import Link, Node
 from .ranks import Arc, back_arcs, ranks
+from .shapes import Curve, Point
 
 __all__ = ["layered"]
 

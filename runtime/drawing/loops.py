@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from .diagram import Box, Curve, Label, Point
+from .diagram import Box, Label
+from .shapes import Curve, Point
 
 __all__ = ["loop_room", "self_loops"]
 

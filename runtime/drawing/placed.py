@@ -9,8 +9,9 @@ from math import hypot
 
 from ..engine.layout import Layout, TransitionPath
 from .curves import at, contains, crossing, hits, part, sample
-from .diagram import HEAD, Arrow, Box, Curve, Edge, Label, Point
+from .diagram import HEAD, Arrow, Box, Edge, Label
 from .loops import self_loops
+from .shapes import Curve, Point
 
 __all__ = ["has_room", "placed"]
 

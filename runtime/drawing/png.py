@@ -1,37 +1,50 @@
-"""A diagram as PNG, with Pillow: twice the diagram's size, drawn larger and smoothed."""
+"""Pictures as PNG, with Pillow: twice the picture's size, drawn larger and averaged."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from io import BytesIO
 from itertools import pairwise
-from math import ceil, hypot
+from math import ceil, cos, hypot, pi, radians, sin
 from typing import TYPE_CHECKING, TypeAlias
 
 from ..engine.errors import DrawingError
-from . import style
 from .curves import sample
-from .diagram import Box, Curve, Diagram, Label, Point, arrow_head
-from .typeset import TextLine, box_lines, label_lines
+from .shapes import (
+    Ellipse,
+    Group,
+    Line,
+    Path,
+    Picture,
+    Point,
+    Polygon,
+    Rectangle,
+    Shape,
+    Text,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-    Font: TypeAlias = FreeTypeFont | ImageFont
+__all__ = ["SCALE", "write_png"]
 
-__all__ = ["to_png"]
+SCALE = 2
+"""Pixels for a unit of the picture; one for a picture so large that two take too much memory."""
 
-_SCALE = 2  # pixels for a unit of the diagram
-_SMOOTH = (3, 2, 1)  # Pillow draws hard edges: draw so many times larger, then average
+_SIZES = ((SCALE, 3), (SCALE, 2), (SCALE, 1), (1, 1))  # scale, and how much larger it is drawn
 _PIXELS = 80_000_000  # that Pillow may draw on: 240 MB
+_CORNERS = 48  # of the polygon that stands for an ellipse
+_ARC = 0.45  # from a round corner to the control points of its quarter of a circle, in radii
 _SANS = ("DejaVuSans.ttf", "LiberationSans-Regular.ttf", "Arial Unicode.ttf", "arial.ttf")
 _MONOSPACED = ("DejaVuSansMono.ttf", "LiberationMono-Regular.ttf", "Menlo.ttc", "consola.ttf")
 
+_Place: TypeAlias = Callable[[tuple[float, float]], tuple[float, float]]
 
-def to_png(diagram: Diagram) -> bytes:
-    """Return a diagram as a PNG file.
+
+def write_png(picture: Picture) -> bytes:
+    """Return a picture as a PNG file.
 
     Raise `DrawingError` without Pillow, or for a picture too large to draw.
     """
@@ -41,105 +54,103 @@ def to_png(diagram: Diagram) -> bytes:
         raise DrawingError(
             "drawing a PNG needs Pillow: pip install 'llfsm[draw]', or draw an SVG"
         ) from error
-    area = diagram.width * diagram.height * _SCALE**2
-    smooth = next((s for s in _SMOOTH if area * s * s <= _PIXELS), None)
-    if smooth is None:
+    area = picture.width * picture.height
+    fitting = (size for size in _SIZES if area * (size[0] * size[1]) ** 2 <= _PIXELS)
+    scale, smooth = next(fitting, (0, 0))
+    if not scale:
         raise DrawingError(
-            f"a PNG of {diagram.width:.0f} by {diagram.height:.0f} would be too large: draw an SVG"
+            f"a PNG of {picture.width:.0f} by {picture.height:.0f} would be too large: draw an SVG"
         )
-    unit = _SCALE * smooth
-    size = ceil(diagram.width * _SCALE) * smooth, ceil(diagram.height * _SCALE) * smooth
-    image = Image.new("RGB", size, style.BACKGROUND)
-    _Painter(ImageDraw.Draw(image), diagram.left, diagram.top, unit).paint(diagram)
+    unit = scale * smooth
+    size = ceil(picture.width * scale) * smooth, ceil(picture.height * scale) * smooth
+    image = Image.new("RGB", size, picture.background)
+    left, top = picture.left, picture.top
+    painter = _Painter(ImageDraw.Draw(image), unit)
+    painter.paint(picture.shapes, lambda p: ((p[0] - left) * unit, (p[1] - top) * unit))
     file = BytesIO()
     image.reduce(smooth).save(file, "PNG", optimize=True)
     return file.getvalue()
 
 
 class _Painter:
-    """Paint what a diagram is made of, `unit` pixels to its unit."""
+    """Paint shapes, `unit` pixels to their unit."""
 
-    def __init__(self, draw: ImageDraw, left: float, top: float, unit: int):
+    def __init__(self, draw: ImageDraw, unit: float):
         self.draw = draw
-        self.left = left
-        self.top = top
         self.unit = unit
 
-    def paint(self, diagram: Diagram) -> None:
-        dot = diagram.start[0]
-        rim = (Point(dot.x + dx, dot.y + dx) for dx in (-style.DOT, style.DOT))
-        self.draw.ellipse([self.at(p) for p in rim], style.INK)
-        self.arrow(diagram.start, style.INK)
-        for edge in diagram.edges:
-            self.arrow(edge.curve, style.EDGE)
-        for box in diagram.boxes:
-            self.box(box)
-        for edge in diagram.edges:
-            self.label(edge.label)
+    def paint(self, shapes: Iterable[Shape], place: _Place) -> None:
+        """Paint shapes whose points `place` maps to pixels."""
+        for shape in shapes:
+            match shape:
+                case Line(points, color, width):
+                    self.line(map(place, points), color, width)
+                    self.ends([place(points[0]), place(points[-1])], color, width)
+                case Path(curve, color, width):
+                    points = sample(curve, 20 * ((len(curve) - 1) // 3))
+                    self.line(map(place, points), color, width)
+                case Polygon(points, fill):
+                    self.draw.polygon([place(point) for point in points], fill)
+                case Ellipse(x, y, rx, ry, fill, turn):
+                    within = _within(place, x, y, turn)
+                    angles = (2 * pi * corner / _CORNERS for corner in range(_CORNERS))
+                    self.draw.polygon([within((rx * cos(a), ry * sin(a))) for a in angles], fill)
+                case Rectangle():
+                    self.rectangle(shape, place)
+                case Text():
+                    self.text(shape, place)
+                case Group(members, x, y, turn):
+                    self.paint(members, _within(place, x, y, turn))
 
-    def at(self, point: Point) -> tuple[float, float]:
-        return (point.x - self.left) * self.unit, (point.y - self.top) * self.unit
+    def line(self, points: Iterable[tuple[float, float]], color: str, width: float) -> None:
+        self.draw.line(list(points), color, round(width * self.unit), joint="curve")
 
-    def arrow(self, curve: Curve, color: str) -> None:
-        pieces = (len(curve) - 1) // 3
-        self.line(sample(curve, 20 * pieces), color)
-        self.draw.polygon([self.at(point) for point in arrow_head(curve)], color)
+    def ends(self, points: Iterable[tuple[float, float]], color: str, width: float) -> None:
+        radius = width * self.unit / 2
+        for x, y in points:
+            self.draw.ellipse((x - radius, y - radius, x + radius, y + radius), color)
 
-    def line(self, points: Iterable[Point], color: str) -> None:
-        width = round(style.LINE * self.unit)
-        self.draw.line([self.at(point) for point in points], color, width, joint="curve")
+    def rectangle(self, shape: Rectangle, place: _Place) -> None:
+        outline = _outline(shape)
+        self.draw.polygon([place(point) for point in outline], shape.fill)
+        if shape.stroke is None:
+            return
+        dashes = [outline] if shape.dash is None else _dashes(outline, *shape.dash)
+        for dash in dashes:
+            self.line(map(place, dash), shape.stroke, shape.stroke_width)
 
-    def box(self, box: Box) -> None:
-        unit = self.unit
-        for inset in (0, style.RIM) if box.accepting else (0,):
-            corners = (
-                Point(box.left + inset, box.top + inset),
-                Point(box.right - inset, box.bottom - inset),
-            )
-            self.draw.rounded_rectangle(
-                [self.at(point) for point in corners],
-                (style.CORNER - inset / 2) * unit,
-                style.FILL,
-                None if box.suspend else style.BORDER,
-                round(style.LINE * unit),
-            )
-            if box.suspend:
-                for dash in _dashes(_outline(box, inset)):
-                    self.line(dash, style.BORDER)
-        self.text(box_lines(box))
-
-    def label(self, label: Label) -> None:
-        x, y = label.width / 2, label.height / 2
-        corners = Point(label.x - x, label.y - y), Point(label.x + x, label.y + y)
-        self.draw.rectangle([self.at(point) for point in corners], style.BACKGROUND)
-        self.text(label_lines(label))
-
-    def text(self, lines: Iterable[TextLine]) -> None:
-        for line in lines:
-            self.draw.text(
-                self.at(Point(line.x, line.y)),
-                _printable(line.text),
-                fill=line.color,
-                font=_font(_face(line), line.size * self.unit),
-                anchor="ms" if line.centred else "ls",
-                stroke_width=round(0.02 * line.size * self.unit) if line.face == "bold" else 0,
-            )
+    def text(self, shape: Text, place: _Place) -> None:
+        stroke = 0.02 if shape.face == "bold" else 0.0
+        if shape.rim is not None:
+            stroke = 0.125
+        self.draw.text(
+            place((shape.x, shape.y)),
+            "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}"
+                    for each in shape.text),  # some text layouts choke on the others
+            fill=shape.color,
+            font=_font(_fonts_for(shape), shape.size * self.unit),
+            anchor="ms" if shape.centred else "ls",
+            stroke_width=round(stroke * shape.size * self.unit),
+            stroke_fill=shape.rim,
+        )  # fmt: skip
 
 
-def _face(line: TextLine) -> tuple[str, ...]:
+def _within(place: _Place, x: float, y: float, turn: float) -> _Place:
+    """Return the place of points whose origin is moved to (x, y) and turned about it."""
+    c, s = cos(radians(turn)), sin(radians(turn))
+    return lambda p: place((x + c * p[0] - s * p[1], y + s * p[0] + c * p[1]))
+
+
+def _fonts_for(shape: Text) -> tuple[str, ...]:
     """Return the system's fonts to look for, where Pillow's own lacks characters or width."""
-    if line.face == "code":
+    if shape.face == "code":
         return _MONOSPACED
-    return () if line.text.isascii() else _SANS
+    return () if shape.text.isascii() else _SANS
 
 
-@lru_cache(maxsize=8)
-def _printable(text: str) -> str:
-    """Return the text with a mark for what is no character to see: some layouts choke on it."""
-    return "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in text)
-
-
-def _font(names: tuple[str, ...], size: float) -> Font:
+@lru_cache(maxsize=32)
+def _font(names: tuple[str, ...], size: float) -> FreeTypeFont | ImageFont:
+    """Load the first of these fonts that is installed, or Pillow's own: that takes milliseconds."""
     from PIL import ImageFont
 
     for name in names:
@@ -150,26 +161,24 @@ def _font(names: tuple[str, ...], size: float) -> Font:
     return ImageFont.load_default(size)
 
 
-def _outline(box: Box, inset: float) -> list[Point]:
-    """Return the points around a box with round corners."""
-    corner = style.CORNER - inset / 2
-    left, right, top, bottom = (
-        box.left + inset, box.right - inset, box.top + inset, box.bottom - inset
-    )  # fmt: skip
-    arc = 0.45 * corner  # from the corner to the control points of a quarter of a circle
+def _outline(shape: Rectangle) -> list[Point]:
+    """Return the points around a rectangle, the first one again at the end."""
+    corner = shape.corner
+    left, right = shape.left, shape.left + shape.width
+    top, bottom = shape.top, shape.top + shape.height
     points = []
     for x, y, dx, dy in (
         (right, top, -1, 1), (right, bottom, -1, -1), (left, bottom, 1, -1), (left, top, 1, 1)
     ):  # fmt: skip
         side, end = Point(x + dx * corner, y), Point(x, y + dy * corner)
+        arc = _ARC * corner
         quarter = (side, Point(x + dx * arc, y), Point(x, y + dy * arc), end)
         points += sample(quarter if dx * dy < 0 else quarter[::-1], 8)
     return [*points, points[0]]
 
 
-def _dashes(points: Iterable[Point]) -> Iterable[list[Point]]:
+def _dashes(points: Sequence[Point], on: float, gap: float) -> Iterator[list[Point]]:
     """Cut a line into dashes."""
-    on, gap = style.DASH
     dash: list[Point] = []
     walked = 0.0
     for a, b in pairwise(points):

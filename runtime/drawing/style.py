@@ -23,6 +23,7 @@ BOLD: Final = 1.08
 
 LINE: Final = 1.5
 CORNER: Final = 8.0
+LABEL_CORNER: Final = 4.0
 RIM: Final = 3.5
 """Between the two borders of an accepting state."""
 DASH: Final = (6.0, 4.0)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
 
 from . import style
 from .diagram import Box, Label, SectionText
+from .shapes import Text
 from .text import code_width, line_height, text_width, wrap
 
-__all__ = ["TextLine", "box_lines", "cut_sections", "label_lines", "make_box", "make_label"]
+__all__ = ["box_lines", "cut_sections", "label_lines", "make_box", "make_label"]
 
 _PADDING = 12.0  # beside the text of a box
 _ABOVE = 9.0  # above and below a title on its own
@@ -17,18 +17,6 @@ _ABOVE_SECTIONS = 7.0  # above a title with sections, and below these
 _HEADING = 4.0 + line_height(style.HEADING_SIZE)
 _CUT = " …"
 _BASELINE = 0.35  # of a size below the middle of a line
-
-
-class TextLine(NamedTuple):
-    """A line of text with its baseline's start, or its middle if `centred`, at (x, y)."""
-
-    x: float
-    y: float
-    text: str
-    size: float
-    color: str
-    face: Literal["regular", "bold", "code"]
-    centred: bool
 
 
 def make_label(text: str) -> Label:
@@ -82,30 +70,30 @@ def cut_sections(
     return tuple(kept)
 
 
-def box_lines(box: Box) -> Iterator[TextLine]:
+def box_lines(box: Box) -> Iterator[Text]:
     """Yield the text of a box: its title, in the middle or above the sections."""
     y = box.top + _ABOVE_SECTIONS if box.sections else box.y - _title_height(box.title) / 2
     for line in box.title:
         y += line_height(style.TITLE_SIZE)
         base = y - line_height(style.TITLE_SIZE) / 2 + _BASELINE * style.TITLE_SIZE
-        yield TextLine(box.x, base, line, style.TITLE_SIZE, style.INK, "bold", True)
+        yield Text(box.x, base, line, style.TITLE_SIZE, style.INK, "bold", True)
     x = box.left + _PADDING
     for section in box.sections:
         y += _HEADING
         base = y - _BASELINE * style.HEADING_SIZE
-        yield TextLine(x, base, section.name, style.HEADING_SIZE, style.ACCENT, "bold", False)
+        yield Text(x, base, section.name, style.HEADING_SIZE, style.ACCENT, "bold", False)
         for line in section.lines:
             y += line_height(style.CODE_SIZE)
             base = y - _BASELINE * style.CODE_SIZE
-            yield TextLine(x, base, line, style.CODE_SIZE, style.CODE, "code", False)
+            yield Text(x, base, line, style.CODE_SIZE, style.CODE, "code", False)
 
 
-def label_lines(label: Label) -> Iterator[TextLine]:
+def label_lines(label: Label) -> Iterator[Text]:
     """Yield the text of a label."""
     size = style.LABEL_SIZE
     y = label.y - (len(label.lines) - 1) / 2 * line_height(size) + _BASELINE * size
     for line in label.lines:
-        yield TextLine(label.x, y, line, size, style.LABEL, "regular", True)
+        yield Text(label.x, y, line, size, style.LABEL, "regular", True)
         y += line_height(size)
 
 
