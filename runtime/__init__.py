@@ -8,6 +8,7 @@ of one machine), `roster`, `control` and `arrangement` (all).
 from .engine.arrangement import Arrangement
 from .engine.clock import Clock, ManualClock, MonotonicClock
 from .engine.errors import (
+    ActuatorClosedError,
     ArrangementEndedError,
     BundleError,
     ClockError,
@@ -42,6 +43,7 @@ Arrangement.live = LiveEnvironment
 __all__ = [
     "REQUIRED",
     "Actuator",
+    "ActuatorClosedError",
     "Arrangement",
     "ArrangementEndedError",
     "BundleError",

@@ -28,7 +28,7 @@ from .observers import Observers
 from .pacing import Pacer
 from .ringlet import observed_ringlet, ringlet
 from .schedule import Timetable
-from .seat import Seat
+from .seat import Failure, Seat
 from .signals import stop_on_signals
 from .statistics import MachineStatistics, Stopwatch
 from .submachine import Submachine
@@ -366,12 +366,11 @@ class Arrangement(Control):
 
     def _fail(self, seat: Seat, error: ExecutionError) -> None:
         """Apply `on_error` to a machine whose code raised."""
+        seat.fail(Failure(error, self.clock.now_ns()))
         if self.on_error == "stop":
             self.end(Reason.FAILED)
             raise error
         logger().error("%s", error, exc_info=error)
-        seat.request = None
-        seat.failed = True
         if seat.suspended:
             self._leaving.append(seat)
             self._let_go()

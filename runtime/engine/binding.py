@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BoundState", "bind"]
 
+_ON_SUSPEND = SECTIONS.index("OnSuspend")
+
 
 class BoundState:
     """A state of one loaded machine: plain functions and targets, nothing to look up.
@@ -48,6 +50,7 @@ def bind(seat: Seat, *, observed: bool) -> None:
     for state in type(seat.machine).table.states:
         bound = seat.states[state.name]
         code = [state.sections.get(section) for section in SECTIONS]
+        code[_ON_SUSPEND] = _suspending(seat, code[_ON_SUSPEND])
         guards = [_guard(seat, state, number) for number in range(len(state.transitions))]
         if observed:
             code = [_watch_section(seat, state, *pair) for pair in zip(SECTIONS, code, strict=True)]
@@ -57,6 +60,21 @@ def bind(seat: Seat, *, observed: bool) -> None:
         bound.transitions = tuple(zip(guards, targets, strict=True))
     states = seat.states.values()
     seat.notifies = any(bound.on_suspend or bound.on_resume for bound in states)
+
+
+def _suspending(seat: Seat, code: SectionCode | None) -> SectionCode | None:
+    """Return OnSuspend's code, after the safe values if the machine has any."""
+    actuators = type(seat.machine).table.actuators.values()
+    if all(actuator.at_suspend is None for actuator in actuators):
+        return code
+
+    def post_and_run(machine: Any) -> None:
+        if seat.failure is None:  # else the values for that were posted, and stay
+            seat.post_safe("at_suspend")
+        if code is not None:
+            code(machine)
+
+    return post_and_run
 
 
 def _guard(seat: Seat, state: State, number: int) -> Guard | None:

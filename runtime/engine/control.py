@@ -9,7 +9,7 @@ from .environment import Environment
 from .events import Request, Standing, Status
 from .machine import Machine
 from .roster import Roster
-from .seat import Arrival, Seat
+from .seat import Arrival, Failure, Seat
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
@@ -115,6 +115,10 @@ class Control:
     def arrival(self, name: str) -> Arrival:
         """Return how a machine has come into its state."""
         return self._roster.find(name).arrival()
+
+    def failure(self, name: str) -> Failure | None:
+        """Return what a machine's code has raised; None if it has not, or was resumed since."""
+        return self._roster.find(name).failure
 
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""

@@ -9,6 +9,7 @@ FsmError
 ├── ScheduleError            a timetable contradicts itself
 ├── UnknownMachineError      no machine of that name (also a LookupError)
 ├── NotLoadedError           a machine that is in no arrangement was asked to act
+├── ActuatorClosedError      a machine that has ended was asked to post
 ├── ExecutionError           code of a machine failed: names machine, state, step and line
 │   └── GuardResultError     a guard returned something other than True or False
 ├── ObserverError            an observer raised
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 from llfsm.errors import LlfsmError
 
 __all__ = [
+    "ActuatorClosedError",
     "ArrangementEndedError",
     "BundleError",
     "ClockError",
@@ -128,6 +130,10 @@ class UnknownMachineError(FsmError, LookupError):
 
 class NotLoadedError(FsmError):
     """A machine must be loaded into an arrangement first."""
+
+
+class ActuatorClosedError(FsmError):
+    """A machine that has ended posts nothing more."""
 
 
 class ExecutionError(FsmError):

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from .binding import BoundState
     from .seat import Seat
 
-__all__ = ["explain", "logger", "not_a_bool"]
+__all__ = ["explain", "logger", "not_a_bool", "one_line"]
+
+_LONGEST = 300  # characters of an error in a status
 
 _RUNTIME = os.path.dirname(os.path.dirname(__file__))
 
@@ -24,6 +26,15 @@ def logger() -> Logger:
     import logging
 
     return logging.getLogger("llfsm.runtime")
+
+
+def one_line(error: Exception) -> str:
+    """Return an error's message in one line, and not too long a one."""
+    line = " ".join(str(error).split())
+    if len(line) <= _LONGEST:
+        return line
+    half = _LONGEST // 2
+    return f"{line[:half]} … {line[-half:]}"  # the place in the code comes last
 
 
 def explain(seat: Seat, state: BoundState, code: object, error: Exception) -> ExecutionError:

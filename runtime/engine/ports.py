@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, NoReturn, Self, TypeVar, overload
 
-from .errors import NotLoadedError
+from .errors import ActuatorClosedError, NotLoadedError
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
@@ -45,15 +45,37 @@ class Sensor(Generic[M, D]):
 class Actuator(Generic[M]):
     """Post to a slot by calling: `self.drive(Twist())` adds the message and returns its count.
 
-    `at_end` is posted once when the machine leaves its arrangement or the arrangement ends,
-    however it ends.
+    Safe values are posted by the arrangement itself: `at_suspend` when a suspension of the machine
+    takes effect, before its OnSuspend; `at_failure` when code of the machine raises; `at_end` once
+    when the machine leaves its arrangement or the arrangement ends, however it ends. By default
+    `at_failure` is `at_suspend`, and that is `at_end`; without any, nothing is posted.
     """
 
     declared_once = True
 
-    def __init__(self, slot: Slot[M], *, at_end: M | None = None):
+    def __init__(
+        self,
+        slot: Slot[M],
+        *,
+        at_suspend: M | None = None,
+        at_end: M | None = None,
+        at_failure: M | None = None,
+    ):
         self.slot = slot
         self.at_end = at_end
+        self.at_suspend = at_end if at_suspend is None else at_suspend
+        self.at_failure = self.at_suspend if at_failure is None else at_failure
+
+    def closed(self, machine: str) -> Callable[[M], NoReturn]:
+        """Return what stands for the actuator of a machine that has ended: it refuses to post."""
+
+        def refuse(message: M) -> NoReturn:
+            raise ActuatorClosedError(
+                f"{machine} has ended and cannot post to {self.slot.name!r} any more; "
+                f"did a thread of it go on?"
+            )
+
+        return refuse
 
     @overload
     def __get__(self, machine: None, owner: type) -> Self: ...

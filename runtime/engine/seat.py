@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from .binding import BoundState
 from .errors import LoadError
@@ -13,13 +13,13 @@ from .ports import Actuator, Sensor
 from .state import State
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Slot
+    from llfsm.whiteboard import Message, Slot
 
     from .arrangement import Arrangement
     from .environment import Environment, Read
     from .machine import Machine
 
-__all__ = ["Arrival", "Seat"]
+__all__ = ["Arrival", "Failure", "Seat"]
 
 NEVER = -1
 
@@ -32,6 +32,13 @@ class Arrival(NamedTuple):
     """Its place among those of `source`, from 0."""
     entered_ns: int | None
     """When the state's clock started; None if it has had no turn there yet."""
+
+
+class Failure(NamedTuple):
+    """What code of a machine has raised, and when, by the arrangement's clock."""
+
+    error: Exception
+    time_ns: int
 
 
 class Seat:
@@ -47,7 +54,7 @@ class Seat:
         "current",
         "doing",
         "entered_ns",
-        "failed",
+        "failure",
         "fired",
         "first_round",
         "held",
@@ -105,10 +112,12 @@ class Seat:
         self.sensors: tuple[tuple[str, Read], ...] = ()
         self.taken = True
         self.accepted = False  # whether it has ended a ringlet in an accepting state
-        self.failed = False  # whether its code has raised
+        self.failure: Failure | None = None  # what its code has raised
         self.held = False  # whether it was suspended from outside, and may be resumed from there
         self.stopping = False  # whether this machine alone was asked to stop
-        self.notifies = False  # whether any state has code for being suspended or resumed
+        self.notifies = (
+            False  # whether any state has something to do when it is suspended or resumed
+        )
 
     @property
     def suspended(self) -> bool:
@@ -157,9 +166,10 @@ class Seat:
             self.suspend()
         elif request is Request.RESTART:
             self.current, self.previous = self.initial, None
-            self.accepted = self.failed = False
+            self.accepted, self.failure = False, None
         elif self.suspended and self.remembered is not self.suspension:
             self.current, self.previous = self.remembered, self.suspension
+            self.failure = None
 
     def declared(self, state: BoundState) -> State:
         """Return the declaration of `state`, which must not be the default suspend state."""
@@ -218,17 +228,34 @@ class Seat:
 
     def finish(self) -> None:
         """Leave the seat and post the `at_end` messages; nothing if that was done before."""
-        if not self.taken:
-            return
-        self.taken = False
-        for name, port in type(self.machine).table.actuators.items():
-            if port.at_end is not None:
-                self._post_last(name, port)
+        if self.taken:
+            self.taken = False
+            self.post_safe("at_end")
+            self._close_actuators()
 
-    def _post_last(self, name: str, port: Actuator[Any]) -> None:
+    def fail(self, failure: Failure) -> None:
+        """Note that code of the machine has raised, and post the `at_failure` messages."""
+        self.failure = failure
+        self.request = None
+        self.post_safe("at_failure")
+
+    def post_safe(self, when: Literal["at_suspend", "at_end", "at_failure"]) -> None:
+        """Post the safe values of the machine's actuators for `when`."""
+        for name, actuator in type(self.machine).table.actuators.items():
+            message = getattr(actuator, when)
+            posted = when == "at_end" and self.failure and message is actuator.at_failure
+            if message is not None and not posted:
+                self._post_safe(name, message)
+
+    def _close_actuators(self) -> None:
+        """Let nothing be posted any more, such as by a thread that a section has started."""
+        for name, actuator in type(self.machine).table.actuators.items():
+            setattr(self.machine, name, actuator.closed(self.name))
+
+    def _post_safe(self, name: str, message: Message) -> None:
         from llfsm.whiteboard import WhiteboardError
 
         try:
-            getattr(self.machine, name)(port.at_end)
+            getattr(self.machine, name)(message)
         except WhiteboardError as error:  # the other messages must go out all the same
-            logger().warning("%s: the last %s was not posted: %s", self.name, name, error)
+            logger().warning("%s: the safe value of %s was not posted: %s", self.name, name, error)

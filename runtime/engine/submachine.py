@@ -48,7 +48,7 @@ class Submachine(Generic[M_co]):
     def failed(self) -> bool:
         """Whether its code has raised, or it was unloaded without having accepted."""
         seat = self._seat
-        return seat.failed or not (seat.taken or seat.accepted)
+        return seat.failure is not None or not (seat.taken or seat.accepted)
 
     def cancel(self) -> None:
         """Unload it if it is still loaded."""

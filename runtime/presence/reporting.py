@@ -20,7 +20,7 @@ from llfsm.whiteboard.messages.llfsm import (
     variables_slot,
 )
 
-from ..engine.failure import logger
+from ..engine.failure import logger, one_line
 from ..engine.machine import Machine
 from ..journal.handover import Handover, Reporter
 from .description import definition_of, variables_of
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot
 
     from ..engine.arrangement import Arrangement
-    from ..engine.seat import Arrival
+    from ..engine.seat import Arrival, Failure
 
 __all__ = ["Presence"]
 
@@ -48,6 +48,7 @@ class _Published(NamedTuple):
     pending: str
     obeyed: int
     entered_ns: int | None
+    failure: Failure | None
 
 
 class _Entry:
@@ -209,6 +210,7 @@ class Presence:
                 standing.request or "",
                 entry.obeyed,
                 arrival.entered_ns,
+                self._arrangement.failure(standing.machine),
             )
             if latest != entry.published or now_ns - entry.beat_ns >= _BEAT_NS:
                 entry.keep_name()
@@ -246,4 +248,7 @@ class Presence:
             pid=self._pid,
             born=self._born,
             host=host_name(),
+            failed=latest.failure is not None,
+            error="" if latest.failure is None else one_line(latest.failure.error),
+            error_s=0.0 if latest.failure is None else (now_ns - latest.failure.time_ns) / 1e9,
         )

@@ -62,6 +62,9 @@ class MachineStatus(Message):
     is that time on the machine's clock, or 0 before its first ringlet in the state. `pending` is a
     request that takes effect at its next ringlet; `obeyed` is the count of the latest request
     seen. The process has id `pid` on `host`, and started `born` clock ticks after boot.
+    After its code has raised, the machine is `failed` until it is resumed or restarted: `error`
+    describes it in one line, with section, file and line, and `error_s` is how many seconds before
+    the message's stamp that was.
     """
 
     state: str = ""
@@ -78,6 +81,9 @@ class MachineStatus(Message):
     pid: int = 0
     born: int = 0
     host: str = ""
+    failed: bool = False
+    error: str = ""
+    error_s: float = 0.0
 
 
 class MachineRequest(Message):

@@ -316,4 +316,4 @@ def test_a_closed_board_takes_no_last_message_and_the_others_still_get_theirs(
     with caplog.at_level(logging.WARNING, "llfsm.runtime"):
         arrangement.end()
     assert [r.args[0] for r in caplog.records] == ["Driver", "Driver.0"]
-    assert "the last drive was not posted" in caplog.text
+    assert "the safe value of drive was not posted" in caplog.text
