@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from llfsm.runtime.presence.remote import SILENT_S
+from llfsm.runtime.presence.remote import condition_of
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MACHINES, MachineStatus
 
@@ -129,14 +129,11 @@ class FrameEncoder:
     def _machine(self, name: str, sample: Sample[Any], snapshot: Snapshot) -> dict[str, Any]:
         status: MachineStatus = sample.message
         definition = snapshot.samples.get(DEFINITIONS + name)
-        if not self._source.is_live(sample):
-            condition = "ended"
-        elif snapshot.now_ns - sample.stamp_ns > SILENT_S * 1e9:
-            condition = "silent"
-        else:
-            condition = "suspended" if status.suspended else "running"
+        live = self._source.is_live(sample)
+        silent_s = (snapshot.now_ns - sample.stamp_ns) / 1e9
         return {
-            "condition": condition,
+            "condition": condition_of(status, silent_s) if live else "ended",
+            "error": status.error,
             "state": status.state,
             "suspended": status.suspended,
             "pending": status.pending,

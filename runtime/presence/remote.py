@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from llfsm.whiteboard.errors import MessageUnreadableError, SlotError
 from llfsm.whiteboard.liveness import born, host_name
@@ -26,7 +26,9 @@ from ..engine.events import Status
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Sample
 
-__all__ = ["SILENT_S", "Directory", "RemoteMachine", "is_live"]
+__all__ = ["SILENT_S", "Condition", "Directory", "RemoteMachine", "condition_of", "is_live"]
+
+Condition: TypeAlias = Literal["running", "suspended", "failed", "silent"]
 
 SILENT_S = 1.0
 """A process that has posted nothing for so long is gone or stalled."""
@@ -65,6 +67,11 @@ class RemoteMachine:
     def in_state_s(self) -> float:
         """Seconds since it entered its state."""
         return self.status.in_state_s + self.silent_s
+
+    @property
+    def condition(self) -> Condition:
+        """How it is, in one word."""
+        return condition_of(self.status, self.silent_s)
 
     def request(self, action: Action) -> Status:
         """Send it a request for its next turn; return its status before.
@@ -130,6 +137,15 @@ class Directory:
                 machine = slot.name.removeprefix(MACHINES)
                 with suppress(SlotError):  # not a machine's status, whatever its name
                     self._slots[slot.name] = self._board[status_slot(machine)]
+
+
+def condition_of(status: MachineStatus, silent_s: float) -> Condition:
+    """Return how a loaded machine is, whose status was published `silent_s` seconds ago."""
+    if silent_s > SILENT_S:
+        return "silent"
+    if status.failed:
+        return "failed"
+    return "suspended" if status.suspended else "running"
 
 
 def is_live(sample: Sample[MachineStatus], host: str = "") -> bool:

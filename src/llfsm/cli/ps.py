@@ -6,7 +6,7 @@ import json
 
 import click
 
-from llfsm.runtime.presence.remote import SILENT_S, Directory, RemoteMachine
+from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.shared import boards
 
@@ -53,12 +53,9 @@ def ps(board: str, every: bool, as_json: bool) -> None:
     for line in lines:
         padded = (text.ljust(width) for text, width in zip(line, widths, strict=True))
         click.echo("  ".join(padded).rstrip())
-
-
-def _status(machine: RemoteMachine) -> str:
-    if machine.silent_s > SILENT_S:
-        return "silent"
-    return "suspended" if machine.suspended else "running"
+    for _, machine in rows:
+        if machine.status.failed:
+            click.echo(f"{machine.name} failed: {machine.status.error}")
 
 
 def _row(machine: RemoteMachine) -> tuple[str, ...]:
@@ -66,7 +63,7 @@ def _row(machine: RemoteMachine) -> tuple[str, ...]:
     return (
         machine.name,
         status.state,
-        _status(machine),
+        machine.condition,
         f"{machine.in_state_s:.1f} s",
         str(status.ringlets),
         str(status.overruns),
@@ -80,11 +77,13 @@ def _plain(board: str, machine: RemoteMachine) -> dict[str, object]:
         "whiteboard": board,
         "machine": machine.name,
         "state": status.state,
-        "status": _status(machine),
+        "status": machine.condition,
         "in_state_s": round(machine.in_state_s, 3),
         "silent_s": round(machine.silent_s, 3),
         "ringlets": status.ringlets,
         "overruns": status.overruns,
         "pid": status.pid,
         "host": status.host,
+        "error": status.error,
+        "error_s": round(status.error_s + machine.silent_s, 3) if status.failed else None,
     }

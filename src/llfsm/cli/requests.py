@@ -55,8 +55,12 @@ def carry_out(board: Board, name: str, action: Action, *, patience_s: float = _P
     sample, until = slot.sample(), time.monotonic() + patience_s
     while sample is not None and is_live(sample):
         status = sample.message
-        if status.obeyed > remote.status.obeyed and not status.pending and outcome.holds(status):
-            return status.state
+        if status.obeyed > remote.status.obeyed and not status.pending:
+            if outcome.holds(status):
+                return status.state
+            if status.failed and not outcome.suspended:
+                again = "again" if remote.status.failed else "then"
+                raise click.ClickException(f"{name} has failed {again}: {status.error}")
         left = until - time.monotonic()
         if left <= 0:
             raise click.ClickException(
@@ -77,7 +81,10 @@ def _command(action: Action, text: str) -> click.Command:
     @board_option
     def command(machine: str, board: str) -> None:
         with Whiteboard(board, create=False) as wb:
+            failure = Directory(wb).find(machine).status.error
             state = carry_out(wb, machine, action)
+        if failure:
+            click.echo(f"{machine} had failed: {failure}")
         click.echo(f"{machine} {_OUTCOMES[action].text}" + (f" in {state}" if state else ""))
 
     return command

@@ -7,7 +7,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from llfsm.runtime.presence.remote import SILENT_S, Directory, RemoteMachine
+from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import Message, Sample, Whiteboard
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.poller import BoardPoller
@@ -23,6 +23,7 @@ __all__ = ["SlotRow", "Watcher", "machine_table", "slot_table", "turtle_field"]
 _FIELD = 11.09  # metres
 _COLUMNS, _ROWS = 44, 18
 _ARROWS = "→↗↑↖←↙↓↘"
+_STYLES = {"running": "bold green", "suspended": "yellow", "failed": "bold red", "silent": "red"}
 _RATE_S = 1.0  # over which changes are counted
 _OWN = "llfsm/"  # slots of llfsm's own processes: machines have a table of their own
 
@@ -93,10 +94,7 @@ def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> R
 
     table = Table.grid(padding=(0, 2))
     for machine in machines:
-        style = "yellow" if machine.suspended else "bold green"
-        condition = "suspended" if machine.suspended else "running"
-        if machine.silent_s > SILENT_S:
-            style, condition = "red", "silent"
+        style = _STYLES[machine.condition]
         row: list[RenderableType] = [
             Text(machine.name),
             Text(machine.state, style),
@@ -106,12 +104,14 @@ def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> R
             status = machine.status
             overruns = Text(f"{status.overruns} overruns", "red" if status.overruns else "dim")
             row += [
-                Text(condition, style),
+                Text(machine.condition, style),
                 f"{status.ringlets} ringlets",
                 overruns,
                 f"pid {status.pid}",
             ]
         table.add_row(*row)
+        if wide and machine.status.failed:
+            table.add_row("", Text(machine.status.error, "red"))
     return table
 
 
