@@ -99,6 +99,12 @@ class BoundSlot(ABC, Generic[M]):
         :class:`.BoardClosedError` if the board is closed or removed while waiting.
         """
 
+    def on_add(self, callback: Callable[[int], None]) -> None:
+        """Call a method with the count of each message, within the add, as long as it exists.
+
+        Only a board in one process can: on others nothing is called.
+        """
+
     # The same for every board; imported when used, because few programs use them.
 
     def subscribe(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -31,6 +32,7 @@ class _Cell:
     def __init__(self, slot: Slot[Any]) -> None:
         self.slot = slot
         self.latest: _Added | None = None
+        self.on_add: list[weakref.WeakMethod[Callable[[int], None]]] = []
 
     @property
     def count(self) -> int:
@@ -78,8 +80,17 @@ class _LocalSlot(BoundSlot[M]):
             added = _Added(data, count + 1, self._board.now_ns(), os.getpid())
             self._read = added, Sample(message, *added[1:])
             self._cell.latest = added
+            for reference in self._cell.on_add[:]:
+                callback = reference()
+                if callback is None:
+                    self._cell.on_add.remove(reference)
+                else:
+                    callback(added.number)
             self._board.changed.notify_all()
         return added.number
+
+    def on_add(self, callback: Callable[[int], None]) -> None:
+        self._cell.on_add.append(weakref.WeakMethod(callback))
 
     def get(self) -> M | None:
         sample = self.sample()

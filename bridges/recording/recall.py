@@ -15,6 +15,7 @@ from llfsm.runtime import Arrangement, ManualClock
 from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
 from llfsm.runtime.engine.errors import UnknownMachineError
 from llfsm.runtime.engine.events import Status
+from llfsm.runtime.engine.freshness import AgedRead
 from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Board, WhiteboardError
 
@@ -33,6 +34,7 @@ class Segment:
     def __init__(self) -> None:
         self.reads: list[int] = []
         self.sensed: dict[tuple[str, str], Entry] = {}
+        self.ages: deque[int | None] = deque()
         self.answers: deque[Any] = deque()
         self.asked: deque[Entry] = deque()
         self.posts: deque[Entry] = deque()
@@ -50,6 +52,8 @@ def segments_of(entries: Iterable[Entry]) -> Iterator[Segment]:
         kind = entry["event"]
         if kind == "Sensed":
             segment.sensed[entry["machine"], entry["sensor"]] = entry
+        elif kind == "Aged":
+            segment.ages.append(entry["age_ns"])
         elif kind == "Answered":
             segment.answers.append(entry["answer"])
         elif kind == "Asked":
@@ -132,6 +136,10 @@ class Memory:
         """Return its answer; None if it was not there, or was not asked then."""
         return self.segment.answers.popleft() if self.segment.answers else None
 
+    def age_ns(self) -> int | None:
+        """Return the age of a sensor's message; None if it was not asked for then."""
+        return self.segment.ages.popleft() if self.segment.ages else None
+
     def counted(self, count: int) -> int:
         """Return the count that a message got; `count` if none was posted then."""
         posts = self.segment.posts
@@ -172,6 +180,17 @@ class RecalledEnvironment(BoardEnvironment):
 
         return recall
 
+    def read_aged(
+        self,
+        machine: str,
+        name: str,
+        sensor: Sensor[Any, Any],
+        slot: Slot[Any],
+        start_count: int | None = None,
+    ) -> AgedRead:
+        """Return what returns what the sensor found then, and the ages."""
+        return _RecalledAgedRead(self.read(machine, name, sensor, slot), self._memory)
+
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return a function that posts and returns the count that the message got then."""
         memory, add = self._memory, super().post(machine, name, actuator, slot)
@@ -183,6 +202,24 @@ class RecalledEnvironment(BoardEnvironment):
             self._memory.answer()
             raise UnknownMachineError(name, known)
         return _RecalledMachine(self._memory)
+
+
+class _RecalledAgedRead:
+    """A reader that returns the messages and ages of then."""
+
+    start_count = 0
+
+    def __init__(self, read: Read, memory: Memory):
+        self._read = read
+        self._memory = memory
+
+    def __call__(self) -> object:
+        """Return what the sensor found then."""
+        return self._read()
+
+    def age_ns(self) -> int | None:
+        """Return the age that was asked for then."""
+        return self._memory.age_ns()
 
 
 class _RecalledMachine:

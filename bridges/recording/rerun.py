@@ -27,7 +27,7 @@ from .recall import Memory, RecalledEnvironment
 
 __all__ = ["Difference", "Rerun", "assert_reruns", "rerun", "whole_journals", "why_not"]
 
-_INPUTS: Final = ("Sensed", "Answered", "Asked", "Loaded")
+_INPUTS: Final = ("Sensed", "Aged", "Answered", "Asked", "Loaded")
 _NOT_COMPARED: Final = ("reads", "time_ns", "duration_ns")
 
 

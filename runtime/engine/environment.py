@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from .clock import Clock, MonotonicClock
 from .errors import LoadError, UnknownMachineError
+from .freshness import AgedRead, BoardAgedRead
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, Slot
@@ -91,6 +92,20 @@ class Environment:
         """Return the function that reads the sensor `name` of a machine from `slot`."""
         raise _no_whiteboard(machine, sensor.slot)
 
+    def read_aged(
+        self,
+        machine: str,
+        name: str,
+        sensor: Sensor[Any, Any],
+        slot: Slot[Any],
+        start_count: int | None = None,
+    ) -> AgedRead:
+        """Return what reads the sensor as `read` does and knows the ages of messages.
+
+        `start_count` is as for `BoardAgedRead`.
+        """
+        raise _no_whiteboard(machine, sensor.slot)
+
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return the function by which the actuator `name` of a machine posts to `slot`."""
         raise _no_whiteboard(machine, actuator.slot)
@@ -141,6 +156,17 @@ class BoardEnvironment(Environment):
             return default if message is None else message
 
         return get_or_default
+
+    def read_aged(
+        self,
+        machine: str,
+        name: str,
+        sensor: Sensor[Any, Any],
+        slot: Slot[Any],
+        start_count: int | None = None,
+    ) -> AgedRead:
+        """Return what reads the slot and compares its stamps with the clock."""
+        return BoardAgedRead(sensor, self.whiteboard[slot], self.clock, start_count)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return the slot's own `add`."""

@@ -9,6 +9,7 @@ FsmError
 ├── ScheduleError            a timetable contradicts itself
 ├── UnknownMachineError      no machine of that name (also a LookupError)
 ├── NotLoadedError           a machine that is in no arrangement was asked to act
+├── SensorNameError          the age of a sensor was asked for that the machine does not have
 ├── ActuatorClosedError      a machine that has ended was asked to post
 ├── ExecutionError           code of a machine failed: names machine, state, step and line
 │   └── GuardResultError     a guard returned something other than True or False
@@ -47,6 +48,7 @@ __all__ = [
     "ObserverError",
     "OptionError",
     "ScheduleError",
+    "SensorNameError",
     "UnknownMachineError",
     "UnreachableStateWarning",
     "VariableError",
@@ -130,6 +132,10 @@ class UnknownMachineError(FsmError, LookupError):
 
 class NotLoadedError(FsmError):
     """A machine must be loaded into an arrangement first."""
+
+
+class SensorNameError(FsmError, LookupError):
+    """The machine has no sensor of that name; the message lists those it has."""
 
 
 class ActuatorClosedError(FsmError):

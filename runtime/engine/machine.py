@@ -131,6 +131,17 @@ class Machine(metaclass=MachineType):
         seat = self._seat
         return seat.now() - seat.entered_ns > us * 1_000
 
+    # The age of what was sensed
+
+    def age_ms(self, sensor: str) -> float | None:
+        """Return how many milliseconds ago the message of a sensor in the snapshot was added.
+
+        None if there is none. `sensor` is the sensor's name in the class. Messages from another
+        host are as old as the time since they came to this one. Raise `SensorNameError`.
+        """
+        age_ns = self._seat.age_ns(sensor)
+        return None if age_ns is None else age_ns / 1e6
+
     # This machine and its arrangement
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, NoReturn, Self, TypeVar, overload
 
-from .errors import ActuatorClosedError, NotLoadedError
+from .errors import ActuatorClosedError, DefinitionError, NotLoadedError
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
@@ -20,18 +20,46 @@ __all__ = ["Actuator", "Sensor"]
 class Sensor(Generic[M, D]):
     """Read a slot into every snapshot: the latest message, or `default` (None) before the first.
 
-    The value is an ordinary attribute of the machine, set when a ringlet begins.
+    The value is an ordinary attribute of the machine, set when a ringlet begins. A message that is
+    older than `max_age_ms` milliseconds then, by the arrangement's clock, reads as `default`; so
+    does, with `since_start`, a message from before the machine was loaded.
     """
 
     declared_once = True
 
     @overload
-    def __init__(self: Sensor[M, None], slot: Slot[M]) -> None: ...
+    def __init__(
+        self: Sensor[M, None],
+        slot: Slot[M],
+        *,
+        max_age_ms: float | None = None,
+        since_start: bool = False,
+    ) -> None: ...
     @overload
-    def __init__(self: Sensor[M, M], slot: Slot[M], *, default: M) -> None: ...
-    def __init__(self, slot: Slot[M], *, default: Any = None):
+    def __init__(
+        self: Sensor[M, M],
+        slot: Slot[M],
+        *,
+        default: M,
+        max_age_ms: float | None = None,
+        since_start: bool = False,
+    ) -> None: ...
+    def __init__(
+        self,
+        slot: Slot[M],
+        *,
+        default: Any = None,
+        max_age_ms: float | None = None,
+        since_start: bool = False,
+    ):
+        if max_age_ms is not None and not max_age_ms > 0:
+            raise DefinitionError(
+                f"a sensor of {slot.name!r}: max_age_ms is {max_age_ms!r}; it must be more than 0"
+            )
         self.slot = slot
         self.default: D = default
+        self.max_age_ms = max_age_ms
+        self.since_start = since_start
 
     @overload
     def __get__(self, machine: None, owner: type) -> Self: ...

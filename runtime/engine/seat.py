@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from .binding import BoundState
-from .errors import LoadError
+from .errors import LoadError, SensorNameError
 from .events import Request, Standing, Status
 from .failure import logger
 from .ports import Actuator, Sensor
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from .arrangement import Arrangement
     from .environment import Environment, Read
+    from .freshness import AgedRead
     from .machine import Machine
 
 __all__ = ["Arrival", "Failure", "Seat"]
@@ -49,6 +50,7 @@ class Seat:
     """
 
     __slots__ = (
+        "_aged",
         "accepted",
         "arrangement",
         "current",
@@ -110,6 +112,7 @@ class Seat:
         self.nested = 0  # turns inside another machine's, besides those of rounds
         self.doing: str | None = None  # the state whose section runs, while observed
         self.sensors: tuple[tuple[str, Read], ...] = ()
+        self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
         self.taken = True
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failure: Failure | None = None  # what its code has raised
@@ -211,7 +214,7 @@ class Seat:
                 names = ", ".join(table.slots) or "none"
                 raise LoadError(f"{self.name} uses no slot {slot!r}; it uses: {names}")
         self.sensors = tuple(
-            (name, environment.read(self.name, name, sensor, self._slot(sensor)))
+            (name, self._reader(environment, name, sensor))
             for name, sensor in table.sensors.items()
         )
         for name, actuator in table.actuators.items():
@@ -219,6 +222,30 @@ class Seat:
             setattr(self.machine, name, post)
         if self.first_round:
             self.now = environment.clock.now_ns
+
+    def _reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
+        slot, before = self._slot(sensor), self._aged.get(name)
+        if before is None and sensor.max_age_ms is None and not sensor.since_start:
+            return environment.read(self.name, name, sensor, slot)
+        start = None if before is None else before.start_count
+        aged = self._aged[name] = environment.read_aged(self.name, name, sensor, slot, start)
+        return aged
+
+    def age_ns(self, name: str) -> int | None:
+        """Return how old a sensor's message in the snapshot is; None if there was none."""
+        aged = self._aged.get(name)
+        if aged is None:  # from now on the age is kept
+            table = type(self.machine).table
+            if name not in table.sensors:
+                known = ", ".join(table.sensors) or "none"
+                raise SensorNameError(f"{self.name} has no sensor {name!r}; it has: {known}")
+            environment, sensor = self.arrangement.environment, table.sensors[name]
+            slot = self._slot(sensor)
+            aged = self._aged[name] = environment.read_aged(self.name, name, sensor, slot)
+            aged()
+            readers = dict(self.sensors) | {name: aged}
+            self.sensors = tuple(readers.items())
+        return aged.age_ns()
 
     def _slot(self, port: Sensor[Any, Any] | Actuator[Any]) -> Slot[Any]:
         """Return the slot that the port is connected to."""

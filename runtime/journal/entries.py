@@ -4,6 +4,7 @@ It holds enough to run the machines again exactly as they ran. An entry is one o
 
 * an event, as observers see it, with its `reads`: the clock readings since the entry before it;
 * `Sensed`: a sensor has another message than before; no message means its default;
+* `Aged`: the age of a sensor's message was asked for, and returned in nanoseconds;
 * `Posted`: an actuator was called, and the whiteboard has counted the message;
 * `Asked`: a request for one machine, or for all (`stop`), came from outside the arrangement;
 * `Answered`: a machine of another process returned its state, or its answer to a request;
@@ -42,6 +43,7 @@ FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "Lost": (),
     "Loaded": ("machine", "path"),
     "Sensed": ("machine", "sensor", "slot", "message", "error"),
+    "Aged": ("machine", "sensor", "age_ns"),
     "Posted": ("machine", "actuator", "slot", "message", "count"),
     "Asked": ("action", "machine"),
     "Answered": ("machine", "answer"),

@@ -14,6 +14,7 @@ from ..engine.clock import Clock
 from ..engine.environment import Attendant, Elsewhere, Environment, Post, Read
 from ..engine.errors import UnknownMachineError
 from ..engine.events import Status
+from ..engine.freshness import AgedRead
 from .entries import Journal
 
 if TYPE_CHECKING:
@@ -65,7 +66,26 @@ class JournalledEnvironment(Environment):
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return a function that keeps each message that is another one than before."""
-        read = self._inner.read(machine, name, sensor, slot)
+        return self._keeping(
+            machine, name, sensor, slot, self._inner.read(machine, name, sensor, slot)
+        )
+
+    def read_aged(
+        self,
+        machine: str,
+        name: str,
+        sensor: Sensor[Any, Any],
+        slot: Slot[Any],
+        start_count: int | None = None,
+    ) -> AgedRead:
+        """Return what keeps each message that is another one than before, and each age."""
+        aged = self._inner.read_aged(machine, name, sensor, slot, start_count)
+        read = self._keeping(machine, name, sensor, slot, aged)
+        return _JournalledAgedRead(machine, name, read, aged, self.journal)
+
+    def _keeping(
+        self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any], read: Read
+    ) -> Read:
         add, encode, default = self.journal.add, slot.encoder.encode, sensor.default
         latest: object = default
 
@@ -156,6 +176,27 @@ class _JournalledClock:
 
 def _forget(_: int) -> None:
     pass
+
+
+class _JournalledAgedRead:
+    """A reader of which a journal keeps what it returns: the messages by `read`, and the ages."""
+
+    def __init__(self, machine: str, name: str, read: Read, aged: AgedRead, journal: Journal):
+        self.start_count = aged.start_count
+        self._where = machine, name
+        self._read = read
+        self._aged = aged
+        self._journal = journal
+
+    def __call__(self) -> object:
+        """Read and keep the message."""
+        return self._read()
+
+    def age_ns(self) -> int | None:
+        """Return and keep the age."""
+        age_ns = self._aged.age_ns()
+        self._journal.add(("Aged", *self._where, age_ns))
+        return age_ns
 
 
 class _JournalledMachine:

@@ -19,6 +19,8 @@ class Follower(Machine):
 
     command = Sensor(COMMAND, default=Number(0))
     again = Sensor(COMMAND)
+    fresh = Sensor(COMMAND, max_age_ms=40)
+    new = Sensor(COMMAND, since_start=True)
     seen = Actuator(SEEN, at_end=Number(-1))
     posts: int = 0
     limit: int = 5
@@ -35,6 +37,10 @@ class Follower(Machine):
     def _(self) -> None:
         if self.again is not None and self.again.value % 7 == 3:
             self.seen(self.again)
+        if self.fresh is not None and self.fresh.value % 7 == 4:
+            self.seen(Number(round(self.age_ms("fresh") or 0)))
+        if self.new is not None and self.new.value % 7 == 5:
+            self.seen(Number(round(self.age_ms("again") or 0)))
 
     @high.on_entry
     def _(self) -> None:
