@@ -184,7 +184,12 @@ def test_a_machine_loads_others_with_slots_of_their_own():
         ),
         (Adder, {"slots": {"said": "text"}}, SlotTypeError, "slot 'text' holds Text, not our Num"),
         (Adder, {"slots": {"heard": "text"}}, SlotTypeError, "slot 'text' holds Text, not our Num"),
-        (Adder, {"slots": {"said": "white space"}}, SlotNameError, "'white space' is not a valid slot"),
+        (
+            Adder,
+            {"slots": {"said": "white space"}},
+            SlotNameError,
+            "'white space' is not a valid",
+        ),
         (Adder, {"variables": {"mroe": 1}}, VariableError, "Adder has no variable 'mroe'"),
         (Adder, {"variables": {"more": "x"}}, VariableError, "more = 'x'"),
         (Adder(), {"variables": {"more": 1}}, LoadError, "Adder is made already: give its"),
