@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 from playwright.sync_api import expect
 
+from llfsm.bridges.recording.reader import Recording
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import MachineStatus, definition_slot, status_slot
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.messages.turtlesim import Pose
 from waiting import wait_for
@@ -265,19 +266,28 @@ def test_the_theme_is_the_systems_until_it_is_chosen(
 def test_a_recording_has_a_slider_over_all_that_the_page_shows(
     board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
 ) -> None:
-    counter = Slot("counter", Reading)
+    counter, definition = Slot("counter", Reading), definition_slot("RosPingPong")
     start("run", "RosPingPong", "-q", "-b", board)
     with Whiteboard(board) as wb:
         wb.add_message(counter, Reading(0, 0.0))
         status = wb[status_slot("RosPingPong")]
         wait_for(lambda: status.count, "the machine runs")
-        record = start("record", "-o", "run.mcap", "-b", board, "--max-time", "2.5")
-        number = 0
-        while record.popen.poll() is None:
+        record = start("record", "-o", "run.mcap", "-b", board)
+        record.line()
+        file, number = tmp_path / "run.mcap", 0
+
+        def add() -> None:
+            nonlocal number
             number += 1
             wb.add_message(counter, Reading(number, number / 2))
             time.sleep(0.01)
-    server = start(Server, board, str(tmp_path / "run.mcap"))
+
+        def recorded() -> bool:
+            return number > 150 and any(Recording(file).messages([definition.name]))
+
+        wait_for(recorded, "the machine is in the recording", between=add)
+        record.end()
+    server = start(Server, board, str(file))
     seen = visit(server.address)
     page = seen.page
     page.wait_for_selector(f"{MACHINE} [data-state]")
