@@ -275,32 +275,30 @@ def test_a_recording_has_a_slider_over_all_that_the_page_shows(
         record = start("record", "-o", "run.mcap", "-b", board)
         record.line()
         file, number = tmp_path / "run.mcap", 0
-
-        def add() -> None:
-            nonlocal number
+        waited = wait_for(lambda: any(Recording(file).messages([definition.name])))
+        begin = time.monotonic()
+        while time.monotonic() - begin < 1 + 5 * waited:  # in most of it the machine is to be seen
             number += 1
             wb.add_message(counter, Reading(number, number / 2))
             time.sleep(0.01)
-
-        def recorded() -> bool:
-            return number > 150 and any(Recording(file).messages([definition.name]))
-
-        wait_for(recorded, "the machine is in the recording", between=add)
         record.end()
     server = start(Server, board, str(file))
     seen = visit(server.address)
     page = seen.page
-    page.wait_for_selector(f"{MACHINE} [data-state]")
     value = page.locator("[data-slot=counter] .short")
     slider = page.locator("#slider")
 
     def shown() -> int:
         return int((value.text_content() or "stamp -1").split()[1])
 
-    end = float(slider.get_attribute("max") or 0)
-    assert end > 1
+    def length() -> float:
+        return float(slider.get_attribute("max") or 0)
+
+    wait_for(lambda: length() > 1, "the slider has the length of the recording")
+    end = length()
     slider.fill(str(end))
     wait_for(lambda: shown() > number / 2, "the end was shown")
+    page.wait_for_selector(f"{MACHINE} [data-state]")
     slider.fill(str(end / 4))
     wait_for(lambda: 0 <= shown() < number / 2, "an early moment was shown")
     expect(page.locator(f"{MACHINE} .current")).to_have_count(1)
