@@ -41,7 +41,7 @@ def message_class(name: str) -> type[Message]:
         module = f"llfsm.whiteboard.messages.{package}"
     try:
         found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
+    except (ImportError, AttributeError, ValueError, TypeError) as error:  # as of ".a:B"
         raise SlotNotFoundError(f"no message type {name!r}: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Message)):
         raise SlotNotFoundError(f"{name!r} is not a Message class")
