@@ -7,16 +7,34 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Generic
 
 import pytest
 
-from llfsm.whiteboard import Board, Whiteboard
+from llfsm.whiteboard import Board, BoundSlot, Sample, Whiteboard
+from llfsm.whiteboard.message import M
 from llfsm.whiteboard.messages.llfsm import BELL, Bell
 from llfsm.whiteboard.mirror.daemon import daemon
 from llfsm.whiteboard.mirror.settings import Settings
 
 OpenBoard = Callable[[], Board]
 RunPython = Callable[..., str]
+
+
+class Observed(Generic[M]):
+    """A slot that shows up to which message its reader has come: it waits for one after that."""
+
+    def __init__(self, slot: BoundSlot[M]) -> None:
+        self.after = -1
+        self._slot = slot
+
+    @property
+    def count(self) -> int:
+        return self._slot.count
+
+    def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
+        self.after = after
+        return self._slot.wait(after=after, timeout=timeout)
 
 
 @pytest.fixture(params=["shared", "local", "connected"])

@@ -11,7 +11,10 @@ from collections.abc import Iterator
 import pytest
 
 from llfsm.whiteboard import Board, BoardClosedError, Message, Slot
+from llfsm.whiteboard.stream import Stream
 from waiting import PATIENCE_S, wait_for
+
+from .conftest import Observed
 
 
 class Number(Message):
@@ -103,10 +106,11 @@ def test_wake_ups_do_not_pile_up_in_the_loop(board: Board) -> None:
             return call(*arguments)  # type: ignore[arg-type]
 
         loop.call_soon_threadsafe = counted  # type: ignore[method-assign,assignment]
-        async with number.stream() as stream:
+        observed = Observed(number)
+        async with Stream(observed, after=None, backlog=1) as stream:
             for value in range(1, 1001):
                 number.add(Number(value))
-                while stream._backlog._cursor._last < value:
+                while observed.after < value:
                     time.sleep(0)
             assert calls == 1
             await anext(stream)
@@ -173,16 +177,18 @@ def test_aclose_ends_the_thread_and_the_iteration(board: Board) -> None:
     number = board[NUMBER]
 
     async def main() -> None:
-        stream = number.stream()
+        observed = Observed(number)
+        stream = Stream(observed, after=None, backlog=1)
         waiting = asyncio.ensure_future(anext(stream))
         await asyncio.sleep(0)
         await stream.aclose()
-        assert stream._backlog.ended
         await stream.aclose()
+        observed.after = -1
         number.add(Number())
         with pytest.raises(StopAsyncIteration):
             await waiting
         assert [sample async for sample in stream] == []
+        assert observed.after == -1  # nobody waits for messages any more
 
     asyncio.run(main())
 
@@ -192,8 +198,9 @@ def test_what_was_not_taken_is_not_given_after_aclose(board: Board) -> None:
     number.add(Number())
 
     async def main() -> None:
-        stream = number.stream()
-        while not stream._backlog._kept:
+        observed = Observed(number)
+        stream = Stream(observed, after=None, backlog=1)
+        while observed.after < 1:
             await asyncio.sleep(0)
         await stream.aclose()
         assert [sample async for sample in stream] == []
@@ -222,21 +229,24 @@ def test_a_stream_that_outlives_its_loop_ends_its_thread(board: Board) -> None:
     async def main() -> object:
         return number.stream()
 
+    before = set(threading.enumerate())
     stream = asyncio.run(main())
     number.add(Number())
-    wait_for(lambda: not stream._backlog._thread.is_alive())  # type: ignore[attr-defined]
+    wait_for(lambda: set(threading.enumerate()) <= before, "the stream's thread has ended")
+    del stream
 
 
 def test_two_tasks_share_what_a_stream_gives(board: Board) -> None:
     number = board[NUMBER]
 
     async def main() -> None:
-        async with number.stream(backlog=100) as stream:
+        observed = Observed(number)
+        async with Stream(observed, after=None, backlog=100) as stream:
             waiting = [asyncio.ensure_future(anext(stream)) for _ in range(5)]
             await asyncio.sleep(0)
             for count in range(1, 6):
                 number.add(Number())
-                while stream._backlog._cursor._last < count:
+                while observed.after < count:
                     await asyncio.sleep(0)
             found = await asyncio.wait_for(asyncio.gather(*waiting), PATIENCE_S)
             assert sorted(sample.count for sample in found) == [1, 2, 3, 4, 5]

@@ -10,7 +10,10 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from llfsm.whiteboard import Board, BoardClosedError, Message, Sample, Slot
+from llfsm.whiteboard.subscription import Subscription
 from waiting import PATIENCE_S, wait_for
+
+from .conftest import Observed
 
 OpenBoard = Callable[[], Board]
 
@@ -126,18 +129,14 @@ def test_a_backlog_keeps_every_observed_message_and_tells_them_in_order(board: B
 
 def test_messages_added_one_by_one_are_all_observed(board: Board) -> None:
     """Whoever adds waits until the message is in the backlog: then none is missed."""
-    number, gate, watcher = board[NUMBER], Gate(), Gate()
-    watcher.open.set()
-    with (
-        number.subscribe(gate, backlog=5) as subscription,
-        number.subscribe(watcher),
-    ):
+    number, gate = board[NUMBER], Gate()
+    observed = Observed(number)
+    with Subscription(observed, gate, after=None, backlog=5, on_error=None) as subscription:
         number.add(Number(1))
         assert gate.entered.wait(PATIENCE_S)
-        kept = subscription._source
         for value in range(2, 7):
             number.add(Number(value))
-            wait_for(lambda value=value: len(kept._kept) == value - 1)
+            wait_for(lambda value=value: observed.after == value)
         gate.open.set()
         wait_for(lambda: len(gate.told) == 6)
         assert [sample.count for sample in gate.told] == [1, 2, 3, 4, 5, 6]
@@ -146,13 +145,13 @@ def test_messages_added_one_by_one_are_all_observed(board: Board) -> None:
 
 def test_a_full_backlog_loses_its_oldest_and_tells_how_many(board: Board) -> None:
     number, gate = board[NUMBER], Gate()
-    with number.subscribe(gate, backlog=3) as subscription:
+    observed = Observed(number)
+    with Subscription(observed, gate, after=None, backlog=3, on_error=None) as subscription:
         number.add(Number(1))
         assert gate.entered.wait(PATIENCE_S)
         for value in range(2, 101):
             number.add(Number(value))
-            wait_for(lambda value=value: subscription._source._cursor._last == value)
-        wait_for(lambda: subscription._source._kept[-1].count == 100)
+            wait_for(lambda value=value: observed.after == value)
         gate.open.set()
         wait_for(lambda: gate.told[-1].count == 100)
         assert [sample.count for sample in gate.told] == [1, 98, 99, 100]
@@ -237,13 +236,14 @@ def test_a_finish_delivers_what_was_added_and_ends(
     board: Board, backlog: int, counts: list[int]
 ) -> None:
     number, gate = board[NUMBER], Gate()
-    subscription = number.subscribe(gate, backlog=backlog)
+    observed = Observed(number)
+    subscription = Subscription(observed, gate, after=None, backlog=backlog, on_error=None)
     number.add(Number(1))
     assert gate.entered.wait(PATIENCE_S)
     for value in (2, 3, 4):
         number.add(Number(value))
         if backlog > 1:
-            wait_for(lambda value=value: subscription._source._cursor._last == value)
+            wait_for(lambda value=value: observed.after == value)
     subscription.finish()
     assert subscription.active
     gate.open.set()

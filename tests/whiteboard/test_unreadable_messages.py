@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from llfsm.whiteboard import Message, MessageUnreadableError, Sample, Slot, Whiteboard, _shm
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, wait_for
 
 
 class Number(Message):
@@ -87,6 +87,5 @@ def test_a_subscription_ends_if_the_slot_is_damaged(tmp_path: Path) -> None:
                 file.seek(int.from_bytes(file.read(8), "little") + WORD)
                 file.write((1 << 16 | 0xFFF << 4).to_bytes(8, "little"))  # a writer of no board
             assert "damaged" in str(errors.get(timeout=PATIENCE_S))
-            subscription._thread.join(PATIENCE_S)
-            assert not subscription.active
+            wait_for(lambda: not subscription.active)
     assert errors.empty()

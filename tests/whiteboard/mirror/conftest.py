@@ -45,19 +45,19 @@ class Host:
         self.endpoint = endpoint
         self.board = Whiteboard(NAME, directory=directory)
         self._prefix = prefix
-        self._process: subprocess.Popen[str] | None = None
+        self.process: subprocess.Popen[str] | None = None
 
     def start(self, *arguments: str, connect: Sequence[Host] = ()) -> None:
         """Start its daemon and wait until it is ready."""
         connections = [part for host in connect for part in ("--connect", host.endpoint)]
         with (self.directory / "log").open("a") as log:
-            self._process = subprocess.Popen(
+            self.process = subprocess.Popen(
                 [*self._prefix, *LLFSM, "whiteboard", "daemon", *self.select, "--listen",
                  self.endpoint, *connections, *arguments],
                 text=True, stdout=subprocess.PIPE, stderr=log,
             )  # fmt: skip
-        assert self._process.stdout is not None
-        ready = self._process.stdout.readline()
+        assert self.process.stdout is not None
+        ready = self.process.stdout.readline()
         assert ready == f"mirroring {NAME}, listening on {self.endpoint}\n", self.log
 
     @property
@@ -70,22 +70,22 @@ class Host:
 
     @property
     def pid(self) -> int:
-        assert self._process is not None
-        return self._process.pid
+        assert self.process is not None
+        return self.process.pid
 
     def send(self, number: int) -> None:
-        assert self._process is not None
-        self._process.send_signal(number)
+        assert self.process is not None
+        self.process.send_signal(number)
 
     def end(self, number: int = signal.SIGTERM) -> int:
         """End its daemon; return the exit status."""
-        assert self._process is not None
-        self._process.send_signal(signal.SIGCONT)
-        self._process.send_signal(number)
-        status = self._process.wait(30)
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        self._process = None
+        assert self.process is not None
+        self.process.send_signal(signal.SIGCONT)
+        self.process.send_signal(number)
+        status = self.process.wait(30)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        self.process = None
         return status
 
     def status(self) -> dict[str, Any]:
@@ -101,7 +101,7 @@ class Host:
         self.board.add_message(slot, Number(value))
 
     def close(self) -> None:
-        if self._process is not None:
+        if self.process is not None:
             self.end(signal.SIGKILL)
         self.board.close()
 

@@ -109,7 +109,7 @@ def test_an_endpoint_that_is_taken_is_an_error(pair: tuple[Host, Host], tmp_path
 
 def test_a_daemon_ends_with_its_board(pair: tuple[Host, Host]) -> None:
     _, other = pair
-    process = other._process
+    process = other.process
     assert process is not None
     remove_board(NAME, other.directory)
     assert process.wait(30) == 1
