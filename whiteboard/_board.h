@@ -1,4 +1,4 @@
-/* A Board as Python sees it, and how a status of the protocol becomes an exception. */
+/* The Board object, and the conversion of the protocol's status codes to exceptions. */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
@@ -6,11 +6,11 @@
 
 static PyObject *raise_status; /* llfsm.whiteboard.errors: (status, errno, where, detail) */
 
-/* Beside lwb_status. */
+/* In addition to enum lwb_status. */
 enum { CLOSED = -1, WRONG_TYPE = -2, WRONG_FIELD = -3, UNREADABLE = -4, REMOVED = -5 };
 
-/* Raise the Python error for a status, unless one is set: then making `detail` failed. Steals
- * `detail`, which may be NULL. Always NULL. */
+/* Raise the Python error for a status, unless one is set already because making `detail` failed.
+ * Steals `detail`, which may be NULL. Returns NULL. */
 static PyObject *fail(int status, PyObject *where, PyObject *detail)
 {
     int number = errno;
@@ -21,8 +21,8 @@ static PyObject *fail(int status, PyObject *where, PyObject *detail)
     return NULL;
 }
 
-/* The exception that is set, as an object to be another's cause, a new reference; NULL, and it
- * stays set, if it is no Exception: an interrupt is not about the message. */
+/* Clear the current exception and return it (a new reference), to be another one's cause. If it is
+ * not an Exception (an interrupt, say), it stays set, and NULL is returned. */
 static PyObject *take_error(void)
 {
     if (!PyErr_ExceptionMatches(PyExc_Exception))
@@ -42,8 +42,8 @@ typedef struct {
     struct lwb_board board;
     PyObject *path;
     bool closed;
-    int users; /* calls under which a close must not unmap the board; the last one does it then.
-                * (A forked child may count a thread that it lacks; dealloc unmaps then.) */
+    int users; /* running calls, during which a close must not unmap the board: the last one does.
+                * (A forked child may count a thread that it does not have; then dealloc does.) */
 } Board;
 
 static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
@@ -111,8 +111,8 @@ static PyObject *board_shared(Board *self, PyObject *unused)
     return is_open(self, self->path) ? PyBool_FromLong(lwb_shared(&self->board)) : NULL;
 }
 
-/* What stands in a slot's record: name and type as far as they are text, no schema if it is
- * damaged, fingerprint and capacity. */
+/* A slot's record: name and type (decoded as far as possible), schema (None if damaged),
+ * fingerprint and capacity. */
 static PyObject *board_record(const struct lwb_record *r)
 {
     const char *name = lwb_texts(r), *type = name + r->name_length;
@@ -140,7 +140,7 @@ static PyObject *board_slots(Board *self, PyObject *unused)
     PyObject *list = PyList_New(0);
     struct lwb_record *r = NULL;
     int status = LWB_OK;
-    self->users++; /* making objects may start the garbage collector, and that anything */
+    self->users++; /* making objects may start the garbage collector, which may run any code */
     for (int i = 0; list; i++) {
         uint64_t offset;
         if (!(r = lwb_slot_at(&self->board, i, &offset, &status)))
@@ -156,8 +156,8 @@ static PyObject *board_slots(Board *self, PyObject *unused)
     return list;
 }
 
-/* watch(words, timeout): the numbers of the slots whose word is another than in `words`, a
- * bytearray that is brought up to date; waits for one, `timeout` seconds at most. */
+/* watch(words, timeout): returns the indices of the slots whose word differs from the one in
+ * `words`, a bytearray, and updates it; waits for a change for at most `timeout` seconds. */
 static PyObject *board_watch(Board *self, PyObject *args)
 {
     PyObject *seen;

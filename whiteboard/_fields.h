@@ -1,12 +1,12 @@
-/* Do a message's fields plainly have the types that its class declares? Asked at each add,
- * because a wrong one would fail in every reader, in other processes; the decoder, which
- * decides, costs more than the add. msgspec keeps a Struct's fields at fixed places, which their
- * member descriptors tell, so that the question costs a few comparisons. */
+/* A fast check that a message's fields have the types that its class declares. Each add checks
+ * them, because a wrong value would fail in every reader, in other processes. The decoder is the
+ * authority but costs more than the add; this check recognises obviously valid messages by a few
+ * comparisons: msgspec keeps a Struct's fields at fixed offsets, given by member descriptors. */
 #include <Python.h>
 #include <structmember.h>
 
 enum field_kind { FIELD_FLOAT, FIELD_INT, FIELD_BOOL, FIELD_STR, FIELD_BYTES, FIELD_MESSAGE,
-                  FIELD_OTHER /* never plain */ };
+                  FIELD_OTHER /* left to the decoder */ };
 
 struct field_check;
 struct field_checks {
@@ -17,7 +17,7 @@ struct field_check {
     Py_ssize_t place;
     int kind;
     long long least, most;       /* FIELD_INT: the range */
-    PyTypeObject *type;          /* FIELD_MESSAGE: borrowed, the outer class's schema holds it */
+    PyTypeObject *type;          /* FIELD_MESSAGE: borrowed from the outer class's schema */
     struct field_checks inner;
 };
 
@@ -29,7 +29,8 @@ static inline void field_checks_free(struct field_checks *checks)
     *checks = (struct field_checks){0, NULL};
 }
 
-/* `fields`: a tuple of (name, kind, least, most, message type or None, its fields). 0 or -1. */
+/* `fields`: a tuple of (name, kind, least, most, message type or None, its fields). Returns
+ * 0, or -1 with an exception. */
 static inline int field_checks_init(struct field_checks *checks, PyTypeObject *type,
                                     PyObject *fields)
 {
@@ -51,7 +52,7 @@ static inline int field_checks_init(struct field_checks *checks, PyTypeObject *t
             goto failed;
         if (!Py_IS_TYPE(member, &PyMemberDescr_Type)) {
             Py_DECREF(member);
-            PyErr_Format(PyExc_TypeError, "%s.%s is no field", type->tp_name, name);
+            PyErr_Format(PyExc_TypeError, "%s.%s is not a field", type->tp_name, name);
             goto failed;
         }
         c->place = ((PyMemberDescrObject *)member)->d_member->offset;
@@ -76,7 +77,7 @@ static inline int field_checks_hold(const struct field_checks *checks, PyObject 
             return 0;
         int right = 0;
         switch (c->kind) {
-        case FIELD_FLOAT: /* an int is a float that lost its point, as in the decoder */
+        case FIELD_FLOAT: /* the decoder accepts an int as a float, too */
             right = PyFloat_CheckExact(value) || PyLong_CheckExact(value);
             break;
         case FIELD_INT: {

@@ -1,7 +1,7 @@
-/* Python's side of llfsm_whiteboard.h: a Board, and a Port for one slot of it. Thin by intent:
- * what a call costs is the encoder's or decoder's work and a handful of atomic operations.
- * The interpreter's lock serialises a process's threads; it is released only to wait. Objects
- * are made whole by tp_new and stay so; only a board's being closed can change under a call. */
+/* The Python binding of llfsm_whiteboard.h: a Board, and a Port for one slot of it. It is thin on
+ * purpose: a call costs the encoder's or decoder's work and a few atomic operations. The
+ * interpreter's lock serialises a process's threads and is released only while waiting. tp_new
+ * initialises an object completely; during a call, only the board can change: it may be closed. */
 #include "_board.h"
 #include "_fields.h"
 
@@ -13,12 +13,12 @@ typedef struct {
     PyObject_HEAD
     Board *board;
     struct lwb_slot slot;
-    PyTypeObject *type;      /* of the slot's messages, exactly */
+    PyTypeObject *type;      /* the exact type of its messages */
     struct field_checks checks;
     PyObject *name, *encode_into, *decode;
     PyObject *scratch;       /* a bytearray to encode into; NULL while a thread uses it */
     PyObject *message;       /* the latest message decoded */
-    struct lwb_meta meta;    /* and what the slot said of it */
+    struct lwb_meta meta;    /* and its metadata */
 } Port;
 
 static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwargs)
@@ -61,8 +61,8 @@ failed:
     return NULL;
 }
 
-/* No tp_clear: a port never changes what it refers to but its message, and messages are
- * immutable; so, as for a tuple, every cycle goes through something else that can be cleared. */
+/* No tp_clear: a port never changes its references except that to its message, and messages are
+ * immutable. So, as with a tuple, every cycle contains another object that can be cleared. */
 static int port_traverse(Port *self, visitproc visit, void *arg)
 {
     Py_VISIT(self->type);
@@ -86,14 +86,14 @@ static void port_dealloc(Port *self)
     Py_TYPE(self)->tp_free((PyObject *)self);
 }
 
-/* Add if the slot's count is `after`, or any if that is LWB_ANY. */
+/* Add if the slot's count is `after`, or unconditionally if that is LWB_ANY. */
 static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
 {
     if (!is_open(self->board, self->name))
         return NULL;
     if (Py_TYPE(message) != self->type)
         return fail(WRONG_TYPE, self->name, PyTuple_Pack(2, self->type, message));
-    /* Taken, not borrowed: a thread that the encoder lets in makes a scratch of its own. */
+    /* Taken, not borrowed: the encoder may let another thread run, which then makes its own. */
     PyObject *scratch = self->scratch;
     self->scratch = NULL;
     if (!scratch && !(scratch = PyByteArray_FromStringAndSize(NULL, 0)))
@@ -107,7 +107,7 @@ static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
     int status = !done ? WRONG_FIELD
                : self->board->closed ? CLOSED
                : lwb_add_after(&self->slot, PyByteArray_AS_STRING(scratch), length, after, &count);
-    if (self->scratch || length > 1 << 20) /* one is enough, and no huge one for ever */
+    if (self->scratch || length > 1 << 20) /* keep one, and not a huge one */
         Py_DECREF(scratch);
     else
         self->scratch = scratch;
@@ -125,7 +125,7 @@ static PyObject *port_add(Port *self, PyObject *message)
     return port_put(self, message, LWB_ANY);
 }
 
-/* add_after(message, count): 0 if another message was added after that count. */
+/* add_after(message, count): returns 0 if another message was added after that count. */
 static PyObject *port_add_after(Port *self, PyObject *args)
 {
     PyObject *message, *number;
@@ -137,18 +137,17 @@ static PyObject *port_add_after(Port *self, PyObject *args)
     return port_put(self, message, after);
 }
 
-/* Is self->message the latest? The whole cost of a get while nothing was added. */
+/* Whether self->message is the latest: the whole cost of a get if nothing was added. */
 static inline bool is_fresh(Port *self)
 {
     return self->message && !self->board->closed &&
            lwb_word(&self->slot) == self->meta.word;
 }
 
-/* The latest message's bytes, and what the slot says of it: NULL without an exception if nothing
- * was added yet. */
+/* The latest message's bytes and metadata; NULL without an exception if nothing was added yet. */
 static PyObject *port_read(Port *self, struct lwb_meta *meta)
 {
-    char near[256]; /* holds most messages; a longer one is read once more at its size */
+    char near[256]; /* enough for most messages; a longer one is read again with its size */
     int status = lwb_read(&self->slot, near, sizeof near, meta);
     if (!status && meta->length <= sizeof near)
         return PyBytes_FromStringAndSize(near, (Py_ssize_t)meta->length);
@@ -170,7 +169,7 @@ static PyObject *port_read(Port *self, struct lwb_meta *meta)
     return data;
 }
 
-/* Bring self->message up to date. 1: there is one, 0: nothing was added yet, -1: an error. */
+/* Update self->message. Returns 1 if there is one, 0 if nothing was added yet, -1 on error. */
 static int port_refresh(Port *self)
 {
     if (!is_open(self->board, self->name))
@@ -187,7 +186,7 @@ static int port_refresh(Port *self)
                                                    (unsigned long long)meta.count));
         return -1;
     }
-    if (meta.count > self->meta.count) { /* else another thread was faster */
+    if (meta.count > self->meta.count) { /* otherwise another thread has stored a newer one */
         PyObject *old = self->message;
         self->message = message;
         self->meta = meta;
@@ -220,7 +219,7 @@ static PyObject *port_sample(Port *self, PyObject *unused)
                                  (unsigned long long)self->meta.process);
 }
 
-/* encoded(): (data, count, stamp, process), whatever the data are; None before the first. */
+/* encoded(): (data, count, stamp, process), data not validated; None before the first. */
 static PyObject *port_encoded(Port *self, PyObject *unused)
 {
     (void)unused;
@@ -255,7 +254,7 @@ static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
         clock_gettime(CLOCK_MONOTONIC, &now);
         double left = seconds - (double)(now.tv_sec - start.tv_sec) -
                       (double)(now.tv_nsec - start.tv_nsec) * 1e-9;
-        bool over = !(left > 0); /* so that "not a number" is over, too */
+        bool over = !(left > 0); /* NaN counts as over, too */
         int status;
         self->board->users++;
         Py_BEGIN_ALLOW_THREADS
@@ -270,7 +269,7 @@ static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
         if (over)
             Py_RETURN_NONE;
         if (!self->board->closed && !lwb_linked(&self->board->board))
-            return fail(REMOVED, self->name, NULL); /* nobody new can come and add */
+            return fail(REMOVED, self->name, NULL); /* no new process can open it and add */
     }
     return NULL;
 }
@@ -302,7 +301,7 @@ static PyGetSetDef port_getset[] = {
     {"capacity", (getter)port_capacity, NULL, NULL, NULL},
     {NULL, NULL, NULL, NULL, NULL}};
 
-/* Final, so that the interpreter may call a port's methods directly. */
+/* Final, so that the interpreter can call a port's methods directly. */
 static PyTypeObject PortType = {
     PyVarObject_HEAD_INIT(NULL, 0).tp_name = "llfsm.whiteboard._shm.Port",
     .tp_basicsize = sizeof(Port),
@@ -324,8 +323,8 @@ static PyObject *look_up(const char *module_name, const char *name)
     return result;
 }
 
-/* What every board's bound slots do in the same way, in Python: a port has it, too, although it
- * cannot inherit it, being final. A dictionary of these, before the type is made ready. */
+/* The methods of BoundSlot that are the same for every board, written in Python. Port does not
+ * inherit from BoundSlot, so they are put into its dictionary before the type is made ready. */
 static PyObject *shared_methods(void)
 {
     PyObject *bound_slot = look_up("llfsm.whiteboard.board", "BoundSlot");

@@ -1,7 +1,7 @@
-"""All slots of a board, polled together: for programs that show or record whatever is on it.
+"""Polls all slots of a board together, for programs that show or record whatever is on it.
 
-They have no slot's own class. A slot that cannot be used or read is one slot with a problem; the
-others go on.
+Such programs do not have the slots' own classes. A slot that cannot be used or read is reported
+with its problem, and does not affect the others.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class PolledSlot:
         self.slot: Slot[Any] | None = None
         """The slot, of the class that :func:`class_of` returns; None if it cannot be used."""
         self.count = 0
-        """Messages added to it."""
+        """The number of messages added to it."""
         self.sample: Sample[Message] | None = None
         """Its latest message; None before the first, and if it cannot be read."""
         self.problem = ""
@@ -49,9 +49,9 @@ class PolledSlot:
 
 
 class BoardPoller:
-    """Read every slot of a board whose name `wants` accepts, as often as :meth:`poll` is called.
+    """Reads the slots of a board whose names `wants` accepts, at each call of :meth:`poll`.
 
-    New slots are looked for every `discovery_s` seconds, and at the first poll; by default at each.
+    It looks for new slots at the first poll and every `discovery_s` seconds; by default, at each.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class BoardPoller:
         return changed
 
     def discover(self) -> None:
-        """Find the slots that are new, now. Raise as :meth:`poll` does."""
+        """Find new slots now. Raise as :meth:`poll` does."""
         for info in self._board.slots():
             if info.name in self.slots or not self._wants(info.name):
                 continue
@@ -113,17 +113,17 @@ def _read(polled: PolledSlot, bound: BoundSlot[Any]) -> None:
         polled.sample, polled.problem = None, str(error)
     else:
         polled.problem = ""
-        if polled.sample is not None:  # it may be a later message than the one counted
+        if polled.sample is not None:  # it may be newer than the count
             polled.count = polled.sample.count
 
 
 def is_data(name: str) -> bool:
-    """Return whether a slot is more than a channel for journals on their way to a recorder."""
+    """Return whether a slot holds data, and is not a channel for journals to a recorder."""
     return not name.startswith(JOURNALS)
 
 
 def class_of(info: SlotInfo) -> type[Message]:
-    """Return the class of a slot's messages: llfsm's own for its machines, else one made for it.
+    """Return the class of a slot's messages: llfsm's own, or one made from its schema.
 
     Raise :class:`.MessageTypeError` if the slot's schema is invalid.
     """

@@ -1,4 +1,4 @@
-"""An asynchronous iterator over what is added to a slot."""
+"""An asynchronous iterator over the messages added to a slot."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ __all__ = ["Stream"]
 
 
 class Stream(Generic[M]):
-    """Iterate over a slot's samples in the running event loop; see :meth:`.BoundSlot.stream`.
+    """Iterates over a slot's samples in the running event loop; see :meth:`.BoundSlot.stream`.
 
-    A thread waits for messages, and wakes the loop only if it has taken all that came before. It
-    ends with the stream: at :meth:`aclose`, when nobody refers to the stream any more, with the
-    board, or with the loop.
+    A thread waits for messages, and wakes the loop only if all earlier ones were taken. It ends
+    with the stream: at :meth:`aclose`, when there is no reference to the stream any more, with
+    the board, or with the loop.
     """
 
     def __init__(self, slot: Waitable[M], *, after: int | None, backlog: int) -> None:
         loop = asyncio.get_running_loop()
         arrived = self._arrived = asyncio.Event()
 
-        def wake(kept: Backlog[M]) -> None:  # which the thread refers to: so not to the stream
+        # The thread refers to this function, which therefore must not refer to the stream.
+        def wake(kept: Backlog[M]) -> None:
             try:
                 loop.call_soon_threadsafe(arrived.set)
             except RuntimeError:  # the loop was closed
@@ -37,20 +38,21 @@ class Stream(Generic[M]):
 
     @property
     def missed(self) -> int:
-        """Messages added since the beginning that the iteration did not, and will not, give."""
+        """The number of messages that the iteration did not, and will not, return."""
         return self._backlog.missed
 
     def __aiter__(self) -> Self:
         return self
 
     async def __anext__(self) -> Sample[M]:
-        """Wait for a sample; one that is not taken, as the wait was cancelled, is the next one.
+        """Wait for a sample. If the wait is cancelled, no sample is lost.
 
-        Raise :class:`.MessageUnreadableError` for what is no message; the iteration may go on.
+        Raise :class:`.MessageUnreadableError` for a message that cannot be decoded; the iteration
+        may continue.
         """
         try:
             while (sample := self._backlog.take()) is None:
-                self._arrived.clear()  # in time: a wake-up is a call in this loop, so comes later
+                self._arrived.clear()  # not too late: a wake-up is a call in this loop
                 await self._arrived.wait()
         except BoardClosedError:
             raise StopAsyncIteration from None

@@ -1,7 +1,7 @@
-"""A callback for what is added to a slot: PUSH, for programs that need it.
+"""A callback for messages added to a slot: PUSH, for programs that need it.
 
-A slot keeps only its latest message and its writers never wait. So no reader can get every message:
-a reader that looks too late misses some, and the counts show how many.
+A slot keeps only its latest message and its writers never wait. So no reader is guaranteed every
+message: a reader that reads too late misses some, and the counts show how many.
 """
 
 from __future__ import annotations
@@ -16,46 +16,49 @@ from .errors import BoardClosedError, MessageUnreadableError
 from .message import M
 from .slots import Sample
 
-__all__ = ["LOOK_S", "Backlog", "Cursor", "Subscription", "Waitable"]
+__all__ = ["POLL_S", "Backlog", "Cursor", "Subscription", "Waitable"]
 
 _log = logging.getLogger(__name__)
 
-LOOK_S = 0.05
-"""Seconds that a close may take: as long as a wait in shared memory sleeps at most."""
+POLL_S = 0.05
+"""Seconds that a close may take; a wait in shared memory sleeps at most as long."""
 
 
 class Waitable(Protocol[M]):
-    """What a cursor needs of a bound slot; of its own, as that offers subscriptions."""
+    """The part of a bound slot that a cursor needs.
+
+    A protocol, because bound slots import this module to offer subscriptions.
+    """
 
     @property
     def count(self) -> int:
-        """Messages added so far."""
+        """The number of messages added so far."""
 
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
-        """Block until a message newer than number ``after`` is there, and return the latest."""
+        """Block until there is a message newer than number ``after``, and return the latest."""
 
 
 class Cursor(Generic[M]):
-    """A reader's position in a slot: it waits for messages and counts those replaced unseen.
+    """A reader's position in a slot; it counts the messages that were replaced before it read them.
 
-    It begins with the first message newer than number ``after``; if that is None with the latest
-    one that is there already, and then none before it counts as missed.
+    It begins with the first message newer than number ``after``. With None it begins with the
+    latest existing message, and earlier ones do not count as missed.
     """
 
     def __init__(self, slot: Waitable[M], after: int | None) -> None:
         if after is not None and after < 0:
-            raise ValueError(f"after={after}: the count of a message is needed, 0 or more")
+            raise ValueError(f"after={after} must be the count of a message, 0 or more")
         self._slot = slot
         self._last = max(slot.count - 1, 0) if after is None else after
         self._finishing = False
         self._ended = False
         self.missed = 0
 
-    def next(self, timeout: float = LOOK_S) -> Sample[M] | None:
-        """Wait for a newer message and return the latest; None if ``timeout`` seconds passed.
+    def next(self, timeout: float = POLL_S) -> Sample[M] | None:
+        """Wait for a newer message and return the latest; return None after ``timeout`` seconds.
 
-        Raise :class:`.MessageUnreadableError`, once for each such message;
-        :class:`.BoardClosedError` at the end; or what makes the slot unusable.
+        Raise :class:`.MessageUnreadableError` once for each message that cannot be decoded,
+        :class:`.BoardClosedError` at the end, and any error that makes the slot unusable.
         """
         if self._ended:
             raise BoardClosedError("this cursor has ended")
@@ -71,7 +74,7 @@ class Cursor(Generic[M]):
         return sample
 
     def finish(self) -> None:
-        """Return once more what is there, without waiting, and end."""
+        """Return the current message once more if it is new, without waiting, and end."""
         self._finishing = True
 
     def _advance(self, count: int) -> None:
@@ -82,15 +85,15 @@ class Cursor(Generic[M]):
 class Backlog(Generic[M]):
     """Follows a slot in a thread, and keeps up to ``size`` messages until they are taken.
 
-    When it is full the oldest one makes room, and is missed. ``wake`` is called in that thread
-    when there is something to take again, and at the end.
+    When it is full, a new message replaces the oldest, which counts as missed. The thread calls
+    ``wake`` when the backlog is no longer empty, and at the end.
     """
 
     def __init__(
         self, cursor: Cursor[M], size: int, wake: Callable[[Backlog[M]], object] = lambda _: None
     ) -> None:
         if size < 1:
-            raise ValueError(f"backlog={size}: at least the newest message has to wait")
+            raise ValueError(f"backlog={size} must be at least 1")
         self._cursor = cursor
         self._size = size
         self._wake = wake
@@ -104,11 +107,11 @@ class Backlog(Generic[M]):
 
     @property
     def missed(self) -> int:
-        """Messages that were never, and will never be, taken."""
+        """The number of messages that were not, and will not be, taken."""
         return self._cursor.missed + self._dropped
 
     def take(self) -> Sample[M] | None:
-        """Return the oldest message, None if there is none now; raise as :meth:`Cursor.next`."""
+        """Return the oldest message, or None if it is empty; raise as :meth:`Cursor.next` does."""
         with self._changed:
             if not self._kept:
                 if self.ended:
@@ -120,17 +123,17 @@ class Backlog(Generic[M]):
         return item
 
     def next(self) -> Sample[M] | None:
-        """Wait for a message and return the oldest, as :meth:`Cursor.next` returns the latest."""
+        """Wait for a message and return the oldest; see :meth:`Cursor.next`."""
         with self._changed:
-            self._changed.wait_for(lambda: self._kept or self.ended, LOOK_S)
+            self._changed.wait_for(lambda: self._kept or self.ended, POLL_S)
         return self.take()
 
     def finish(self) -> None:
-        """Collect no more than what is there now; the end comes when that has been taken."""
+        """Collect only the messages added by now; it ends when they have been taken."""
         self._cursor.finish()
 
     def stop(self) -> None:
-        """Ask the thread to end, soon, and forget what was not taken."""
+        """Let the thread end, soon, and discard the messages that were not taken."""
         with self._changed:
             self._over = True
             self._kept.clear()
@@ -171,7 +174,7 @@ class Backlog(Generic[M]):
 
 
 class Subscription(Generic[M]):
-    """Calls back in a thread of its own, until closed; see :meth:`.BoundSlot.subscribe`."""
+    """Calls a function in a thread of its own, until closed; see :meth:`.BoundSlot.subscribe`."""
 
     def __init__(
         self,
@@ -188,7 +191,7 @@ class Subscription(Generic[M]):
         self._over = False
         self._finishing = False
         cursor = Cursor(slot, after)
-        # With a backlog of one, the slot itself is it.
+        # The slot itself is a backlog of one.
         self._source = cursor if backlog == 1 else Backlog(cursor, backlog)
         self._thread = threading.Thread(target=self._run, name=f"{self}", daemon=True)
         self._thread.start()
@@ -198,19 +201,19 @@ class Subscription(Generic[M]):
 
     @property
     def missed(self) -> int:
-        """Messages added since the beginning that the callback did not, and will not, get."""
+        """The number of messages that the callback did not, and will not, receive."""
         return self._source.missed
 
     @property
     def active(self) -> bool:
-        """False once the subscription was closed, or has ended with its board."""
+        """False once the subscription is closed, or has ended with its board."""
         return not self._over and self._thread.is_alive()
 
     def finish(self) -> None:
-        """Ask the subscription to deliver what was added by now, and to end then.
+        """Let the subscription deliver the messages added by now, and then end.
 
-        Returns at once: of many subscriptions, finish all and then :meth:`close` each, which waits
-        for the end.
+        Returns at once. To end several subscriptions, finish all of them, and then :meth:`close`
+        each, which waits for its end.
         """
         self._finishing = True
         self._source.finish()
@@ -218,10 +221,10 @@ class Subscription(Generic[M]):
     def close(self) -> None:
         """End the subscription; closing twice is fine.
 
-        Once this returns the callback does not run and will not be called again, except that the
-        callback itself may call this: then the call that it is in is the last one. It waits for a
-        callback that runs, so hold no lock that the callback takes. What waits in the backlog is
-        not delivered, unless :meth:`finish` was called before.
+        When this returns, the callback is not running and will not be called again. The callback
+        itself may call this; then its current call is the last one. It waits for a running
+        callback, so do not hold a lock that the callback acquires. Messages in the backlog are not
+        delivered, unless :meth:`finish` was called before.
         """
         within = threading.current_thread() is self._thread
         if within or not self._finishing:
@@ -258,24 +261,24 @@ class Subscription(Generic[M]):
         try:
             self._callback(sample)
         except Exception as error:
-            # What a board that was closed meanwhile refuses is the end, and no error.
+            # The board was closed while the callback used it: the end, not an error.
             if not (isinstance(error, BoardClosedError) and self._is_board_closed()):
                 self._report(error)
 
     def _is_board_closed(self) -> bool:
         try:
-            self._slot.count  # noqa: B018  asked for what it raises
+            self._slot.count  # noqa: B018  for the error that it raises
         except BoardClosedError:
             return True
         return False
 
     def _report(self, error: Exception) -> None:
-        """Hand an error to ``on_error``, and log it unless that returns True."""
+        """Pass an error to ``on_error``, and log it unless that returns True."""
         handled: object = False
         if self._on_error is not None:
             try:
                 handled = self._on_error(error)
             except Exception:
-                _log.exception("%s: its on_error failed, too", self)
+                _log.exception("%s: on_error failed, too", self)
         if handled is not True:
             _log.error("%s: %s: %s", self, type(error).__name__, error, exc_info=error)

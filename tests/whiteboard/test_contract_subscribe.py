@@ -346,8 +346,8 @@ def test_an_error_of_on_error_is_reported_too(
 @pytest.mark.parametrize(
     ("arguments", "what"),
     [
-        ({"after": -1}, r"after=-1: the count of a message"),
-        ({"backlog": 0}, r"backlog=0: at least the newest"),
+        ({"after": -1}, "after=-1 must be the count of a message"),
+        ({"backlog": 0}, "backlog=0 must be at least 1"),
     ],
 )
 def test_impossible_arguments(board: Board, arguments: dict[str, int], what: str) -> None:

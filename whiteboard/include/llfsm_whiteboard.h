@@ -1,27 +1,27 @@
-/* The whiteboard's shared-memory protocol, whole, in header-only C11 that is C++17, too.
+/* The whiteboard's complete shared-memory protocol, header-only, in C11 that is also C++17.
  *
  * A board is one file (in /dev/shm by default) that every process maps. It holds slots; a slot
  * holds the latest message and counts the messages added. Guarantees:
  *
- *   1. lwb_add and lwb_read are lock-free: nobody ever waits for another process.
- *   2. A reader gets a whole message under its own count, or starts again; never a torn one.
+ *   1. lwb_add and lwb_read are lock-free: no process ever waits for another one.
+ *   2. A reader gets a complete message with its own count, or starts again; never a torn one.
  *   3. A slot's count grows by exactly one for each completed add.
- *   4. A process killed or stopped anywhere loses at most the message it was writing and
+ *   4. A process that is killed or stopped anywhere loses at most the message it was writing, and
  *      leaves nothing that another process has to clean up.
- *   5. A damaged file gives LWB_CORRUPT, never an access outside the mapping. (Nothing helps
- *      against cutting a file short while it is open: that is SIGBUS, as with any mapping.)
+ *   5. A damaged file results in LWB_CORRUPT, never in an access outside the mapping. (Truncating
+ *      a file while it is open cannot be caught: that is SIGBUS, as with any mapping.)
  *
- * How: a slot has one word, (count, writer, buffer), and every writing process owns buffers of
+ * Method: a slot has one word, (count, writer, buffer), and each writing process owns buffers of
  * its own in the slot. A writer fills a buffer that the word does not name, then swaps the word;
- * the swap is the one moment at which an add happens. A reader copies the buffer that the word
- * names and accepts it if the buffer still carries the word's count.
+ * the add takes effect at the swap. A reader copies the buffer that the word names, and accepts
+ * the copy if the buffer still carries the word's count.
  *
  * Use: lwb_open a board, lwb_slot a slot on it, then lwb_add, lwb_read, lwb_wait. A payload is
  * MessagePack: a message is the array of its fields' values in the order of the slot's schema.
- * A struct lwb_board and its slots serve one thread at a time: threads open one each. (lwb_word,
- * lwb_count and lwb_wait touch shared memory only, so that others may use the board meanwhile.)
- * A forked child may go on using its parent's. Linux on 64-bit machines; elsewhere use the
- * boards that need no shared memory.
+ * A struct lwb_board and its slots may be used by one thread at a time: each thread opens its own.
+ * (lwb_word, lwb_count and lwb_wait access shared memory only; other threads may use the board
+ * at the same time.) A forked child may continue to use its parent's. Linux on 64-bit machines
+ * only; elsewhere use boards that need no shared memory.
  */
 #ifndef LLFSM_WHITEBOARD_H
 #define LLFSM_WHITEBOARD_H
@@ -47,7 +47,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#ifdef __cplusplus /* the functions on atomics are found by their arguments, the orders are not */
+#ifdef __cplusplus /* argument-dependent lookup finds the functions, but not the memory orders */
 #include <atomic>
 using std::memory_order_acquire;
 using std::memory_order_relaxed;
@@ -83,23 +83,23 @@ enum lwb_status {
     LWB_NO_SPACE,  /* the file system of the board is full */
     LWB_NO_SLOT,   /* the board has LWB_MAX_SLOTS slots */
     LWB_NO_WRITER, /* LWB_MAX_WRITERS processes write to the board */
-    LWB_FOREIGN,   /* the file is no whiteboard, or belongs to another user */
+    LWB_FOREIGN,   /* the file is not a whiteboard, or belongs to another user */
     LWB_VERSIONED, /* a whiteboard of another version or kind of machine */
     LWB_CORRUPT,   /* the file is damaged */
     LWB_INVALID,   /* an argument is out of range */
-    LWB_SYSTEM,    /* a system call failed: errno tells */
+    LWB_SYSTEM,    /* a system call failed: see errno */
     LWB_PASSED     /* another message was added to the slot first */
 };
 
-/* ---- What the file holds -------------------------------------------------------------------
+/* ---- The file -------------------------------------------------------------------------------
  * Everything is 8-byte aligned. Offsets are from the file's start; 0 means none. Records are
- * never moved or freed, so an offset once seen stays good. */
+ * never moved or freed, so an offset stays valid. */
 
 #define LWB_MAGIC 0x4452414f42574c4cull       /* "LLWBOARD" */
 #define LWB_SLOT_MAGIC 0x544f4c5342574c4cull  /* "LLWBSLOT" */
 #define LWB_BLOCK_MAGIC 0x4b434c4242574c4cull /* "LLWBBLCK" */
 
-#define LWB_FURTHEST ((uint64_t)1 << 46)      /* no offset is beyond */
+#define LWB_FURTHEST ((uint64_t)1 << 46)      /* all offsets are below */
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && ATOMIC_LLONG_LOCK_FREE == 2 &&
                   sizeof(size_t) == 8 && sizeof(lwb_atomic32) == 4 && sizeof(lwb_atomic64) == 8,
@@ -111,7 +111,7 @@ struct lwb_header {
     uint32_t max_slots, max_writers, buffers, header_size;
     uint64_t checksum;            /* of all above */
     lwb_atomic64 end;         /* where the next record goes; only grows */
-    lwb_atomic32 watching;        /* odd if somebody may be waiting for any slot's word to change */
+    lwb_atomic32 watching;        /* odd if a process may wait for any slot's word */
     uint32_t unused0;
     uint64_t unused[9];
     unsigned char locks[LWB_MAX_WRITERS + 64]; /* never read: see lwb_claim and lwb_attach */
@@ -124,7 +124,7 @@ struct lwb_record { /* a slot, followed by its name, type name and schema */
     uint64_t checksum; /* of all above and the three texts */
     uint64_t unused2;
     lwb_atomic64 word; /* count << 16 | writer << 4 | buffer */
-    lwb_atomic32 waiting; /* odd if somebody may be waiting for the word to change */
+    lwb_atomic32 waiting; /* odd if a process may wait for the word to change */
     uint32_t unused3[13];
     lwb_atomic64 blocks[LWB_MAX_WRITERS]; /* each writer's buffers; only that writer sets it */
 };
@@ -133,24 +133,24 @@ struct lwb_block { /* a writer's buffers in one slot */
     uint64_t magic, slot, writer, checksum;
 };
 
-struct lwb_buffer { /* atomic words, because a reader may look while the owner writes */
+struct lwb_buffer { /* atomic words, because readers may read while the owner writes */
     lwb_atomic64 count, length, stamp, process;
     __extension__ lwb_atomic64 payload[];
 };
 
-/* ---- What a process holds ------------------------------------------------------------------ */
+/* ---- A process's state ---------------------------------------------------------------------- */
 
 struct lwb_board {
     int fd;
     uint64_t size;                    /* bytes of the file known to exist */
     uint64_t mapped;                  /* bytes of the newest mapping */
     unsigned char *map;               /* the newest mapping */
-    struct { void *at; size_t length; } maps[32]; /* all of them: pointers into the older ones
-                                       * stay good. Each is twice the last, so 32 are enough */
+    struct { void *at; size_t length; } maps[32]; /* all mappings: pointers into older ones
+                                       * stay valid. Each is twice the last, so 32 suffice */
     int map_count;
     int writer;                       /* this process's writer id, or -1 */
-    uint64_t process;                 /* this process's id, as messages carry it */
-    volatile unsigned char *same;     /* 1, on a page that a fork wipes: 0 in a child */
+    uint64_t process;                 /* this process's id, as in its messages */
+    volatile unsigned char *same;     /* 1, on a page that is wiped at a fork: 0 in a child */
 };
 
 struct lwb_slot {
@@ -158,15 +158,15 @@ struct lwb_slot {
     struct lwb_record *record;
     uint64_t offset, capacity;
     size_t stride;                             /* bytes from one buffer to the next */
-    int writer, next;                          /* whose buffers `own` points to; the next to fill */
+    int writer, next;                          /* the owner of `own`; the next buffer to fill */
     struct lwb_block *own;
-    struct lwb_block *seen[LWB_MAX_WRITERS];   /* blocks already checked */
+    struct lwb_block *seen[LWB_MAX_WRITERS];   /* blocks already validated */
 };
 
 struct lwb_meta {
-    uint64_t word;     /* the slot's, with this message: unchanged means no newer message */
-    uint64_t count;    /* of the slot, with this message */
-    uint64_t stamp;    /* CLOCK_MONOTONIC, ns, right before it was added */
+    uint64_t word;     /* the slot's, with this message: if unchanged, there is no newer one */
+    uint64_t count;    /* the slot's, with this message */
+    uint64_t stamp;    /* CLOCK_MONOTONIC in ns, just before it was added */
     uint64_t process;  /* id of the process that added it */
     size_t length;     /* bytes */
 };
@@ -183,7 +183,7 @@ static inline const char *lwb_describe(int status)
     return status >= 0 && status <= LWB_PASSED ? texts[status] : "unknown status";
 }
 
-/* ---- Small parts --------------------------------------------------------------------------- */
+/* ---- Helpers -------------------------------------------------------------------------------- */
 
 static inline uint64_t lwb_hash(uint64_t hash, const void *data, size_t length)
 { /* FNV-1a; start with 0 */
@@ -218,7 +218,7 @@ static inline uint64_t lwb_block_sum(const struct lwb_block *b)
     return lwb_hash(0, b, offsetof(struct lwb_block, checksum));
 }
 
-static inline size_t lwb_stride(uint64_t capacity) /* whole words: the last may be a part */
+static inline size_t lwb_stride(uint64_t capacity) /* whole words: the last may be part-used */
 {
     return lwb_round(sizeof(struct lwb_buffer) + capacity, 64);
 }
@@ -233,9 +233,9 @@ static inline struct lwb_buffer *lwb_buffer_at(struct lwb_block *b, unsigned i, 
     return (struct lwb_buffer *)((unsigned char *)b + lwb_round(sizeof *b, 64) + i * stride);
 }
 
-/* An address for the range, or NULL: every offset read from the file passes here. The mapping
- * may reach beyond the file, which is why the size is asked. Leaves errno 0 but where a system
- * call failed, so that lwb_why can tell a damaged file from a lack of memory. */
+/* The address of a range, or NULL. Every offset read from the file is checked here. The mapping
+ * may extend beyond the file, so the file's size is compared. Sets errno to 0 unless a system
+ * call failed, so that lwb_why can distinguish a damaged file from a lack of memory. */
 static inline void *lwb_at(struct lwb_board *b, uint64_t offset, size_t length)
 {
     errno = 0;
@@ -261,7 +261,7 @@ static inline void *lwb_at(struct lwb_board *b, uint64_t offset, size_t length)
     return b->map + offset;
 }
 
-/* The status after lwb_at, or a check of what it found, gave NULL. */
+/* The status after lwb_at, or a check of its result, has returned NULL. */
 static inline int lwb_why(void) { return errno ? LWB_SYSTEM : LWB_CORRUPT; }
 
 static inline struct lwb_header *lwb_head(struct lwb_board *b)
@@ -271,8 +271,8 @@ static inline struct lwb_header *lwb_head(struct lwb_board *b)
 
 static inline int lwb_reserve(int fd, uint64_t offset, uint64_t length)
 {
-    /* Real pages now, because a sparse file on a full tmpfs dies by SIGBUS later. A signal would
-     * make tmpfs undo all and start again: under a fast timer that would never end. */
+    /* Allocate real pages now, because a sparse file on a full tmpfs causes SIGBUS later. A signal
+     * would make tmpfs undo everything and start again; with a fast timer that would never end. */
     sigset_t all, before;
     sigfillset(&all);
     sigprocmask(SIG_SETMASK, &all, &before);
@@ -284,14 +284,14 @@ static inline int lwb_reserve(int fd, uint64_t offset, uint64_t length)
          : e == ENOSPC || e == EFBIG || e == EDQUOT ? LWB_NO_SPACE : LWB_SYSTEM;
 }
 
-/* Take room for a record. Whoever dies between the two steps leaves a gap that nobody needs. */
+/* Allocate space for a record. A process that dies between the two steps leaves an unused gap. */
 static inline int lwb_allocate(struct lwb_board *b, size_t length, uint64_t *offset, void **at)
 {
     length = lwb_round(length, 64);
     *offset = atomic_fetch_add(&lwb_head(b)->end, length);
     int status = *offset + length > LWB_FURTHEST ? LWB_NO_SPACE
                : lwb_reserve(b->fd, *offset, length);
-    if (status) { /* give the room back, if nobody has taken any behind it */
+    if (status) { /* return the space, unless more was allocated behind it */
         uint64_t behind = *offset + length;
         atomic_compare_exchange_strong(&lwb_head(b)->end, &behind, *offset);
         return status;
@@ -300,9 +300,9 @@ static inline int lwb_allocate(struct lwb_board *b, size_t length, uint64_t *off
     return *at ? LWB_OK : lwb_why();
 }
 
-/* Lock byte `index` of the header's lock area, or ask who would hinder it: a lock of the open
- * file description, which the kernel drops when the last process that holds the description
- * dies, in whatever way. -1 if it failed; F_OFD_GETLK gives 0 if nobody would, else 1. */
+/* Lock byte `index` of the header's lock area, or test whether it could be locked. The lock is one
+ * of the open file description, which the kernel releases when the last process that has the
+ * description open ends, in any way. Returns -1 on failure; for F_OFD_GETLK 0 if free, else 1. */
 static inline int lwb_lock(int fd, int command, short type, int index)
 {
     struct flock lock = LWB_ZERO;
@@ -317,14 +317,14 @@ static inline int lwb_lock(int fd, int command, short type, int index)
 
 /* ---- Boards -------------------------------------------------------------------------------- */
 
-/* Does a record still say what was written? */
+/* Whether a record is intact. */
 static inline bool lwb_is_sound(const struct lwb_record *r)
 {
     return r->checksum == lwb_record_sum(r);
 }
 
-/* A record at `offset`, its lengths checked against the file's size, or NULL. Whoever uses more
- * of it than its name asks lwb_is_sound, which costs reading all of it. */
+/* The record at `offset`, or NULL; its lengths are checked against the file's size. Callers that
+ * use more than its name call lwb_is_sound, too, which reads all of it. */
 static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t offset)
 {
     struct lwb_record *r = (struct lwb_record *)lwb_at(b, offset, sizeof *r);
@@ -336,7 +336,7 @@ static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t off
     return r->size == sizeof *r + texts ? (struct lwb_record *)lwb_at(b, offset, r->size) : NULL;
 }
 
-/* The buffers of `writer` in a slot, checked, or NULL. */
+/* The buffers of `writer` in a slot, or NULL if damaged. */
 static inline struct lwb_block *lwb_block_at(struct lwb_board *b, uint64_t offset, uint64_t slot,
                                              unsigned writer, uint64_t capacity)
 {
@@ -346,7 +346,7 @@ static inline struct lwb_block *lwb_block_at(struct lwb_board *b, uint64_t offse
            block->writer == writer && block->checksum == lwb_block_sum(block) ? block : NULL;
 }
 
-/* Is the end beyond every record? A wrong one would let new records overwrite old ones. */
+/* Whether the end is beyond every record; a wrong one would let new records overwrite old ones. */
 static inline bool lwb_end_is_sound(struct lwb_board *b)
 {
     uint64_t furthest = sizeof(struct lwb_header);
@@ -384,7 +384,7 @@ static inline int lwb_check(struct lwb_board *b)
     uint64_t magic = 0;
     if (!h && errno)
         return LWB_SYSTEM;
-    if (!h) /* too short to map: tell a stub of a board from another file */
+    if (!h) /* too short to map: a truncated board, or another file */
         return pread(b->fd, &magic, 8, 0) == 8 && magic == LWB_MAGIC ? LWB_CORRUPT : LWB_FOREIGN;
     if (h->magic != LWB_MAGIC)
         return LWB_FOREIGN;
@@ -397,7 +397,7 @@ static inline int lwb_check(struct lwb_board *b)
     return lwb_end_is_sound(b) ? LWB_OK : lwb_why();
 }
 
-static inline void lwb_reset(struct lwb_board *b) /* to a board that is not open */
+static inline void lwb_reset(struct lwb_board *b) /* to the state of a closed board */
 {
     memset(b, 0, sizeof *b);
     b->fd = b->writer = -1;
@@ -416,8 +416,8 @@ static inline void lwb_close(struct lwb_board *b)
     errno = saved;
 }
 
-/* Make the whole board under no name, then give it its name: nobody sees half a board, and a
- * crash leaves no file. Where the file system cannot do that, a file with a name of its own. */
+/* Make the complete board without a name, then link it: no process sees an incomplete board, and
+ * a crash leaves no file. If the file system cannot do that, use a temporary name. */
 static inline int lwb_create(const char *path)
 {
     char directory[PATH_MAX], temporary[PATH_MAX + 8] = "";
@@ -459,8 +459,8 @@ static inline int lwb_create(const char *path)
     return status;
 }
 
-/* Be known as this process, here and to others. The page is made here, not at the first claim,
- * because a fork before that claim must be noticed too. */
+/* Register this process, here and for others. The page is made here, not at the first claim,
+ * because a fork before that claim has to be noticed, too. */
 static inline int lwb_attach(struct lwb_board *b)
 {
     if (!b->same) {
@@ -474,12 +474,12 @@ static inline int lwb_attach(struct lwb_board *b)
     *b->same = 1;
     b->writer = -1;
     b->process = (uint64_t)getpid();
-    lwb_lock(b->fd, F_OFD_SETLK, F_RDLCK, LWB_MAX_WRITERS); /* shared: somebody is here */
+    lwb_lock(b->fd, F_OFD_SETLK, F_RDLCK, LWB_MAX_WRITERS); /* a shared lock: in use */
     return LWB_OK;
 }
 
-/* Open the board at `path`; with `create`, make it if it is not there. On failure the board is
- * closed. Everything the file says is checked here once. */
+/* Open the board at `path`; with `create`, make it if it does not exist. On failure the board is
+ * closed. The file's content is validated here once. */
 static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
 {
     lwb_reset(b);
@@ -505,14 +505,14 @@ static inline int lwb_open(struct lwb_board *b, const char *path, bool create)
     return status;
 }
 
-/* True until the board is removed (its file has lost its name). */
+/* True until the board is removed (its file has no name any more). */
 static inline bool lwb_linked(const struct lwb_board *b)
 {
     struct stat st;
     return b->fd >= 0 && !fstat(b->fd, &st) && st.st_nlink > 0;
 }
 
-/* True if another open board, in this process or any other, has this file open. */
+/* True if this file is also open in another struct lwb_board, in this process or another one. */
 static inline bool lwb_shared(const struct lwb_board *b)
 {
     return lwb_lock(b->fd, F_OFD_GETLK, F_WRLCK, LWB_MAX_WRITERS) == 1;
@@ -520,7 +520,7 @@ static inline bool lwb_shared(const struct lwb_board *b)
 
 /* ---- Slots --------------------------------------------------------------------------------- */
 
-/* Record number `index`, see lwb_record_at; NULL with *status LWB_MISSING if there are no more. */
+/* Record `index`, see lwb_record_at; NULL with *status LWB_MISSING if there are no more. */
 static inline struct lwb_record *lwb_slot_at(struct lwb_board *b, int index, uint64_t *offset,
                                              int *status)
 {
@@ -553,7 +553,8 @@ static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema 
     int status = lwb_allocate(b, sizeof(struct lwb_record) + n + t + x, offset, &at);
     if (status)
         return status;
-    struct lwb_record *r = (struct lwb_record *)at; /* fresh room is zero: word 0 says that nothing was added */
+    /* New space is zero, and a word of 0 means that nothing was added. */
+    struct lwb_record *r = (struct lwb_record *)at;
     r->magic = LWB_SLOT_MAGIC;
     r->size = sizeof *r + n + t + x;
     r->capacity = s->capacity;
@@ -569,9 +570,9 @@ static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema 
     return LWB_OK;
 }
 
-/* Open the slot, making it if it is not there; with a `fingerprint` that differs from the
- * board's: LWB_DIFFERS, with the slot open for reading its schema. The table fills from the
- * front and entries never change, so that two processes that make one name meet at one entry. */
+/* Open the slot; make it if it does not exist. If its `fingerprint` differs from the board's, the
+ * status is LWB_DIFFERS, with the slot open for reading its schema. The table is filled from the
+ * front and entries never change, so two processes that make the same name meet at one entry. */
 static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const struct lwb_schema *s)
 {
     uint64_t offset, mine = 0;
@@ -608,7 +609,7 @@ static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const str
     return r->fingerprint == s->fingerprint ? LWB_OK : LWB_DIFFERS;
 }
 
-/* The slot's word: changes with every add, never comes back. */
+/* The slot's word: it changes with every add and never repeats. */
 static inline uint64_t lwb_word(const struct lwb_slot *s)
 {
     return atomic_load_explicit(&s->record->word, memory_order_acquire);
@@ -619,14 +620,14 @@ static inline uint64_t lwb_count(const struct lwb_slot *s) { return lwb_count_of
 
 /* ---- Adding -------------------------------------------------------------------------------- */
 
-/* Claim a writer id, at the first add of this process and again after a fork: the child's copy
- * of the description shares the parent's lock, so it opens one of its own. */
+/* Claim a writer id, at the first add of this process and again after a fork: the child's copy of
+ * the file description shares the parent's lock, so the child opens one of its own. */
 static inline int lwb_claim(struct lwb_board *b)
 {
     if (!*b->same) {
         char self[64];
         snprintf(self, sizeof self, "/proc/self/fd/%d", b->fd);
-        int fd = open(self, O_RDWR | O_CLOEXEC); /* by number: the name may be gone or reused */
+        int fd = open(self, O_RDWR | O_CLOEXEC); /* by number: the name may be removed or reused */
         if (fd < 0)
             return LWB_SYSTEM;
         close(b->fd);
@@ -644,7 +645,7 @@ static inline int lwb_claim(struct lwb_board *b)
     return LWB_NO_WRITER;
 }
 
-/* This process's buffers in the slot: those a dead owner of the same id left, or new ones. */
+/* Find this process's buffers in the slot: those of a dead owner of the same id, or new ones. */
 static inline int lwb_own(struct lwb_slot *s)
 {
     struct lwb_board *b = s->board;
@@ -674,14 +675,14 @@ static inline int lwb_own(struct lwb_slot *s)
     return s->own ? LWB_OK : lwb_why();
 }
 
-/* Wake who waits, after the swap. It makes `waiting` even, and another number: who was about to
- * sleep on the odd one does not, but looks at the word again. (With a mere flag, its owner would
- * sleep with the flag down, and the next writer not wake it.) */
+/* Wake the waiting processes, after the swap. `waiting` becomes even and a new number, so a process
+ * that was about to sleep on the odd number does not, but reads the word again. (With a mere flag
+ * it would sleep with the flag cleared, and the next writer would not wake it.) */
 static inline void lwb_ring(lwb_atomic32 *waiting)
 {
     uint32_t now = atomic_load(waiting);
     if (now % 2) {
-        atomic_compare_exchange_strong(waiting, &now, now + 1); /* else another writer did */
+        atomic_compare_exchange_strong(waiting, &now, now + 1); /* otherwise another writer did */
         syscall(SYS_futex, waiting, FUTEX_WAKE, INT32_MAX, NULL, NULL, 0);
     }
 }
@@ -694,8 +695,8 @@ static inline void lwb_wake(struct lwb_slot *s)
 
 #define LWB_ANY UINT64_MAX
 
-/* Add a message if the slot's count still is `after`, or whatever it is if that is LWB_ANY; else
- * LWB_PASSED. Never blocks. */
+/* Add a message if the slot's count still is `after`, else return LWB_PASSED; with LWB_ANY, add in
+ * any case. Never blocks. */
 static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t length,
                                 uint64_t after, uint64_t *count)
 {
@@ -710,12 +711,12 @@ static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t len
     lwb_atomic64 *slot_word = &s->record->word;
     uint64_t word = atomic_load_explicit(slot_word, memory_order_relaxed);
     if (lwb_writer_of(word) == (unsigned)s->writer && lwb_buffer_of(word) == (unsigned)s->next)
-        s->next = (s->next + 1) % LWB_BUFFERS; /* readers are at the published one */
+        s->next = (s->next + 1) % LWB_BUFFERS; /* readers use the published one */
     struct lwb_buffer *buffer = lwb_buffer_at(s->own, (unsigned)s->next, s->stride);
 
-    /* Count 0 before the payload: a reader that sees any of the new payload then sees, behind
-     * its acquire fence, that the count is no longer the one it started with. The store is a
-     * release so that a reader that sees it also sees the word as we saw it (lwb_read). */
+    /* Set the count to 0 before the payload: a reader that has read any of the new payload sees,
+     * after its acquire fence, that the count is no longer the one it started with. The store is a
+     * release, so that a reader that sees it also sees the word that this writer saw (lwb_read). */
     atomic_store_explicit(&buffer->count, 0, memory_order_release);
     atomic_thread_fence(memory_order_release);
     const unsigned char *from = (const unsigned char *)data;
@@ -739,11 +740,11 @@ static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t len
     uint64_t place = (uint64_t)s->writer << 4 | (uint64_t)s->next, mine;
     do {
         if (after != LWB_ANY && lwb_count_of(word) != after)
-            return LWB_PASSED; /* the buffer is nobody's: the word does not name it */
+            return LWB_PASSED; /* the buffer stays unused: the word does not name it */
         mine = (lwb_count_of(word) + 1) << 16 | place;
         atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
-        /* Sequentially consistent, as the load in lwb_wake and both steps of lwb_wait: either
-         * we see the waiter or the waiter sees our word. */
+        /* Sequentially consistent, like the load in lwb_wake and both steps of lwb_wait: either
+         * this writer sees the waiter, or the waiter sees the new word. */
     } while (!atomic_compare_exchange_weak_explicit(slot_word, &word, mine, memory_order_seq_cst,
                                                     memory_order_relaxed));
     s->next = (s->next + 1) % LWB_BUFFERS;
@@ -761,9 +762,9 @@ static inline int lwb_add(struct lwb_slot *s, const void *data, size_t length, u
 
 /* ---- Getting ------------------------------------------------------------------------------- */
 
-/* Copy the latest message, at most `room` bytes of it; meta->length tells its whole length.
- * The readers' copy may be of a buffer being overwritten: the count tells, and we start again
- * at what is by then the latest. */
+/* Copy the latest message, at most `room` bytes of it; meta->length is its full length. If the
+ * buffer was overwritten during the copy, its count has changed, and the reader starts again with
+ * the message that is the latest by then. */
 static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct lwb_meta *meta)
 {
     for (;;) {
@@ -802,22 +803,22 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
         atomic_thread_fence(memory_order_acquire);
         if (atomic_load_explicit(&buffer->count, memory_order_relaxed) == meta->count)
             return meta->length <= s->capacity ? LWB_OK : LWB_CORRUPT;
-        /* The owner may only overwrite a buffer that the word does not name; so if the word is
-         * still the same, the buffer was damaged, and starting again would never end. The fence
-         * pairs with the owner's release of the count that we just saw. */
+        /* The owner only overwrites a buffer that the word does not name. So if the word is still
+         * the same, the buffer is damaged, and starting again would never end. The fence pairs
+         * with the owner's release of the count that was just read. */
         atomic_thread_fence(memory_order_acquire);
         if (lwb_word(s) == word)
             return LWB_CORRUPT;
     }
 }
 
-/* Say that somebody is about to wait. */
+/* Announce that this process is about to wait. */
 static inline uint32_t lwb_announce(lwb_atomic32 *waiting)
 {
     return atomic_fetch_or(waiting, 1) | 1;
 }
 
-/* Sleep while `waiting` is `odd`, for `ns` or 50 ms at most: a look that covers a writer that died
+/* Sleep while `waiting` is `odd`, for at most `ns` and at most 50 ms, in case a writer has died
  * between its swap and its wake. */
 static inline void lwb_sleep(lwb_atomic32 *waiting, uint32_t odd, uint64_t ns)
 {
@@ -825,8 +826,8 @@ static inline void lwb_sleep(lwb_atomic32 *waiting, uint32_t odd, uint64_t ns)
     syscall(SYS_futex, waiting, FUTEX_WAIT, odd, &look, NULL, 0);
 }
 
-/* Wait until the count exceeds `after`, for `ns` at most. LWB_TIMEOUT may come early, after a
- * signal or 50 ms: call again while there is time left. */
+/* Wait until the count exceeds `after`, for at most `ns`. May return LWB_TIMEOUT early, after a
+ * signal or 50 ms: call it again while there is time left. */
 static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
 {
     if (lwb_count(s) > after)
@@ -839,11 +840,11 @@ static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
 }
 
 /* ---- Watching all slots --------------------------------------------------------------------
- * To wait for any: look with lwb_changed, announce it, look again, then lwb_sleep on what was
- * announced; and so on. Only the sleep may go on beside other uses of the board. */
+ * To wait for any slot: call lwb_changed, lwb_announce, lwb_changed again, then lwb_sleep with the
+ * announced number; repeat. Other threads may use the board only during the sleep. */
 
-/* Write the numbers of the slots whose word is another than in `words` to `which`, and their
- * words to `words`; both have room for LWB_MAX_SLOTS. */
+/* Write the indices of the slots whose word differs from the one in `words` to `which`, and update
+ * `words`; both have room for LWB_MAX_SLOTS. */
 static inline int lwb_changed(struct lwb_board *b, uint64_t *words, uint32_t *which, int *number)
 {
     uint64_t offset;

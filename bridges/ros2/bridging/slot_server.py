@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from llfsm.whiteboard import Board, BoundSlot
 from llfsm.whiteboard.errors import MessageUnreadableError, WhiteboardError
-from llfsm.whiteboard.subscription import LOOK_S, Cursor
+from llfsm.whiteboard.subscription import POLL_S, Cursor
 
 from ..errors import CdrError
 from ..transport import ServiceRequest
@@ -95,7 +95,7 @@ class SlotServer:
             if self._over.is_set():
                 return "the bridge has ended"
             try:
-                sample = answers.next(min(left, LOOK_S))
+                sample = answers.next(min(left, POLL_S))
             except MessageUnreadableError as error:
                 self._faults.count(self._link, error)
                 continue
