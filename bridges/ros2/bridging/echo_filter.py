@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Generic
 
 from llfsm.whiteboard import BoundSlot, Sample
@@ -27,9 +28,15 @@ class EchoFilter(Generic[M]):
     messages themselves are compared: each one published cancels one that arrives within a second.
     """
 
-    def __init__(self, publisher: Publisher[M], of: RosMessage[M]) -> None:
+    def __init__(
+        self,
+        publisher: Publisher[M],
+        of: RosMessage[M],
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._gid = publisher.gid
         self._encode = of.encode
+        self._now = now
         self._lock = threading.Lock()
         self._added = 0
         self._published: deque[tuple[float, bytes]] = deque(maxlen=_MOST)
@@ -48,7 +55,7 @@ class EchoFilter(Generic[M]):
         """Remember a message that is about to be published."""
         if not self._gid:
             with self._lock:
-                self._published.append((time.monotonic(), self._encode(message)))
+                self._published.append((self._now(), self._encode(message)))
 
     def is_ours(self, arrival: SerializedMessage[M]) -> bool:
         """Return whether a received message was published here.
@@ -60,7 +67,7 @@ class EchoFilter(Generic[M]):
         if not self._published:
             return False
         data = self._encode(arrival.decode())  # not what arrived: encoders pad differently
-        oldest = time.monotonic() - _RETURN_S
+        oldest = self._now() - _RETURN_S
         with self._lock:
             while self._published and self._published[0][0] < oldest:
                 self._published.popleft()

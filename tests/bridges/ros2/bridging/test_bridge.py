@@ -5,13 +5,18 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
+import msgspec
 import pytest
 
+from llfsm.bridges.ros2.bridging.bridge import Bridge
+from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.whiteboard import Slot, SlotTypeError
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.std_msgs import Bool
+from memory_transport import MemoryTransport
 
 TO_ROS = {"slot": "lamp", "type": "std_msgs/msg/Bool", "direction": "to_ros"}
 LAMP = Slot("lamp", Bool)
@@ -71,15 +76,15 @@ def test_a_bridge_on_a_board_that_was_removed_ends(start, board):
     bridge.close()
 
 
-def test_a_bridge_that_cannot_begin_leaves_nothing_behind(start, board, peer, monkeypatch):
-    """Somebody makes a slot between the plan and the bridge."""
-
-    def late(*arguments):
-        made = make_plan(*arguments)
-        board.add_message(Slot("lamp", Twist), Twist())
-        return made
-
-    monkeypatch.setitem(start.__globals__, "make_plan", late)
-    with pytest.raises(SlotTypeError, match="geometry_msgs/msg/Twist"):
-        start(relay=[{**TO_ROS, "slot": "first", "type": "std_msgs/msg/String"}, TO_ROS])
+def test_a_bridge_that_cannot_begin_leaves_nothing_behind(board, memory, peer):
+    """Another process makes a slot between the plan and the bridge."""
+    relays = [{**TO_ROS, "slot": "first", "type": "std_msgs/msg/String"}, TO_ROS]
+    plan, faults = make_plan(msgspec.convert({"relay": relays}, BridgeConfig), Path(), [])
+    assert not faults
+    board.add_message(Slot("lamp", Twist), Twist())
+    with (
+        MemoryTransport(memory) as transport,
+        pytest.raises(SlotTypeError, match="geometry_msgs/msg/Twist"),
+    ):
+        Bridge(plan, board, transport)
     assert not peer.graph().nodes

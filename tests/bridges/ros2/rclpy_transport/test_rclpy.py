@@ -77,16 +77,14 @@ def test_a_client_that_is_being_closed_has_no_server(transport, types):
         call.result(20)
 
 
-def test_a_shutdown_by_another_part_of_the_process_is_told(transport, told):
-    def notice_may_ask(notice):
-        told(notice)
-        assert not transport.up  # which takes the lock that rclpy holds meanwhile
+def test_a_shutdown_by_another_part_of_the_process_is_told(fake_rclpy, told):
+    def notify(notice):
+        told((notice.kind, transport.up))  # which takes the lock that rclpy holds meanwhile
 
-    transport._world.notifier._notify = notice_may_ask
-    transport._world.context.try_shutdown()
-    told.wait(len)
-    assert [notice.kind for notice in told] == [NoticeKind.DOWN]
-    assert not transport.up
+    with RclpyTransport(7, notify=notify) as transport:
+        transport._world.context.try_shutdown()
+        told.wait(len)
+        assert told == [(NoticeKind.DOWN, False)]
 
 
 def test_closing_it_is_no_news(transport, told):

@@ -201,12 +201,18 @@ def test_kinds_are_not_mixed_up(types):
         types.action("turtlesim/srv/Spawn")
 
 
-def test_without_rosbags_an_unknown_type_says_how_to_get_more(monkeypatch):
-    monkeypatch.setattr(jazzy, "_store", dict)
-    library = TypeLibrary()
-    assert library.message("turtlesim/msg/Pose").name == "turtlesim/msg/Pose"
-    with pytest.raises(UnknownTypeError, match=r"install llfsm\[ros\]"):
-        library.message("sensor_msgs/msg/Image")
+def test_without_rosbags_an_unknown_type_says_how_to_get_more():
+    code = """
+import sys
+sys.modules["rosbags"] = None
+from llfsm.bridges.ros2.types import TypeLibrary
+library = TypeLibrary()
+assert library.message("turtlesim/msg/Pose").name == "turtlesim/msg/Pose"
+library.message("sensor_msgs/msg/Image")
+"""
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=False)
+    assert "UnknownTypeError: sensor_msgs/msg/Image: " in done.stderr
+    assert "install llfsm[ros]" in done.stderr
 
 
 def test_a_type_that_contains_itself(define):
