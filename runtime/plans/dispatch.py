@@ -1,10 +1,10 @@
-"""Read a dispatch table as clfsm's ``-T`` does: two tables, a blank line between them.
+"""Read a dispatch table as clfsm's ``-T`` does: two tables, separated by a blank line.
 
 The first has a line for each machine: its bundle, its period and its deadline in microseconds and,
 if it is loaded suspended or only preloaded, an `S` or a `P`. The second has a line for each slot:
-the number of the machine, from 0, and when the slot starts in microseconds from the cycle's
-begin. Tabs are between them. clfsm begins the next cycle when the last slot of this one starts;
-here it begins when the periods come out even, as they are meant to.
+the number of the machine, from 0, and the start of the slot in microseconds from the beginning of
+the cycle. Tabs separate the fields. clfsm begins the next cycle when the last slot of a cycle
+starts; here a cycle is a multiple of all periods, as the tables intend.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ..engine.errors import ConfigurationError
 from ..engine.failure import logger
 from ..engine.schedule import TimeSlot, Timetable
 from .plan import Plan, PlannedMachine
+from .toml_files import read_text
 
 _NUMBER = re.compile(r"[0-9]{1,12}")  # a million seconds
 
@@ -28,19 +29,19 @@ __all__ = ["DispatchTable", "read_dispatch_table"]
 
 
 class DispatchTable(Plan, frozen=True, kw_only=True):
-    """A plan that says itself who has its turn when: (machine, start_us) for each slot.
+    """A plan with its own timetable: (machine, start_us) for each slot.
 
-    Machines are numbered from 0. The cycle is the shortest in which the periods of those that
-    have slots come out even, and all slots fit.
+    Machines are numbered from 0. The cycle is the shortest multiple of the periods of all machines
+    with slots that has room for all slots.
     """
 
     slots: tuple[tuple[int, int], ...]
 
     def timetable(self, names: Iterable[str]) -> Timetable:
-        """Return the timetable of machines that are called so."""
-        called = tuple(names)
+        """Return the timetable for machines of these names."""
+        names = tuple(names)
         slots = [
-            TimeSlot(called[number], start_us, self.machines[number].deadline_us or 1)
+            TimeSlot(names[number], start_us, self.machines[number].deadline_us or 1)
             for number, start_us in self.slots
         ]
         even_us = lcm(*(self.machines[number].period_us or 1 for number, _ in self.slots))
@@ -51,7 +52,7 @@ class DispatchTable(Plan, frozen=True, kw_only=True):
             if period_us is not None and turns * period_us != cycle_us:
                 logger().warning(
                     "%s has a period of %d us, but the table gives it %d turns in %d us",
-                    called[number],
+                    names[number],
                     period_us,
                     turns,
                     cycle_us,
@@ -61,12 +62,7 @@ class DispatchTable(Plan, frozen=True, kw_only=True):
 
 def read_dispatch_table(file: Path) -> DispatchTable:
     """Read a dispatch table; raise `ConfigurationError` with the line of what is wrong."""
-    try:
-        lines = file.read_text(encoding="utf-8").split("\n")
-    except OSError as error:
-        raise ConfigurationError(f"cannot be read: {error.strerror}", file=file) from error
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"is no UTF-8 text: {error.reason}", file=file) from error
+    lines = read_text(file).split("\n")
     numbered = [(number, line.rstrip()) for number, line in enumerate(lines, 1)]
     blank = next((number for number, line in numbered if not line), len(lines))
     try:
@@ -92,12 +88,12 @@ def _machine(line: int, text: str) -> PlannedMachine:
     fields = text.split("\t")
     if len(fields) not in (3, 4):
         raise _LineError(
-            line, f"{text!r} is not: bundle, period and deadline in us, S or P; tabs between them"
+            line, f"{text!r} is not: bundle, period and deadline in us, S or P; tab-separated"
         )
     path, period, deadline, *how = fields
     definition = os.path.expanduser(path)
     if not path or definition[0] == "~":
-        raise _LineError(line, f"{path!r} is no path of a bundle")
+        raise _LineError(line, f"{path!r} is not the path of a bundle")
     if how not in ([], ["S"], ["P"]):
         raise _LineError(line, f"{how[0]!r} must be S (suspended) or P (preloaded)")
     return PlannedMachine(
@@ -112,7 +108,7 @@ def _machine(line: int, text: str) -> PlannedMachine:
 def _slot(line: int, text: str, machines: int) -> tuple[int, int]:
     fields = text.split("\t")
     if len(fields) != 2:
-        raise _LineError(line, f"{text!r} is not: number of a machine, start in us; a tab between")
+        raise _LineError(line, f"{text!r} is not: number of a machine, start in us; tab-separated")
     machine = _number(line, "the machine", fields[0], 0)
     if machine >= machines:
         raise _LineError(line, f"there is no machine {machine}; they are 0 to {machines - 1}")

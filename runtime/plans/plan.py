@@ -1,4 +1,4 @@
-"""What to run, and how: what a command line, an arrangement file or a dispatch table says.
+"""Plans: which machines to run and how, from a command line, a file or a dispatch table.
 
 An arrangement file is TOML; its keys are the fields of `Plan` and, in each `[[machine]]`, those
 of `PlannedMachine`.
@@ -30,11 +30,11 @@ NotNegative = Annotated[int, msgspec.Meta(ge=0, le=_LONGEST_US)]
 
 
 class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One machine: `definition` is what the command line would name it by.
+    """One machine; `definition` is its name on the command line.
 
-    `variables` and `slots` are as for `Arrangement.load`. A machine is loaded suspended, or only
-    made ready to be loaded by others (`preload`). With `period_us` it has a turn at each of
-    `start_us` (0) after the beginning of every period, to be done `deadline_us` (the period)
+    `variables` and `slots` are as for `Arrangement.load`. A machine may be loaded `suspended`, or
+    only preloaded, for other machines to load. With `period_us` it has a turn at each of
+    `start_us` (0) after the beginning of every period, with a deadline `deadline_us` (the period)
     later.
     """
 
@@ -49,7 +49,7 @@ class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     start_us: NotNegative | tuple[NotNegative, ...] = 0
 
     def requirement(self, name: str) -> list[Requirement]:
-        """Return what a timetable must give it, if it is called so; nothing without a period."""
+        """Return its requirement of a timetable, under `name`; none without a period."""
         if self.period_us is None:
             return []
         starts = (self.start_us,) if isinstance(self.start_us, int) else self.start_us
@@ -58,7 +58,7 @@ class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Machines in their order, and how they have their turns, as for `Arrangement`."""
+    """Machines in their order, and the schedule of their turns, as for `Arrangement`."""
 
     machines: tuple[PlannedMachine, ...] = msgspec.field(name="machine", default=())
     board: str | None = None
@@ -68,9 +68,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     on_error: Literal["stop", "suspend"] = "stop"
 
     def timetable(self, names: Iterable[str]) -> Timetable | None:
-        """Return the timetable of machines that are called so, None if they need none.
+        """Return the timetable for machines of these names, None if none has a period.
 
-        Raise `ScheduleError` if there can be none.
+        Raise `ScheduleError` if there is no timetable that meets all periods.
         """
         planned = zip(names, self.machines, strict=True)
         needs = [need for name, machine in planned for need in machine.requirement(name)]
@@ -85,7 +85,7 @@ def read_plan(file: Path) -> Plan:
 def names_of(plan: Plan, classes: Iterable[type[Machine]]) -> list[str]:
     """Return the name that each machine of the plan gets: a second `P` becomes `P.0`.
 
-    Those that are only preloaded get what is left.
+    Machines that are only preloaded get their names last.
     """
     names: dict[int, str] = {}
     given = list(enumerate(zip(plan.machines, classes, strict=True)))
@@ -104,7 +104,7 @@ def assemble(
     library: Library,
     timed: bool = False,
 ) -> Arrangement:
-    """Return the arrangement of a plan, everything loaded; `classes` are by name, in order.
+    """Return the arrangement of a plan with its machines loaded; `classes` are by name, in order.
 
     Suspended machines come after the others, unless a timetable gives each its turns.
     Raise `LoadError` for a machine that cannot be loaded as planned, `ScheduleError` for turns.
@@ -138,7 +138,7 @@ def _check(plan: Plan) -> None:
         where = ("machine", number)
         if planned.period_us is not None and plan.period_us is not None:
             raise ConfigurationError(
-                "give a period_us to all machines together, above them, or to each its own",
+                "give one period_us for all machines, above them, or one to each machine",
                 (*where, "period_us"),
             )
         if planned.period_us is None and any(timed):
@@ -146,10 +146,11 @@ def _check(plan: Plan) -> None:
         if planned.period_us is None and (planned.deadline_us or planned.start_us):
             raise ConfigurationError("start_us and deadline_us need a period_us", where)
         if planned.suspended and planned.preload:
-            raise ConfigurationError("is either loaded suspended or preloaded", where)
+            raise ConfigurationError("is either loaded suspended or preloaded, not both", where)
         if planned.preload and (planned.name or planned.variables or planned.slots):
             raise ConfigurationError(
-                "is only preloaded: who loads it gives it name, variables and slots", where
+                "is only preloaded: what loads it gives it name, variables and slots",
+                where,
             )
         _check_turns((planned,), where)
     _check_turns(plan.machines, ("machine",))

@@ -1,4 +1,4 @@
-"""Read a TOML file into typed structs; what is wrong in it is told with its file and line."""
+"""Read a TOML file into typed structs; errors name the file and the line."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import msgspec
 
 from ..engine.errors import ConfigurationError
 
-__all__ = ["line_of", "read_toml"]
+__all__ = ["line_of", "read_text", "read_toml"]
 
 T = TypeVar("T")
 Path_ = tuple[str | int, ...]
@@ -22,17 +22,13 @@ _STEP = re.compile(r"\[(\d+|\.\.\.)\]|\.?([^.\[\]]+)")
 
 
 def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: None) -> T:
-    """Return what `file` says as a `kind`, a msgspec Struct.
+    """Return the content of `file` as a `kind`, a msgspec Struct.
 
-    `check` may raise `ConfigurationError` with a `where` path (as ("machine", 1, "name")) about
-    what the types cannot say. Raise `ConfigurationError` with file and line for all that is wrong.
+    `check` may raise `ConfigurationError` with a `where` path, as ("machine", 1, "name"), for
+    faults that the types cannot express. Raise `ConfigurationError` with file and line for every
+    fault.
     """
-    try:
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"cannot be read: {error.strerror}", file=file) from error
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"is no UTF-8 text: {error.reason}", file=file) from error
+    text = read_text(file)
     try:
         value = msgspec.convert(tomllib.loads(text), kind)
         check(value)
@@ -55,11 +51,22 @@ def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: 
     return value
 
 
-def line_of(text: str, where: Path_) -> int | None:
-    """Return the line, from 1, where the value at `where` in a TOML text begins, or what it is in.
+def read_text(file: Path) -> str:
+    """Return the text of a file; raise `ConfigurationError` if it cannot be read as UTF-8."""
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"cannot be read: {error.strerror}", file=file) from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"is not UTF-8 text: {error.reason}", file=file) from error
 
-    Only a parser knows, so it is asked: the value is there as soon as the lines up to its last one
-    are a document, and begins after the last document without it.
+
+def line_of(text: str, where: Path_) -> int | None:
+    """Return the line, from 1, where the value at `where` in a TOML text begins.
+
+    If there is no such value, it is the line of the innermost table or array on the path, or None.
+    The parser finds it: the shortest document of leading lines that has the value ends with its
+    last line, and the value begins after the longest document without it.
     """
     lines = text.split("\n")
 
@@ -72,7 +79,7 @@ def line_of(text: str, where: Path_) -> int | None:
     for length in range(len(where), 0, -1):
         if not _has(document(len(lines)), where[:length]):
             continue
-        without, within = 0, len(lines)  # no document with so many lines lacks it, but the first
+        without, within = 0, len(lines)  # so many lines lack the value; have it
         while within - without > 1:
             middle = end = (without + within) // 2
             while end < within and (found := document(end)) is None:
@@ -113,7 +120,7 @@ def _unknown_key(what: str) -> str | None:
 
 
 def _steps(path: str) -> Path_:
-    """Turn msgspec's ``$.machine[1].name`` into steps; what it calls `...` ends them."""
+    """Return the steps of msgspec's path ``$.machine[1].name``; `...` ends them."""
     steps: list[str | int] = []
     for index, name in _STEP.findall(path[1:]):
         if index == "...":

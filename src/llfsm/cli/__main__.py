@@ -1,4 +1,4 @@
-"""Let ``python -m llfsm.cli`` be ``llfsm``, for those who start it from a program."""
+"""Run ``llfsm`` as ``python -m llfsm.cli``, the way for programs to start it."""
 
 from .root import main
 

@@ -1,4 +1,4 @@
-"""``llfsm ps``: the machines that run, in all processes."""
+"""``llfsm ps``: the running machines of all processes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID")
 @click.option("-a", "--all", "every", is_flag=True, help="Those on every whiteboard of this host.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per machine and line.")
 def ps(board: str, every: bool, as_json: bool) -> None:
-    """List the machines that run, in all processes.
+    """List the running machines of all processes.
 
     A machine is `silent` if its process is stopped or has not ended a ringlet for a second.
 

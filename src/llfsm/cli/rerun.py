@@ -1,4 +1,4 @@
-"""``llfsm rerun``: machines run again on what a recording says they read."""
+"""``llfsm rerun``: machines run again on the inputs of a recording."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def open_chosen(transport: str, domain: int | None, router: tuple[str, ...]) -> 
 def ros_options(only: str = "") -> Callable[[Command], Command]:
     """Return a decorator that adds the options of :func:`open_chosen`.
 
-    ``only`` begins their help texts, as "With --ros: ".
+    ``only`` is added to their help texts, as " (with --ros)".
     """
 
     def add(command: Command) -> Command:
@@ -76,7 +76,7 @@ def ros_options(only: str = "") -> Callable[[Command], Command]:
             "--router",
             metavar="ENDPOINT",
             multiple=True,
-            help=f"{only}Where a Zenoh router is, as tcp/192.168.1.5:7447.  [default: this host]",
+            help=f"Where a Zenoh router is{only}, as tcp/192.168.1.5:7447.  [default: this host]",
         )
         return transport_option(only)(domain_option(only)(router(command)))
 
@@ -91,7 +91,7 @@ def domain_option(
         "--domain",
         metavar="ID",
         type=click.IntRange(DOMAINS[0], DOMAINS[-1]),
-        help=f"{only}The ROS domain.  [default: {default}]",
+        help=f"The ROS domain{only}.  [default: {default}]",
     )
 
 
@@ -101,5 +101,5 @@ def transport_option(only: str) -> Callable[[Command], Command]:
         "--transport",
         type=click.Choice(TRANSPORTS),
         default=TRANSPORTS[0],
-        help=f"{only}How to reach ROS.  [default: auto, which is rclpy where it is installed]",
+        help=f"How to reach ROS{only}.  [default: auto, which is rclpy where it is installed]",
     )

@@ -21,7 +21,7 @@ __all__ = ["top"]
 
 _FRAME_S = 0.25  # as often as a table can be read
 _COUNTING_S = 1.0  # the time until rates are known
-_WIDTH = 10_000  # columns where there is no terminal: nothing is cut off
+_WIDTH = 10_000  # columns without a terminal: nothing is cut off
 
 
 @click.command()

@@ -61,7 +61,7 @@ def _parse_turtle(_: click.Context, __: click.Parameter, texts: tuple[str, ...])
     is_flag=True,
     help="Run as the ROS 2 node turtlesim, without a whiteboard.",
 )
-@ros_options("With --ros: ")
+@ros_options(" (with --ros)")
 @board_option
 @supervised_options
 @click.pass_context

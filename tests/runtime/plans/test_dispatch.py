@@ -129,7 +129,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
         read_dispatch_table(tmp_path)
     file = tmp_path / "latin"
     file.write_bytes(b"\xe9\t10\t5\n\n0\t0\n")
-    with pytest.raises(ConfigurationError, match="latin: is no UTF-8 text"):
+    with pytest.raises(ConfigurationError, match="latin: is not UTF-8 text"):
         read_dispatch_table(file)
 
 

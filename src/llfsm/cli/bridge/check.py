@@ -17,7 +17,7 @@ __all__ = ["check"]
 @click.argument("file", type=click.Path(path_type=Path))
 @board_option
 def check(file: Path, board: str) -> None:
-    """Print everything that is wrong with a bridge's configuration FILE, without running it.
+    """Check a bridge's configuration FILE without running it; print every fault.
 
     It checks types, names, duplicates and loops and, if the whiteboard exists, that its slots have
     the types that FILE gives them. The exit status is 2 if anything is wrong, else 0.

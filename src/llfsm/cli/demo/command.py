@@ -57,7 +57,8 @@ class _EndError(Exception):
     "target",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Draw the turtle's path: FILE.svg, FILE.png, or both; demo-NAME.",
+    help="Draw the turtle's path: FILE.svg, FILE.png, or both if FILE has no suffix; by default "
+    "demo-NAME.",
 )
 @click.option(
     "-b", "--board", metavar="NAME", default="demo", show_default=True, help="The whiteboard."

@@ -17,7 +17,7 @@ from .processes import Processes
 
 __all__ = ["RosGraph", "ros_options"]
 
-_DOMAIN = 99  # where hardly anybody is; the highest that DDS can have on every system is 101
+_DOMAIN = 99  # hardly used elsewhere; the highest that DDS supports on every system is 101
 _LOOK_S = 0.05
 
 
@@ -82,7 +82,7 @@ class RosGraph(NamedTuple):
 def ros_options(command: Command) -> Command:
     """Add the options of a :class:`RosGraph`, which reach the command as ``graph``, and ``--ros``.
 
-    Without that ``graph`` is None, and the others are refused.
+    Without ``--ros``, ``graph`` is None and the other options are refused.
     """
 
     @functools.wraps(command)
@@ -101,19 +101,19 @@ def ros_options(command: Command) -> Command:
             "simulator",
             flag_value=False,
             default=True,
-            help="With --ros: use turtlesim_node, which you start, instead of our simulator.",
+            help="Use turtlesim_node, which you start, instead of our simulator (with --ros).",
         ),
         click.option(
             "--router",
             metavar="ENDPOINT",
-            help="With --ros: Where a Zenoh router is; one is started if that is on this host and "
+            help="Where a Zenoh router is (with --ros); one is started if that is on this host and "
             f"nothing listens there.  [default: {ROUTER}]",
         ),
         domain_option(
-            "With --ros: ",
+            " (with --ros)",
             f"{_DOMAIN}, apart from other nodes; with --no-simulator $ROS_DOMAIN_ID, else 0",
         ),
-        transport_option("With --ros: "),
+        transport_option(" (with --ros)"),
         click.option(
             "--ros",
             is_flag=True,

@@ -37,10 +37,12 @@ __all__ = ["daemon", "read_status", "status"]
 )
 @click.option("--connect", metavar="ENDPOINT", multiple=True, help="Where another host listens.")
 @click.option("--multicast", is_flag=True, help="Look for other hosts by multicast.")
-@click.option("--leave", metavar="GLOB", multiple=True, help="Publish only matching slots.")
-@click.option("--enter", metavar="GLOB", multiple=True, help="Accept only matching slots.")
+@click.option("--leave", metavar="GLOB", multiple=True, help="Publish only slots that match.")
+@click.option("--enter", metavar="GLOB", multiple=True, help="Accept only slots that match.")
 @click.option("--read-only", is_flag=True, help="Accept nothing from other hosts.")
-@click.option("--rate", type=float, help="Publish a slot at most this often a second; 100.")
+@click.option(
+    "--rate", type=float, help="Publish a slot at most this often a second; by default 100."
+)
 @click.option("--zenoh", metavar="FILE", help="Zenoh's own configuration: TLS, access control.")
 def daemon(board: str, directory: str, config: Path | None, **flags: object) -> None:
     """Mirror a whiteboard between hosts: run one on each.
