@@ -15,7 +15,7 @@ from .code import function_of, label_of, parse, parse_expression
 from .model import PYTHON, Bundle, BundleState, Fragment
 from .names import resolve
 from .read import read_bundle
-from .scope import Scope
+from .scope import LoadedScope
 
 __all__ = ["compile_bundle", "load_bundle"]
 
@@ -40,7 +40,7 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     module.__file__ = path
     sys.modules[path] = module  # where message types made in it look for their annotations
     _extend_search(bundle)
-    scope = Scope(vars(module))
+    scope = LoadedScope(vars(module))
     scope.declare(bundle)
     states = {each.name: State(each.name, suspend=each.name == bundle.suspend)
               for each in bundle.states}  # fmt: skip
@@ -57,7 +57,7 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     return cls
 
 
-def _fill(state: State, source: BundleState, states: dict[str, State], scope: Scope) -> None:
+def _fill(state: State, source: BundleState, states: dict[str, State], scope: LoadedScope) -> None:
     """Give a state its sections and transitions."""
     for section, fragment in source.sections.items():
         tree = parse(fragment)
@@ -70,7 +70,7 @@ def _fill(state: State, source: BundleState, states: dict[str, State], scope: Sc
         state.transitions.append(_transition(state, target, expression, scope))
 
 
-def _transition(state: State, target: State, fragment: Fragment, scope: Scope) -> Transition:
+def _transition(state: State, target: State, fragment: Fragment, scope: LoadedScope) -> Transition:
     declared, label = (fragment.source, 1), label_of(fragment)
     if label == "true":
         return Transition(state, target, declared, None, None, label)

@@ -14,9 +14,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
+from ..engine.errors import BundleError
 from .model import Fragment
 
-__all__ = ["MACHINE", "UNTRANSLATED", "Known", "Meaning", "resolve", "resolve_method"]
+__all__ = [
+    "MACHINE", "UNTRANSLATED", "Known", "Meaning", "is_mark", "resolve", "resolve_method",
+    "untranslated",
+]  # fmt: skip
 
 MACHINE = "<machine>"
 """The hidden parameter: no name that code can contain."""
@@ -62,6 +66,17 @@ def resolve_method(function: ast.FunctionDef, fragment: Fragment, known: Known) 
     ):  # nothing in it can be the machine's, so that nothing is replaced
         _Resolver(fragment, known, running=False).resolve(node)
     _Resolver(fragment, known, running=True).resolve_body(function)
+
+
+def is_mark(node: ast.stmt) -> bool:
+    """Return whether a statement marks what an import has left to be translated."""
+    return isinstance(node, ast.Expr) and getattr(node.value, "id", None) == UNTRANSLATED
+
+
+def untranslated(fragment: Fragment, node: ast.stmt | ast.expr) -> BundleError:
+    """Return the error of a mark."""
+    what = f"this C++ is not translated yet: write the Python, and delete {UNTRANSLATED}"
+    return fragment.error(what, node.lineno)
 
 
 class _Resolver(ast.NodeTransformer):
@@ -241,9 +256,7 @@ class _Resolver(ast.NodeTransformer):
         if name in self._here or name in self._known.module or name in _ALWAYS_KNOWN:
             return
         if name == UNTRANSLATED:
-            raise self._error(
-                node, f"C++ that waits to be translated: write the Python, and delete {name}"
-            )
+            raise untranslated(self._fragment, node)
         raise self._error(node, f"nothing is called {name!r}")
 
     def _error(self, node: Any, what: str) -> Exception:

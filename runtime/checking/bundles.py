@@ -12,11 +12,19 @@ import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..bundles import PYTHON, Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from ..bundles.code import parse, parse_expression
-from ..bundles.names import MACHINE, UNTRANSLATED, Known, Meaning, resolve, resolve_method
+from ..bundles.names import (
+    MACHINE,
+    UNTRANSLATED,
+    Known,
+    is_mark,
+    resolve,
+    resolve_method,
+    untranslated,
+)  # fmt: skip
 from ..bundles.read import Reader
 from ..bundles.scope import Scope
 from ..engine.errors import BundleError, DefinitionError, UnreachableStateWarning
@@ -26,11 +34,10 @@ from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, P
 
 __all__ = ["check_bundle"]
 
-_CONTROLS = Scope({}).names
+_CONTROLS = Scope(()).names
 _ALWAYS_KNOWN = frozenset(
     (*dir(builtins), *vars(ModuleType("")), "__builtins__", "__class__", "__file__")
 )
-_MARKED = f"C++ that waits to be translated: write the Python, and delete {UNTRANSLATED}"
 _KINDS = {"Sensor": "a sensor", "Actuator": "an actuator"}
 
 
@@ -113,15 +120,64 @@ class _Names(dict[str, Any]):
         return True
 
 
-class _Scope(NamedTuple):
-    """What code may name: of its module, None for anything, and of its machine.
+class _CheckedScope(Scope):
+    """A scope whose declarations are only read; all that is wrong is added to the findings.
 
-    What is declared has `prefix` before its name: a state's own is called ``STATE.name``.
+    `included` is what the includes define, or `everything` if that cannot be told.
     """
 
-    module: frozenset[str] | None
-    names: dict[str, Meaning]
-    prefix: str = ""
+    def __init__(self, checker: _Checker, within: _CheckedScope | None = None, prefix: str = ""):
+        super().__init__(set(within.included) if within else set(), within=within, prefix=prefix)
+        self.included: set[str]
+        self.everything: bool = within is not None and within.everything
+        self.checker = checker
+
+    @property
+    def known(self) -> Known:
+        """What a name in the code can mean; names of the module that are missing are remembered."""
+        return Known(self.names, _Names(_ALWAYS_KNOWN | self.included))
+
+    def wrong(self, error: BundleError) -> None:
+        self.checker.add(error)
+
+    def statements(self, fragment: Fragment) -> list[ast.stmt]:
+        try:
+            return super().statements(fragment)
+        except BundleError as error:
+            self.wrong(error)
+            self.everything = True
+            return []
+
+    def include(self, fragment: Fragment) -> set[str]:
+        statements = self.statements(fragment)
+        for node in statements:
+            if is_mark(node):
+                self.wrong(untranslated(fragment, node))
+        included = _included(statements)
+        self.everything |= included is None
+        self.included |= included or set()
+        return self.included
+
+    def variable(self, name: str, node: ast.AnnAssign, fragment: Fragment) -> None:
+        place = Place(fragment.source, node.lineno)
+        self.checker.result.declared[self.prefix + name] = Declared("variable", place)
+
+    def port(self, name: str, node: ast.Assign, fragment: Fragment) -> str:
+        result, place = self.checker.result, Place(fragment.source, node.lineno)
+        called, options = "", set[str | None]()
+        if isinstance(node.value, ast.Call):
+            called = ast.unparse(node.value.func).rpartition(".")[2]
+            options = {each.arg for each in node.value.keywords}
+        if called == "Sensor":
+            result.declared[name] = Declared("sensor", place)
+        elif called == "Actuator":
+            result.actuators.add(name)
+            if "at_end" not in options:  # a use
+                result.declared[name] = Declared("actuator", place)
+        return _KINDS.get(called, "a port")
+
+    def function(self, node: ast.FunctionDef, fragment: Fragment) -> None:
+        self.checker.method(node, fragment, self)
 
 
 class _Checker:
@@ -134,11 +190,11 @@ class _Checker:
     def subject(self) -> Subject:
         """Return the subject; `findings` has then what is wrong with its names."""
         bundle = self.bundle
-        scope = self.scope(bundle, _Scope(_ALWAYS_KNOWN, _CONTROLS))
+        scope = self.scope(bundle, None)
         states = self.file("States")
         listed = [line.strip() for line in states.read_text("utf-8-sig").splitlines()]
         for state in bundle.states:
-            within = self.scope(state, scope._replace(prefix=f"{state.name}."))
+            within = self.scope(state, scope)
             for fragment in state.sections.values():
                 if code := self.code(fragment, within):
                     self.result.sections.append(code)
@@ -153,7 +209,9 @@ class _Checker:
     def file(self, name: str) -> Path:
         return (self.bundle.folder or Path()) / name
 
-    def transition(self, source: BundleTransition, scope: _Scope, stem: str) -> CheckedTransition:
+    def transition(
+        self, source: BundleTransition, scope: _CheckedScope, stem: str
+    ) -> CheckedTransition:
         fragment = source.expression
         if fragment is None:
             place = Place(str(self.file(f"{stem}.target")), 1)
@@ -164,71 +222,18 @@ class _Checker:
         guard = self.code(fragment, scope, expression=True)
         return CheckedTransition(source.target, place, bool(guard and guard.is_true), guard)
 
-    # What is declared
-
-    def scope(self, source: Bundle | BundleState, outer: _Scope) -> _Scope:
-        """Return what the code of `source`, which is within `outer`, may name."""
-        nothing = Fragment("")
-        includes, variables, methods = (
-            each or nothing for each in (source.includes, source.variables, source.methods)
-        )
-        read = [self.statements(each) for each in (includes, variables, methods)]
-        module = outer.module
-        if module is not None:
-            included = None if None in read else _included(read[0] or [])
-            module = None if included is None else module | included
-        scope = _Scope(module, dict(outer.names), outer.prefix)
-        for node in read[1] or []:
-            self.declare(node, variables, scope)
-        functions = [each for each in read[2] or [] if isinstance(each, ast.FunctionDef)]
-        for function in functions:
-            self.name(function.name, "a function of the machine", function, methods, scope)
-        for function in functions:  # which may call each other, whatever their order
-            self.method(function, methods, scope)
+    def scope(self, source: Bundle | BundleState, within: _CheckedScope | None) -> _CheckedScope:
+        """Return the scope of the code of `source`."""
+        prefix = "" if within is None else f"{source.name}."
+        scope = _CheckedScope(self, within, prefix)
+        scope.declare(source)
+        self.attributes |= {meaning.attribute for meaning in scope.names.values()}
         return scope
-
-    def statements(self, fragment: Fragment) -> list[ast.stmt] | None:
-        """Return the statements of a text that declares; None if it cannot be read."""
-        try:
-            statements = parse(fragment).body
-        except BundleError as error:
-            self.add(error)
-            return None
-        for node in statements:
-            match node:
-                case ast.Expr(ast.Name(name)) if name == UNTRANSLATED:
-                    self.add(fragment.error(_MARKED, node.lineno))
-        return statements
-
-    def declare(self, node: ast.stmt, fragment: Fragment, scope: _Scope) -> None:
-        place = Place(fragment.source, node.lineno)
-        match node:
-            case ast.AnnAssign(ast.Name(name)):
-                self.name(name, "a variable of the machine", node, fragment, scope)
-                self.result.declared[scope.prefix + name] = Declared("variable", place)
-            case ast.Assign([ast.Name(name)], ast.Call(made) as call):
-                called = ast.unparse(made).rpartition(".")[2]
-                self.name(name, _KINDS.get(called, "a port"), node, fragment, scope)
-                if called == "Sensor":
-                    self.result.declared[name] = Declared("sensor", place)
-                elif called == "Actuator":
-                    self.result.actuators.add(name)
-                    if "at_end" not in {each.arg for each in call.keywords}:  # a use
-                        self.result.declared[name] = Declared("actuator", place)
-
-    def name(self, name: str, kind: str, node: ast.stmt, fragment: Fragment, scope: _Scope) -> None:
-        if name in _CONTROLS:
-            what = f"{name!r} would hide what every machine has; rename it"
-            self.add(fragment.error(what, node.lineno))
-            return
-        variable = isinstance(node, ast.AnnAssign)
-        scope.names[name] = Meaning(scope.prefix + name, kind, variable)
-        self.attributes.add(scope.prefix + name)
 
     # Code
 
-    def method(self, node: ast.FunctionDef, fragment: Fragment, scope: _Scope) -> None:
-        known = Known(scope.names, _Names(scope.module or ()))
+    def method(self, node: ast.FunctionDef, fragment: Fragment, scope: _CheckedScope) -> None:
+        known = scope.known
         self.warn_of_parameters(node, fragment)
         try:
             resolve_method(node, fragment, known)
@@ -238,9 +243,11 @@ class _Checker:
         self.add_missing(node, fragment, known, scope)
         self.result.methods[scope.prefix + node.name] = Code(node.body, MACHINE, fragment.source)
 
-    def code(self, fragment: Fragment, scope: _Scope, *, expression: bool = False) -> Code | None:
+    def code(
+        self, fragment: Fragment, scope: _CheckedScope, *, expression: bool = False
+    ) -> Code | None:
         """Return a text with its names resolved; None if it cannot be read."""
-        known = Known(scope.names, _Names(scope.module or ()))
+        known = scope.known
         tree: ast.Module | ast.expr
         try:
             tree = parse_expression(fragment) if expression else parse(fragment)
@@ -254,15 +261,17 @@ class _Checker:
             return Code(tree.body, MACHINE, fragment.source)
         return Code([ast.copy_location(ast.Return(tree), tree)], MACHINE, fragment.source)
 
-    def add_missing(self, tree: ast.AST, fragment: Fragment, known: Known, scope: _Scope) -> None:
+    def add_missing(
+        self, tree: ast.AST, fragment: Fragment, known: Known, scope: _CheckedScope
+    ) -> None:
         """Add a finding for each line that uses a name which nothing defines."""
         assert isinstance(known.module, _Names)
         for node in ast.walk(tree):
             if not isinstance(node, ast.Name) or node.id not in known.module.missing:
                 continue
             if node.id == UNTRANSLATED:
-                self.add(fragment.error(_MARKED, node.lineno))
-            elif scope.module is not None:
+                self.add(untranslated(fragment, node))
+            elif not scope.everything:
                 self.add(fragment.error(f"nothing is called {node.id!r}", node.lineno))
 
     def warn_of_parameters(self, tree: ast.AST, fragment: Fragment) -> None:

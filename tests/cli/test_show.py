@@ -109,7 +109,7 @@ def test_import_and_then_show_and_run(llfsm: Llfsm, board: str) -> None:
     assert llfsm.run("show", "Lamp").stdout.startswith("Lamp: 6 states, bundle of python\n")
     refused = llfsm.run("run", "Lamp", "-b", board)
     assert refused.returncode == 1
-    assert f"{folder}/Lamp_Variables.py:4: C++ that waits to be translated" in refused.stderr
+    assert f"{folder}/Lamp_Variables.py:4: this C++ is not translated yet" in refused.stderr
     again = llfsm.run("import", "cpp/Lamp.machine")
     assert (again.returncode, again.stdout) == (1, "")
     assert "it is there already" in again.stderr

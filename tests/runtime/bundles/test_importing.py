@@ -64,7 +64,7 @@ def test_it_runs_when_all_marks_are_gone(lamp: Path, tmp_path: Path) -> None:
         "State_Done_Suspending_Transition_0.expr": "true",
     }
     for name, text in by_hand.items():
-        with pytest.raises(BundleError, match=rf"{name}:\d: C\+\+ that waits to be translated"):
+        with pytest.raises(BundleError, match=rf"{name}:\d: this C\+\+ is not translated yet"):
             load_bundle(folder)
         (folder / name).write_text(text)
     with pytest.warns(match="Done_Suspending"):

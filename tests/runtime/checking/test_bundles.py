@@ -6,7 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.runtime.bundles import UNTRANSLATED, import_bundle, read_bundle, write_bundle
+from llfsm.runtime import BundleError
+from llfsm.runtime.bundles import (
+    UNTRANSLATED,
+    import_bundle,
+    load_bundle,
+    read_bundle,
+    write_bundle,
+)
 from llfsm.runtime.checking import check_bundle
 
 PLAIN = {
@@ -78,7 +85,7 @@ def test_the_plain_bundle_has_none(tmp_path: Path) -> None:
           "'after' is what every machine has: it cannot be assigned")),
         ({"State_A_OnExit.py": "UNTRANSLATED"},
          ("State_A_OnExit.py", 1, "error",
-          "C++ that waits to be translated: write the Python, and delete UNTRANSLATED")),
+          "this C++ is not translated yet: write the Python, and delete UNTRANSLATED")),
         ({"M_Includes.py": "\nimport no_such_module_anywhere"},
          ("M_Includes.py", 2, "error",
           "ModuleNotFoundError: No module named 'no_such_module_anywhere'")),
@@ -179,3 +186,36 @@ def test_a_bundle_of_cpp_is_to_be_imported_first() -> None:
     [finding] = check_bundle(lamp)
     assert finding.severity == "error"
     assert "convert it to Python with `llfsm import`" in finding.text
+
+
+@pytest.mark.parametrize(
+    "declared",
+    [
+        {"M_Variables.py": "x: int = 0\nx: int = 1\n"},
+        {"M_Variables.py": "after_ms: int = 0\n"},
+        {"M_Variables.py": "table: int = 0\n"},
+        {"M_Variables.py": "__x: int = 0\n"},
+        {"M_Variables.py": "x = y = 3\n"},
+        {"M_Variables.py": "import math\n"},
+        {"M_Includes.py": "import math as x\n", "M_Variables.py": "x: int = 0\n"},
+        {"M_Includes.py": "import math as suspend\n"},
+        {"M_Methods.py": "x = 1\n"},
+        {"M_Methods.py": "def f(): pass\ndef f(): pass\n"},
+        {"M_Variables.py": "f: int = 0\n", "M_Methods.py": "def f(): pass\n"},
+        {"State_A_Variables.py": "x: int = 0\nx: int = 1\n"},
+        {"State_A_Variables.py": "x = Sensor(3)\n"},
+        {"M_Methods.py": "UNTRANSLATED\n"},
+    ],
+)
+def test_declarations_are_judged_as_when_they_are_loaded(
+    tmp_path: Path, declared: dict[str, str]
+) -> None:
+    """Also beside another error, which keeps the bundle from being loaded at last."""
+    broken = declared | {"State_B_OnExit.py": "if (\n"}
+    found = {each for each in findings(tmp_path, broken) if each[0] != "State_B_OnExit.py"}
+    (tmp_path / "M.machine" / "State_B_OnExit.py").unlink()
+    with pytest.raises(BundleError) as raised:
+        load_bundle(tmp_path / "M.machine")
+    file, line = raised.value.file, raised.value.line
+    what = str(raised.value).partition(": ")[2]
+    assert (file.name, line or 1, "error", what) in found
