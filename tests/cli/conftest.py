@@ -27,7 +27,7 @@ class Llfsm:
 
     def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            self._command(arguments),
+            self.command(arguments),
             cwd=self.cwd,
             text=True,
             capture_output=True,
@@ -37,7 +37,7 @@ class Llfsm:
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            self._command(arguments),
+            self.command(arguments),
             cwd=self.cwd,
             text=True,
             stdout=subprocess.PIPE,
@@ -46,7 +46,7 @@ class Llfsm:
         self.started.append(process)
         return process
 
-    def _command(self, arguments: tuple[str, ...]) -> list[str]:
+    def command(self, arguments: tuple[str, ...]) -> list[str]:
         return [sys.executable, "-m", "llfsm.cli", *arguments]
 
     def end(self) -> None:

@@ -106,7 +106,7 @@ def test_the_terminal_shows_machine_position_and_board(llfsm: Llfsm, board: str)
     if pid == 0:
         os.environ |= {"TERM": "xterm-256color", "COLUMNS": "110", "LINES": "40"}
         os.chdir(llfsm.cwd)
-        command = [*llfsm._command(("demo", "wall", "-b", board, "--seconds", "30"))]
+        command = [*llfsm.command(("demo", "wall", "-b", board, "--seconds", "30"))]
         os.execv(command[0], command)
     shown = ""
     wanted = (

@@ -56,7 +56,7 @@ def test_a_terminal_shows_changes_and_is_itself_again_at_the_end(
         pid, terminal = pty.fork()
         if pid == 0:
             os.environ |= {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "24"}
-            command = llfsm._command(("top", "-b", board))
+            command = llfsm.command(("top", "-b", board))
             os.execv(command[0], command)
         try:
             for value in (1, 2, 3):
@@ -102,7 +102,7 @@ def test_a_board_that_is_removed_ends_it(llfsm: Llfsm, board: str) -> None:
             os.dup2(terminal, 0)
             os.dup2(terminal, 1)
             os.dup2(terminal, 2)
-            command = llfsm._command(("top", "-b", board))
+            command = llfsm.command(("top", "-b", board))
             os.execv(command[0], command)
         os.close(terminal)
         said = os.read(controller, 65536)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 
 import click
 
@@ -12,7 +13,7 @@ from llfsm.whiteboard.shared import boards
 
 from .options import board_option
 
-__all__ = ["ps"]
+__all__ = ["machines_on", "ps"]
 
 _HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID")
 
@@ -30,19 +31,11 @@ def ps(board: str, every: bool, as_json: bool) -> None:
     llfsm ps
     llfsm ps -a --json
     """
-    names = [info.name for info in boards() if info.used] if every else [board]
-    rows = []
-    for name in names:
-        try:
-            with Whiteboard(name, create=False) as wb:
-                rows += [(name, machine) for machine in Directory(wb).machines()]
-        except BoardNotFoundError:
-            if not every:  # else it was removed after it was listed
-                raise
-        except WhiteboardError as error:
-            if not every:
-                raise
-            click.echo(f"whiteboard {name!r}: {error}", err=True)
+    if every:
+        rows = machines_on(info.name for info in boards() if info.used)
+    else:
+        with Whiteboard(board, create=False) as wb:
+            rows = [(board, machine) for machine in Directory(wb).machines()]
     if as_json:
         for name, machine in rows:
             click.echo(json.dumps(_plain(name, machine)))
@@ -56,6 +49,24 @@ def ps(board: str, every: bool, as_json: bool) -> None:
     for _, machine in rows:
         if machine.status.failed:
             click.echo(f"{machine.name} failed: {machine.status.error}")
+
+
+def machines_on(names: Iterable[str]) -> list[tuple[str, RemoteMachine]]:
+    """Return the machines on whiteboards, each with the name of its whiteboard.
+
+    A whiteboard that no longer exists is skipped; one that cannot be read is reported on standard
+    error.
+    """
+    found = []
+    for name in names:
+        try:
+            with Whiteboard(name, create=False) as wb:
+                found += [(name, machine) for machine in Directory(wb).machines()]
+        except BoardNotFoundError:
+            continue
+        except WhiteboardError as error:
+            click.echo(f"whiteboard {name!r}: {error}", err=True)
+    return found
 
 
 def _row(machine: RemoteMachine) -> tuple[str, ...]:

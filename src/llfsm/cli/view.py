@@ -19,9 +19,10 @@ from llfsm.bridges.view.page_source import PageSource
 
 from .options import board_option, end_with_input, until_eof_option
 
-__all__ = ["serve", "view"]
+__all__ = ["VIEW_PORT", "serve", "view"]
 
-_PORT = 8420
+VIEW_PORT = 8420
+"""The port by default."""
 
 
 @click.command()
@@ -36,7 +37,7 @@ _PORT = 8420
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
-    default=_PORT,
+    default=VIEW_PORT,
     show_default=True,
     help="The port; 0 takes a free one.",
 )

@@ -17,13 +17,13 @@ from llfsm.whiteboard import BoardError, BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.shared import boards
 
+from ..view import VIEW_PORT
 from .processes import Processes
 from .ros_graph import RosGraph, ros_options
 from .screen import LiveBoard, show
 
 __all__ = ["demo"]
 
-_VIEW_PORT = 8420
 _PATIENCE_S = 5.0  # for the processes of a killed demo to end
 
 
@@ -127,7 +127,7 @@ def demo(
 
 def _free_port() -> int:
     """Return a free port of this host, that of `llfsm view` if possible."""
-    for port in (_VIEW_PORT, 0):
+    for port in (VIEW_PORT, 0):
         with socket.socket() as probe, suppress(OSError):
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(("127.0.0.1", port))
