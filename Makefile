@@ -41,11 +41,12 @@ demo: $(VENV)/.ready
 	@$(BIN)/llfsm demo wall --seconds 20 --picture out/wall --view
 
 # Without other plugins: a sourced ROS 2 environment brings some of its own. A worker more than there
-# are processors, as tests also wait.
+# are processors, as tests also wait; each takes whole files, so that what a file's tests share is made
+# once.
 PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin \
     -p xdist -p pytest_timeout
 test: $(VENV)/.ready-test
-	$(PYTEST) -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadgroup
+	$(PYTEST) -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadfile --no-loadscope-reorder
 
 check: $(VENV)/.ready-test
 	$(BIN)/ruff check .

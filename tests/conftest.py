@@ -10,9 +10,6 @@ from hypothesis import HealthCheck, settings
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-# Fixtures that take seconds. All tests that use one run on one worker, so that it is made once.
-SHARED = ("browser", "quick", "report", "build", "shown")
-
 # How long an example takes depends on what else the machine does.
 settings.register_profile("llfsm", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("llfsm")
@@ -26,14 +23,10 @@ def pytest_configure() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tests that may take longest, so that no worker is left alone with one."""
-    items.sort(key=lambda item: item.get_closest_marker("timeout") is None)
-    for item in items:
-        for fixture in SHARED:
-            if fixture in getattr(item, "fixturenames", ()):
-                item.add_marker(pytest.mark.xdist_group(fixture))
+    """Begin with the files whose tests may take longest, so that no worker ends with one alone."""
+    long = {item.path for item in items if item.get_closest_marker("timeout")}
+    items.sort(key=lambda item: item.path not in long)
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
