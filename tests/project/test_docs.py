@@ -23,6 +23,8 @@ from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
 from waiting import PATIENCE_S
 
+pytestmark = pytest.mark.timeout(300)
+
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 PORT = "17447"

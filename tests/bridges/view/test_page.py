@@ -20,6 +20,8 @@ from waiting import wait_for
 
 from .conftest import Server
 
+pytestmark = pytest.mark.timeout(240)
+
 MACHINE = "[data-machine=RosPingPong]"
 
 

@@ -18,6 +18,8 @@ from waiting import wait_for
 
 from .conftest import Host, MakeHost
 
+pytestmark = pytest.mark.timeout(240)
+
 HOSTS = 3
 
 
