@@ -20,7 +20,7 @@ What holds on every transport:
 * **Closing** an entity takes it off the graph before ``close`` returns; a node closes its
   entities, a transport its nodes.
 
-Names may be relative (``cmd_vel``), private (``~/pose``) or full; see :mod:`.names`.
+Names may be relative (``cmd_vel``), private (``~/pose``) or full; see :mod:`.ros_names`.
 """
 
 from __future__ import annotations

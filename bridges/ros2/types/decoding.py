@@ -1,9 +1,9 @@
-"""Make the function that decodes a message: Python source with its formats worked out.
+"""Compiles the function that decodes a message: Python source with its formats worked out.
 
-Numbers that follow each other become one struct, also across nested messages; where an offset is
-known only when a message is there, eight of them in a table by its remainder. No variable is
-assigned twice, so that values are built by the one expression at the end. The code has no texts of
-errors: what fails is read again by :mod:`.explaining`.
+Consecutive numbers become one struct, also across nested messages; where an offset is known only at
+run time, a table of eight, by its remainder. No variable is assigned twice, so that one expression
+at the end builds the values. The code has no error messages: :mod:`.diagnosis` reads what fails
+again.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from struct import Struct, error, unpack_from
 from typing import Any
 
-from . import primitives as wire
+from . import primitives
 from .definition import PRIMITIVES, FieldType, Shape
 from .offsets import HEADER, At, Item, fixed_items, formats, padded
 from .record_type import RecordField, RecordType
@@ -28,7 +28,7 @@ def compile_decoder(
     otherwise: Callable[[bytes], Any],
     explain: Callable[[bytes], Any],
 ) -> Callable[[bytes], Any]:
-    """Return what decodes that message in a byte order of struct's, header included.
+    """Return the function that decodes a message, header included, in a byte order of struct's.
 
     ``otherwise`` decodes data whose header is another one; ``explain`` returns the error to raise
     for data that is no message.
@@ -38,12 +38,12 @@ def compile_decoder(
         "length": Struct(f"{order}I").unpack_from,
         "otherwise": otherwise,
         "explain": explain,
-        "Failed": (error, IndexError, UnicodeError, wire.UnreadableError),
-        "UnreadableError": wire.UnreadableError,
-        "truth": wire.FALSE_TRUE,
-        "read_texts": wire.read_texts,
-        "read_wide_texts": wire.read_wide_texts,
-        "narrow": wire.narrow,
+        "Failed": (error, IndexError, UnicodeError, primitives.UnreadableError),
+        "UnreadableError": primitives.UnreadableError,
+        "truth": primitives.FALSE_TRUE,
+        "read_texts": primitives.read_texts,
+        "read_wide_texts": primitives.read_wide_texts,
+        "narrow": primitives.narrow,
     }
     functions: dict[RecordType, str] = {}
     code = _Function(names, functions, order, "", 0, At(8, 0))

@@ -1,7 +1,7 @@
-"""What a ROS definition says, as data: the types of fields, their defaults, constants.
+"""A ROS definition as data: the types of fields, their defaults, constants.
 
-A service and an action are definitions, too, as in ROS's own descriptions of types: their fields
-are their parts (see :mod:`.interfaces`).
+Services and actions are definitions, too, as in ROS's own type descriptions: their fields are their
+parts (see :mod:`.interfaces`).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ INTEGERS = {
 
 
 class Shape(Enum):
-    """How many values a field has; the value is what ROS adds to a hashed type's id."""
+    """How many values a field has; the number is what ROS adds to the type id in the hash."""
 
     SINGLE = 0
     ARRAY = 48  # exactly so many
@@ -98,7 +98,7 @@ class FieldType:
 
     @property
     def is_bytes(self) -> bool:
-        """Whether the field is ``bytes`` in Python: several of what has eight bits and no sign."""
+        """Whether the field is ``bytes`` in Python: several unsigned values of eight bits."""
         return self.shape is not Shape.SINGLE and self.base in ("byte", "char", "uint8")
 
 
@@ -126,7 +126,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Definition:
-    """A message, service or action, as ``kind`` says, under its full name."""
+    """A message, service or action (its ``kind``), under its full name."""
 
     name: str
     fields: tuple[Field, ...] = ()

@@ -1,6 +1,6 @@
-"""Say why bytes are no message, or a message cannot be bytes: the field, and what is wrong there.
+"""Explains why bytes do not decode, or a message cannot be encoded: the field and its fault.
 
-Compiled codecs only notice that something is. These walk through it field by field, slowly.
+Compiled codecs only detect a fault. These functions walk through the fields, slowly.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from .record_type import RecordField, RecordType
 
 __all__ = ["why_unreadable", "why_unwritable"]
 
-_NO_TEXT = {0: "is no valid UTF-8", 1: "is no valid UTF-16"}
+_NO_TEXT = {0: "is not valid UTF-8", 1: "is not valid UTF-16"}
 
 
 class _FoundError(Exception):
-    """What is wrong, with the field."""
+    """The field and its fault."""
 
 
 def why_unreadable(record: RecordType, data: bytes) -> CdrError:
-    """Return the error that says what of the bytes is no such message."""
+    """Return the error that names the first field that does not decode."""
     if len(data) < HEADER:
-        return CdrError(f"{record.name}: the header has {HEADER} bytes, and here are {len(data)}")
+        return CdrError(f"{record.name}: the header needs {HEADER} bytes, there are {len(data)}")
     if data[0] != 0 or data[1] > 1:
         return CdrError(
-            f"{record.name}: the header is {data[:HEADER].hex(' ')}, and plain CDR's 00 00 or 00 01"
+            f"{record.name}: the header is {data[:HEADER].hex(' ')}, not plain CDR's 00 00 or 00 01"
         )
     walk = _Walk(data)
     try:
         walk.message(record, "")
     except _FoundError as found:
         return CdrError(f"{record.name}: {found}")
-    return CdrError(f"{record.name}: {len(data) - walk.offset} bytes are left behind the message")
+    return CdrError(f"{record.name}: {len(data) - walk.offset} bytes are left after the message")
 
 
 class _Walk:
@@ -61,7 +61,7 @@ class _Walk:
         if kind.shape is not Shape.ARRAY:
             count = self._length(path)
         if kind.shape is Shape.BOUNDED and count > kind.size:
-            raise _FoundError(f"{path}: {count} values, and at most {kind.size} are allowed")
+            raise _FoundError(f"{path}: {count} values, at most {kind.size} are allowed")
         if count and not (kind.nested or kind.is_text or kind.base == "bool"):
             size = PRIMITIVES[kind.base].size
             self._take(size * count, size, path)
@@ -111,7 +111,7 @@ class _Walk:
 
 
 def why_unwritable(record: RecordType, message: Any, error: Exception) -> CdrError:
-    """Return the error that says which value of a message cannot be encoded."""
+    """Return the error that names the first value that cannot be encoded."""
     try:
         _check_message(record, message, "")
     except _FoundError as found:
@@ -134,11 +134,11 @@ def _check(member: RecordField, value: Any, path: str) -> None:
         return
     python = bytes if kind.is_bytes else tuple
     if type(value) is not python:
-        raise _FoundError(f"{path}: {python.__name__} needed, not {type(value).__name__}")
+        raise _FoundError(f"{path}: {python.__name__} is needed, not {type(value).__name__}")
     if kind.shape is Shape.ARRAY and len(value) != kind.size:
-        raise _FoundError(f"{path}: {len(value)} values, and exactly {kind.size} are needed")
+        raise _FoundError(f"{path}: {len(value)} values, exactly {kind.size} are needed")
     if kind.shape is Shape.BOUNDED and len(value) > kind.size:
-        raise _FoundError(f"{path}: {len(value)} values, and at most {kind.size} are allowed")
+        raise _FoundError(f"{path}: {len(value)} values, at most {kind.size} are allowed")
     for index, one in enumerate(value):
         _check_one(member, one, f"{path}[{index}]")
 
@@ -154,15 +154,15 @@ def _check_one(member: RecordField, value: Any, path: str) -> None:
     try:
         number = ZERO_ONE(value) if kind.base == "bool" else value
         pack(f"<{PRIMITIVES[kind.base].code}", number)
-    except Exception:  # whatever a value that is no number raises when it is asked to be one
+    except Exception:  # whatever a value that is not a number raises
         least, most = INTEGERS.get(kind.base, (None, None))
-        limits = "" if most is None else f", which has {least} to {most}"
-        raise _FoundError(f"{path}: {value!r} is no {kind.base}{limits}") from None
+        limits = "" if most is None else f", whose range is {least} to {most}"
+        raise _FoundError(f"{path}: {value!r} is not of type {kind.base}{limits}") from None
 
 
 def _check_text(kind: FieldType, value: Any, path: str) -> None:
     if not isinstance(value, str):
-        raise _FoundError(f"{path}: a text needed, not {value!r}")
+        raise _FoundError(f"{path}: a str is needed, not {value!r}")
     if 0 < kind.bound < len(value):
         raise _FoundError(f"{path}: {len(value)} characters, at most {kind.bound} are allowed")
     try:

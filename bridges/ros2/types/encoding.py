@@ -1,4 +1,4 @@
-"""Make the function that encodes a message: the mirror of :mod:`.reading`, always little-endian.
+"""Compiles the function that encodes a message: the mirror of :mod:`.decoding`, little-endian.
 
 The bytes are a row of chunks, each an expression, joined at the end. What could be written without
 an error and be wrong is checked: sizes, bounds, bools, and that rows are tuples or bytes.
@@ -10,7 +10,7 @@ from collections.abc import Callable
 from struct import Struct, error, pack
 from typing import Any
 
-from . import primitives as wire
+from . import primitives
 from .definition import PRIMITIVES, FieldType, Shape
 from .offsets import HEADER, At, Item, fixed_items, formats, padded
 from .record_type import RecordField, RecordType
@@ -21,9 +21,9 @@ __all__ = ["compile_encoder"]
 def compile_encoder(
     record: RecordType, explain: Callable[[Any, Exception], Any]
 ) -> Callable[[Any], bytes]:
-    """Return what encodes that message, header included.
+    """Return the function that encodes a message, header included.
 
-    ``explain`` returns the error to raise for a message that failed, given how it failed.
+    ``explain`` returns the error to raise for a message, given the exception of its encoding.
     """
     names: dict[str, Any] = {
         "pack": pack,
@@ -35,14 +35,14 @@ def compile_encoder(
             AttributeError,
             OverflowError,
             UnicodeError,
-            wire.UnwritableError,
+            primitives.UnwritableError,
         ),
-        "UnwritableError": wire.UnwritableError,
-        "exact": wire.exact,
-        "zero_one": wire.ZERO_ONE,
-        "write_texts": wire.write_texts,
-        "write_wide_texts": wire.write_wide_texts,
-        "widen": wire.widen,
+        "UnwritableError": primitives.UnwritableError,
+        "exact": primitives.exact,
+        "zero_one": primitives.ZERO_ONE,
+        "write_texts": primitives.write_texts,
+        "write_wide_texts": primitives.write_wide_texts,
+        "widen": primitives.widen,
     }
     code = _Function(names, {}, [], At(8, 0))
     code.add(Item("I", HEADER, 1), "256")  # the bytes 0, 1, 0, 0

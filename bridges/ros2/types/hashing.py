@@ -1,4 +1,4 @@
-"""RIHS01: the hash by which ROS 2 tells whether two sides mean the same type (REP 2011)."""
+"""RIHS01: the hash by which ROS 2 compares types (REP 2011)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What services and actions are made of, as ROS's descriptions of types have it (REP 2011).
+"""The parts of services and actions, as in ROS's type descriptions (REP 2011).
 
-A service is a request, a response and, for those who watch it, an event. An action is a goal, a
+A service is a request, a response and, for introspection, an event. An action is a goal, a
 result and a feedback, two services and a message that carries the feedback.
 """
 

@@ -1,6 +1,6 @@
-"""The definitions that rosbags brings: the messages of a desktop installation of ROS 2 Jazzy.
+"""The definitions of rosbags: the messages of a desktop installation of ROS 2 Jazzy.
 
-They have no defaults and no services. Where that matters the definition is among ours.
+They have no defaults and no services. Where that matters, ours has a definition of its own.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _SHAPES = {3: Shape.ARRAY, 4: Shape.SEQUENCE}  # as rosbags numbers them
 
 
 def find(name: str) -> Definition | None:
-    """Return the definition of a message; None if there is none, or no rosbags."""
+    """Return the definition of a message; None if rosbags does not have it or is not installed."""
     entry = _store().get(name)
     if entry is None:
         return None
@@ -29,7 +29,7 @@ def find(name: str) -> Definition | None:
 
 
 def names() -> list[str]:
-    """Return the names of all messages that are known here."""
+    """Return the names of all these messages."""
     return list(_store())
 
 

@@ -1,4 +1,4 @@
-"""Any ROS type: its Message class, its bytes, its hash."""
+"""Any ROS type: its Message class, its codec, its hash."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ __all__ = ["RosAction", "RosMessage", "RosService", "TypeLibrary"]
 
 
 class RosMessage(Generic[M]):
-    """One message type, requests, responses, goals and the like included.
+    """One message type; requests, responses, goals and so on are message types, too.
 
     Attributes:
         name: as ``geometry_msgs/msg/Twist`` or ``turtlesim/srv/Spawn_Request``.
         message: the class, whose fields have their ROS names (a Python keyword with an underscore
             behind it).
         encode: turns a message into bytes: CDR, little-endian, header included. A float32 is
-            rounded to the nearest; NaN and infinities stay what they are.
+            rounded to the nearest; NaN and infinities are kept.
         decode: turns bytes of either order into a message. Up to three bytes of padding may follow.
 
-    Both raise :class:`.CdrError` naming the field, for whatever bytes or values.
+    Both raise :class:`.CdrError` that names the field, for any wrong bytes or values.
 
     """
 
@@ -87,7 +87,7 @@ class RosMessage(Generic[M]):
 
 @dataclass(frozen=True)
 class RosService:
-    """A service type: what is asked and what is answered."""
+    """A service type: its request and its response."""
 
     name: str
     dds_name: str
@@ -98,7 +98,7 @@ class RosService:
 
 @dataclass(frozen=True)
 class RosAction:
-    """An action type. To cancel is action_msgs/srv/CancelGoal, the status a GoalStatusArray."""
+    """An action type. All actions cancel by action_msgs/srv/CancelGoal, and share their status."""
 
     name: str
     dds_name: str
@@ -112,10 +112,10 @@ class RosAction:
 
 
 class TypeLibrary:
-    """Find ROS types by name, and make what is needed to use them.
+    """Finds ROS types by name, and makes their classes and codecs.
 
-    ``share`` are folders of packages, packages or files, asked before all others (see
-    :mod:`.places`). Raise :class:`.DefinitionPathError` if one is not there. All methods raise
+    ``share`` are folders of packages, packages or files, searched before all others (see
+    :mod:`.search_path`). Raise :class:`.DefinitionPathError` if one is not there. All methods raise
     :class:`.UnknownTypeError` and :class:`.DefinitionSyntaxError`.
     """
 
@@ -163,14 +163,14 @@ class TypeLibrary:
         return self._actions[name]
 
     def describe(self, name: str) -> tuple[dict[str, Any], str]:
-        """Return the description of a type of any kind, as its hash is made of, and the hash.
+        """Return the description of a type of any kind, which its hash is made of, and the hash.
 
         The description is a type_description_interfaces/msg/TypeDescription as plain data.
         """
         return describe_type(self._places.find(name), self._places.find), self._hash(name)
 
     def of(self, cls: type[M]) -> RosMessage[M]:
-        """Return the type of a class that bears a ROS name, to encode from it and decode into it.
+        """Return the type of a class with a ROS name, to encode from it and decode into it.
 
         Raise :class:`.TypeMismatchError` if its fields are not those of the definition.
         """

@@ -8,7 +8,7 @@
 | several byte, char or uint8 | ``bytes`` |
 | several of anything else | ``tuple`` |
 
-Bounds and sizes become limits of the annotation, which a whiteboard checks at the add.
+Bounds and sizes become limits of the annotation, which a whiteboard checks in ``add``.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def make_class(definition: Definition, nested: _Nested) -> type[Message]:
 
 
 def shipped_class(made: type[Message], name: str) -> type[Message] | None:
-    """Return the class of that ROS name in ``llfsm.whiteboard.messages`` if it is like this one."""
+    """Return the class of that ROS name in ``llfsm.whiteboard.messages`` if it equals this one."""
     package, _, last = name.split("/")
     module = f"llfsm.whiteboard.messages.{package}"
     if importlib.util.find_spec(module) is None:

@@ -1,4 +1,4 @@
-"""Where CDR puts numbers: what is known of an offset while code is made, and formats for struct.
+"""The alignment of CDR: what is known of an offset at compile time, and formats for struct.
 
 XCDR1, as ROS 2 uses it: a number of n bytes starts at a multiple of n, counted from the end of the
 four bytes of header. Offsets here count from the start of the data, header included.
@@ -27,7 +27,7 @@ class Item(NamedTuple):
 
     @classmethod
     def of(cls, primitive: str) -> Item:
-        """Return that of a number."""
+        """Return the item of a primitive number."""
         code, size, _ = PRIMITIVES[primitive]
         return cls(code, size, size)
 
@@ -40,15 +40,15 @@ class At:
     residue: int = 0
 
     def padding(self, align: int) -> int | None:
-        """Return how many bytes are missing to that alignment; None if that is not known."""
+        """Return the bytes of padding before an alignment; None if that is not known."""
         return (HEADER - self.residue) % align if align <= self.modulus else None
 
     def after(self, size: int) -> At:
-        """Return what is known so many bytes later."""
+        """Return what is known ``size`` bytes later."""
         return At(self.modulus, (self.residue + size) % self.modulus)
 
     def either(self, other: At) -> At:
-        """Return what is known if it is this one or the other."""
+        """Return what is known if the offset is one or the other."""
         modulus = gcd(self.modulus, other.modulus, self.residue - other.residue)
         return At(modulus, self.residue % modulus)
 
@@ -66,7 +66,7 @@ def padded(items: list[Item], offset: int) -> tuple[str, int]:
 def formats(items: list[Item], at: At) -> tuple[list[tuple[str, int]], At]:
     """Return the formats of items by their offset's remainder, and what is known of their end.
 
-    A single format if what is known of the offset decides, else eight.
+    It is a single format if what is known of the offset determines it, else eight.
     """
     align = max(item.align for item in items)
     if align <= at.modulus:

@@ -1,7 +1,7 @@
 """Definitions from the text of .msg, .srv and .action files.
 
-All that ROS 2's own tools read (``rosidl_adapter``, Jazzy): defaults, constants, bounds, arrays.
-rosbags' parser is not used: its types lose defaults, and it knows neither services nor wstring.
+They are read as ROS 2's own tools do (``rosidl_adapter``, Jazzy): defaults, constants, bounds,
+arrays. rosbags' parser is not used: it loses defaults, and reads neither services nor wstring.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ _TYPE = re.compile(
 )
 _FIELD_NAME = re.compile(_LOWER)
 _CONSTANT_NAME = re.compile(r"[A-Z](?:[A-Z0-9_]*[A-Z0-9])?")
-_BUILTIN = {"time": "Time", "duration": "Duration"}  # names from ROS 1 that ROS 2 still takes
+_BUILTIN = {"time": "Time", "duration": "Duration"}  # names from ROS 1 that ROS 2 still accepts
 _BOOLS = {"true": True, "1": True, "false": False, "0": False}
 
 
 def parse(text: str, name: str, where: str) -> dict[str, Definition]:
-    """Return the definitions that a file makes, by name.
+    """Return the definitions in a file, by name.
 
-    A message is one; a service also makes those of its request, response and event; an action those
+    A message is one; a service also has those of its request, response and event; an action those
     of all its parts. ``where`` names the file in a :class:`.DefinitionSyntaxError`.
     """
     match = TYPE_NAME.fullmatch(name)
@@ -74,7 +74,7 @@ _Lines = list[tuple[int, str]]
 
 
 def _split(text: str) -> list[_Lines]:
-    """Part the numbered lines at those that are ``---``."""
+    """Split the numbered lines at those that are ``---``."""
     parts: list[_Lines] = [[]]
     for number, line in enumerate(text.splitlines(), 1):
         if line.strip() == "---":
@@ -94,7 +94,7 @@ def _body(
         try:
             item = _item(line, package)
             if item.name in found:
-                raise ValueError(f"{item.name} is there already")
+                raise ValueError(f"{item.name} is defined twice")
         except ValueError as error:
             raise DefinitionSyntaxError(f"{where}:{number}: {error}: {line}") from None
         found[item.name] = item
@@ -127,14 +127,14 @@ def _item(line: str, package: str) -> Field | Constant:
 def _type(text: str, package: str) -> FieldType:
     match = _TYPE.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text!r} is no type")
+        raise ValueError(f"{text!r} is not a type")
     base, bound = match["base"], int(match["bound"] or 0)
     if base in _BUILTIN:
         base = f"builtin_interfaces/msg/{_BUILTIN[base]}"
     elif base[0].isupper():
         base = f"{match['package'] or package}/msg/{base}"
     elif base not in PRIMITIVES or match["package"]:
-        raise ValueError(f"{text!r} is no type; the primitive ones are {', '.join(PRIMITIVES)}")
+        raise ValueError(f"{text!r} is not a type; the primitive ones are {', '.join(PRIMITIVES)}")
     if match["bound"] and (bound == 0 or base not in ("string", "wstring")):
         raise ValueError("<= bounds a string's length, or a sequence's within the brackets")
     if not match["array"]:
@@ -155,7 +155,7 @@ def _default(text: str, kind: FieldType) -> Value:
     if kind.shape is Shape.SINGLE:
         return _value(text, kind)
     if not (text.startswith("[") and text.endswith("]")):
-        raise ValueError("an array's default stands in brackets")
+        raise ValueError("an array's default is written in brackets")
     inner, values, at = text[1:-1].strip(), [], 0
     while at < len(inner):
         match = _ITEM.match(inner, at)
@@ -182,8 +182,8 @@ def _value(text: str, kind: FieldType) -> Value:
             return float(text)
         value = int(text, 0)
     except (KeyError, ValueError):
-        raise ValueError(f"{text!r} is no {kind.base}") from None
+        raise ValueError(f"{text!r} is not of type {kind.base}") from None
     least, most = INTEGERS[kind.base]
     if not least <= value <= most:
-        raise ValueError(f"{value} is no {kind.base}, which has {least} to {most}")
+        raise ValueError(f"{value} is not of type {kind.base}, whose range is {least} to {most}")
     return value

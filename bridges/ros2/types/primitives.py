@@ -1,8 +1,8 @@
-"""What compiled codecs call: texts in a row, and texts of wide characters.
+"""Functions that compiled codecs call: rows of texts, and texts of wide characters.
 
-A text is a uint32 length, the UTF-8 bytes and a NUL, which counts. A length of 0 is taken for an
-empty text, as eProsima's CDR does. A wide text is the number of its UTF-16 units, and each unit in
-four bytes: so all of ROS 2's middlewares have it.
+A text is a uint32 length, the UTF-8 bytes and a NUL, which counts. A length of 0 is read as an
+empty text, as eProsima's CDR does. A wide text is the number of its UTF-16 units and each unit in
+four bytes, as in all middlewares of ROS 2.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ __all__ = [
 
 
 class UnreadableError(Exception):
-    """The bytes are no message; :mod:`.explaining` finds out why."""
+    """The bytes do not decode; :mod:`.diagnosis` finds out why."""
 
 
 class UnwritableError(Exception):
-    """The message cannot be bytes; :mod:`.explaining` finds out why."""
+    """The message cannot be encoded; :mod:`.diagnosis` finds out why."""
 
 
 FALSE_TRUE = (False, True).__getitem__  # any other byte is an IndexError
@@ -38,7 +38,7 @@ ZERO_ONE = {False: 0, True: 1}.__getitem__  # any other value is a KeyError
 
 
 def exact(value: bytes, size: int) -> bytes:
-    """Return the value if it is of that size: struct would cut or fill it."""
+    """Return the value if it has that size: struct would truncate or pad it."""
     if type(value) is not bytes or len(value) != size:
         raise UnwritableError
     return value
@@ -51,7 +51,7 @@ _Unpack = Callable[[bytes, int], tuple[int]]
 def read_texts(
     data: bytes, offset: int, count: int, bound: int, length: _Unpack
 ) -> tuple[tuple[str, ...], int]:
-    """Return so many texts and the offset behind them; ``length`` unpacks a uint32."""
+    """Return ``count`` texts and the offset after them; ``length`` unpacks a uint32."""
     texts = []
     for _ in range(count):
         offset += -offset & 3
@@ -80,7 +80,7 @@ def write_texts(texts: tuple[str, ...], offset: int, bound: int) -> bytes:
 
 
 def narrow(data: bytes, offset: int, count: int, order: str) -> str:
-    """Return the wide text of so many units."""
+    """Return the wide text of ``count`` units."""
     units = unpack_from(f"{order}{count}I", data, offset)
     return pack(f"<{count}H", *units).decode("utf-16-le")
 
@@ -94,7 +94,7 @@ def widen(raw: bytes) -> bytes:
 def read_wide_texts(
     data: bytes, offset: int, count: int, bound: int, order: str
 ) -> tuple[tuple[str, ...], int]:
-    """Return so many wide texts and the offset behind them."""
+    """Return ``count`` wide texts and the offset after them."""
     texts = []
     offset += -offset & 3
     for _ in range(count):

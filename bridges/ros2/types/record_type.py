@@ -1,4 +1,4 @@
-"""A definition together with the class that holds its messages: what codecs are made from."""
+"""A definition together with its Message class, from which codecs are compiled."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["RecordField", "RecordType"]
 
 @dataclass(frozen=True, eq=False)
 class RecordField:
-    """A field; ``record`` is that of the messages in it."""
+    """A field; ``record`` is the type of the messages in it, if any."""
 
     name: str  # in Python
     type: FieldType
@@ -34,7 +34,7 @@ class RecordType:
 
     @classmethod
     def of(cls, name: str, message: type[Message], find: Callable[[str], Definition]) -> RecordType:
-        """Bind a class to the definition whose fields it has; nested classes are the class's own.
+        """Combine a class with the definition of its fields; nested classes are the class's own.
 
         ``find`` returns the definition of a name.
         """

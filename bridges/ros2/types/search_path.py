@@ -1,7 +1,7 @@
-"""Where definitions are found, and which place is asked first.
+"""Where definitions are searched, in this order.
 
-1. the places that the library was given, in their order;
-2. ``share`` of each folder in AMENT_PREFIX_PATH, which a sourced ROS 2 sets;
+1. the places that the library was given;
+2. ``share`` of each folder in AMENT_PREFIX_PATH, which a sourced ROS 2 environment sets;
 3. the definitions that ship with llfsm;
 4. those of rosbags, if it is installed (see :mod:`.jazzy`).
 """
@@ -24,7 +24,7 @@ _SHIPPED = Path(__file__).parents[1] / "definitions"
 
 
 class SearchPath:
-    """Find definitions by name, and keep those found.
+    """Finds definitions by name, and keeps those found.
 
     A place is a folder of packages (``/opt/ros/jazzy/share``, a workspace's ``src``), one package,
     or one file. In all of them a type is ``package/msg/Type.msg``, likewise ``srv`` and
@@ -54,7 +54,7 @@ class SearchPath:
         match = TYPE_NAME.fullmatch(name)
         if match is None or (match[2] == "msg" and match[4]):
             raise UnknownTypeError(
-                f"{name!r} is no name of a type, as geometry_msgs/msg/Twist is{self._near(name)}"
+                f"{name!r} is not a type name such as geometry_msgs/msg/Twist{self._near(name)}"
             )
         package, kind, base, _ = match.groups()
         path = self._path(package, kind, base)

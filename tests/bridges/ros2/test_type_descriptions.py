@@ -69,7 +69,7 @@ def test_the_answer_has_the_hash_that_was_asked_for(ask, types, name):
     [
         ("turtlesim/msg/Pose", "RIHS01_00", "the hash of turtlesim/msg/Pose is RIHS01_7"),
         ("turtlesim/msg/Pos", "RIHS01_00", "did you mean turtlesim/msg/Pose"),
-        ("", "", "is no name of a type"),
+        ("", "", "is not a type name"),
     ],
 )
 def test_a_failure_says_why(ask, name, type_hash, reason):

@@ -104,7 +104,7 @@ def test_a_float32_is_rounded_and_keeps_what_is_no_number(thing):
 def test_up_to_three_bytes_of_padding_may_follow(thing):
     kind = thing("uint8 x")
     assert kind.decode(LITTLE + b"\7" + bytes(3)).x == 7
-    assert "4 bytes are left behind the message" in told(kind, LITTLE + b"\7" + bytes(4))
+    assert "4 bytes are left after the message" in told(kind, LITTLE + b"\7" + bytes(4))
 
 
 def test_options_in_the_header_do_not_matter(thing):
@@ -121,7 +121,7 @@ def test_another_encoding_is_refused(thing, header):
 
 @pytest.mark.parametrize("size", range(4))
 def test_a_header_that_is_cut(thing, size):
-    assert f"the header has 4 bytes, and here are {size}" in told(thing("uint8 x"), LITTLE[:size])
+    assert f"the header needs 4 bytes, there are {size}" in told(thing("uint8 x"), LITTLE[:size])
 
 
 def test_what_is_no_buffer_is_a_type_error(thing):
@@ -143,15 +143,15 @@ def le(code: str, *values: object) -> bytes:
         ("string a", le("I", 4), "a: needs 4 bytes at offset 8, 0 are left"),
         ("string a", le("I3s", 3, b"abc"), "a: the text does not end in a NUL"),
         ("string[] a", le("II3s", 1, 3, b"abc"), "a[0]: the text does not end in a NUL"),
-        ("string a", le("I3s", 3, b"a\xff\0"), "a: is no valid UTF-8"),
-        ("string a", le("I4s", 4, b"\xed\xa0\x80"), "a: is no valid UTF-8"),
+        ("string a", le("I3s", 3, b"a\xff\0"), "a: is not valid UTF-8"),
+        ("string a", le("I4s", 4, b"\xed\xa0\x80"), "a: is not valid UTF-8"),
         ("string<=2 a", le("I4s", 4, b"abc"), "a: 3 characters, at most 2 are allowed"),
         ("string<=2[] a", le("II4s", 1, 4, b"abc"), "a[0]: 3 characters, at most 2"),
-        ("wstring a", le("II", 1, 0x10000), "a: is no valid UTF-16"),
-        ("wstring a", le("II", 1, 0xD800), "a: is no valid UTF-16"),
+        ("wstring a", le("II", 1, 0x10000), "a: is not valid UTF-16"),
+        ("wstring a", le("II", 1, 0xD800), "a: is not valid UTF-16"),
         ("wstring<=1[] a", le("IIII", 1, 2, 65, 65), "a[0]: 2 characters, at most 1"),
         ("wstring[] a", le("II", 1, 2), "a[0]: needs 8 bytes"),
-        ("int32[<=2] a", le("Iiii", 3, 1, 2, 3), "a: 3 values, and at most 2 are allowed"),
+        ("int32[<=2] a", le("Iiii", 3, 1, 2, 3), "a: 3 values, at most 2 are allowed"),
         ("float64[] a", le("Id", 2, 1.0), "a: needs 16 bytes at offset 12, 4 are left"),
         ("Part[] a", le("IiI", 2, 1, 9), "a[0].text: needs 9 bytes"),
         ("Part a", le("i", 2), "a.text: needs 4 bytes at offset 8, 0 are left"),
@@ -203,17 +203,17 @@ def test_a_length_beyond_the_data_allocates_nothing(thing, text, header):
 @pytest.mark.parametrize(
     ("text", "value", "message"),
     [
-        ("uint8 a", 256, "a: 256 is no uint8, which has 0 to 255"),
-        ("uint64 a", -1, "a: -1 is no uint64"),
-        ("int64 a", 2**63, "is no int64"),
-        ("int32 a", 1.5, "a: 1.5 is no int32"),
-        ("int32 a", None, "a: None is no int32"),
-        ("bool a", "no", "a: 'no' is no bool"),
-        ("bool a", 2, "a: 2 is no bool"),
-        ("bool[] a", (True, 2), "a[1]: 2 is no bool"),
-        ("float32 a", 1e300, "a: 1e+300 is no float32"),
-        ("float64 a", "1", "a: '1' is no float64"),
-        ("string a", b"x", "a: a text needed, not b'x'"),
+        ("uint8 a", 256, "a: 256 is not of type uint8, whose range is 0 to 255"),
+        ("uint64 a", -1, "a: -1 is not of type uint64"),
+        ("int64 a", 2**63, "is not of type int64"),
+        ("int32 a", 1.5, "a: 1.5 is not of type int32"),
+        ("int32 a", None, "a: None is not of type int32"),
+        ("bool a", "no", "a: 'no' is not of type bool"),
+        ("bool a", 2, "a: 2 is not of type bool"),
+        ("bool[] a", (True, 2), "a[1]: 2 is not of type bool"),
+        ("float32 a", 1e300, "a: 1e+300 is not of type float32"),
+        ("float64 a", "1", "a: '1' is not of type float64"),
+        ("string a", b"x", "a: a str is needed, not b'x'"),
         ("string a", "\ud800", "a: half a character cannot be encoded"),
         ("wstring a", "\ud800", "a: half a character cannot be encoded"),
         ("wstring[] a", ("\ud800",), "a[0]: half a character cannot be encoded"),
@@ -221,16 +221,16 @@ def test_a_length_beyond_the_data_allocates_nothing(thing, text, header):
         ("wstring<=2 a", "abc", "a: 3 characters, at most 2 are allowed"),
         ("string<=2[] a", ("", "abc"), "a[1]: 3 characters, at most 2 are allowed"),
         ("wstring<=2[] a", ("", "abc"), "a[1]: 3 characters, at most 2 are allowed"),
-        ("string[] a", "abc", "a: tuple needed, not str"),
-        ("int32[] a", [1], "a: tuple needed, not list"),
-        ("int32[] a", (1, 2**31), "a[1]: 2147483648 is no int32"),
-        ("float32[] a", (1e300,), "a[0]: 1e+300 is no float32"),
-        ("int32[2] a", (1,), "a: 1 values, and exactly 2 are needed"),
-        ("int32[<=1] a", (1, 2), "a: 2 values, and at most 1 are allowed"),
-        ("uint8[] a", "abc", "a: bytes needed, not str"),
-        ("uint8[] a", (1, 2), "a: bytes needed, not tuple"),
-        ("uint8[3] a", b"ab", "a: 2 values, and exactly 3 are needed"),
-        ("uint8[3] a", b"abcd", "a: 4 values, and exactly 3 are needed"),
+        ("string[] a", "abc", "a: tuple is needed, not str"),
+        ("int32[] a", [1], "a: tuple is needed, not list"),
+        ("int32[] a", (1, 2**31), "a[1]: 2147483648 is not of type int32"),
+        ("float32[] a", (1e300,), "a[0]: 1e+300 is not of type float32"),
+        ("int32[2] a", (1,), "a: 1 values, exactly 2 are needed"),
+        ("int32[<=1] a", (1, 2), "a: 2 values, at most 1 are allowed"),
+        ("uint8[] a", "abc", "a: bytes is needed, not str"),
+        ("uint8[] a", (1, 2), "a: bytes is needed, not tuple"),
+        ("uint8[3] a", b"ab", "a: 2 values, exactly 3 are needed"),
+        ("uint8[3] a", b"abcd", "a: 4 values, exactly 3 are needed"),
         ("Fixed a", None, "a.x: a NoneType has no such field"),
         ("Fixed[] a", (None,), "a[0].x: a NoneType has no such field"),
         ("Part[] a", (None,), "a[0].x: a NoneType has no such field"),
@@ -247,7 +247,7 @@ def test_bytes_of_a_wrong_size_in_a_row(thing):
     """Where struct itself would cut or fill them."""
     kind = thing("Fixed[] a", Fixed="uint8[2] pair")
     fixed = kind.message.__annotations__["a"].__args__[0]
-    assert "a[0].pair: 3 values, and exactly 2 are needed" in refused(kind, a=(fixed(b"123"),))
+    assert "a[0].pair: 3 values, exactly 2 are needed" in refused(kind, a=(fixed(b"123"),))
 
 
 def test_a_keyword_is_a_field_with_an_underscore(thing):

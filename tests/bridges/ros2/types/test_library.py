@@ -181,12 +181,12 @@ def test_a_file_that_is_no_text(package):
         ("geometry_msgs/Twist", "did you mean geometry_msgs/msg/Twist"),
         ("geometry_msgs/msg/Twists", "did you mean geometry_msgs/msg/Twist"),
         ("wrong_package/msg/Spawn", "no definition in .*definitions, nor in rosbags"),
-        ("../msg/Twist", "no name of a type"),
-        ("turtlesim/msg/Pose_Request", "no name of a type"),
+        ("../msg/Twist", "not a type name"),
+        ("turtlesim/msg/Pose_Request", "not a type name"),
         ("turtlesim/srv/Spawn_Answer", r"Spawn\.srv defines no such part"),
         ("turtlesim/srv/Spawn", "a type of services, not of messages"),
         ("turtlesim/action/RotateAbsolute", "a type of actions, not of messages"),
-        ("", "no name of a type"),
+        ("", "not a type name"),
     ],
 )
 def test_types_that_nobody_defines(types, name, told):

@@ -95,14 +95,14 @@ def test_parts_of_a_service_have_their_own_constants():
         ("int32", "neither a field"),
         ("int32 =5", "neither a field"),
         ("@optional", "neither a field"),
-        ("@key int32 x", "no type"),
-        ("in32 x", "'in32' is no type"),
-        ("float128 x", "no type"),
-        ("wchar x", "no type"),
-        ("own/int32 x", "no type"),
+        ("@key int32 x", "not a type"),
+        ("in32 x", "'in32' is not a type"),
+        ("float128 x", "not a type"),
+        ("wchar x", "not a type"),
+        ("own/int32 x", "not a type"),
         ("int32[0] x", "an array's size"),
         ("int32[<=] x", "without a number"),
-        ("int32[-1] x", "no type"),
+        ("int32[-1] x", "not a type"),
         ("int32<=5 x", "bounds a string"),
         ("string<=0 x", "bounds a string"),
         ("int32 X", "cannot name a field"),
@@ -114,17 +114,17 @@ def test_parts_of_a_service_have_their_own_constants():
         ("int32[] X=5", "primitive type"),
         ("Other X=5", "primitive type"),
         ("Other x 5", "only fields of primitive types"),
-        ("uint8 x 256", "256 is no uint8, which has 0 to 255"),
-        ("uint8 X=-1", "-1 is no uint8"),
-        ("int32 x 1.5", "'1.5' is no int32"),
-        ("float32 x much", "'much' is no float32"),
-        ("bool x yes", "'yes' is no bool"),
+        ("uint8 x 256", "256 is not of type uint8, whose range is 0 to 255"),
+        ("uint8 X=-1", "-1 is not of type uint8"),
+        ("int32 x 1.5", "'1.5' is not of type int32"),
+        ("float32 x much", "'much' is not of type float32"),
+        ("bool x yes", "'yes' is not of type bool"),
         ("string<=2 x abc", "more than 2 characters"),
         ("int32[2] x [1]", "1 values for an array of 2"),
         ("int32[<=2] x [1,2,3]", "3 values for an array of 2"),
-        ("int32[] x 1", "stands in brackets"),
+        ("int32[] x 1", "written in brackets"),
         ("int32[] x [1,,2]", "commas"),
-        ("int32[] x [1", "stands in brackets"),
+        ("int32[] x [1", "written in brackets"),
     ],
 )
 def test_what_breaks_the_rules_is_told_with_its_line(line, told):
@@ -136,7 +136,7 @@ def test_what_breaks_the_rules_is_told_with_its_line(line, told):
 
 
 def test_two_fields_of_one_name():
-    with pytest.raises(DefinitionSyntaxError, match=r"Thing.msg:2: x is there already"):
+    with pytest.raises(DefinitionSyntaxError, match=r"Thing.msg:2: x is defined twice"):
         fields("int32 x\nint8 x")
 
 

@@ -80,7 +80,7 @@ def test_a_class_without_a_ros_name_is_refused(types):
     class Battery(Message):
         volts: float
 
-    with pytest.raises(UnknownTypeError, match="'Battery' is no name of a type"):
+    with pytest.raises(UnknownTypeError, match="'Battery' is not a type name"):
         types.of(Battery)
 
 
