@@ -214,4 +214,4 @@ class Board(ABC):
 
     @abstractmethod
     def remove(self) -> None:
-        """Remove the board for everybody: who has it open sees ``alive`` become False."""
+        """Remove the board for all processes; where it is open, ``alive`` becomes False."""

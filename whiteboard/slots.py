@@ -1,4 +1,4 @@
-"""A slot: a name on a whiteboard with the type of its messages; and a sample, what it holds."""
+"""Slots, the named and typed places of a whiteboard, and samples, their messages."""
 
 from __future__ import annotations
 
@@ -94,12 +94,12 @@ class Slot(Generic[M]):
 
 
 class Sample(NamedTuple, Generic[M]):
-    """A message with what its slot knows of it."""
+    """A message with its count, stamp and writer."""
 
     message: M
-    count: int  # type: ignore[assignment]  # hides tuple.count, which nobody asks a sample
-    """Messages added to the slot up to and with this one; 1 is the first."""
+    count: int  # type: ignore[assignment]  # hides tuple.count, which is useless here
+    """The number of this message in its slot; 1 is the first."""
     stamp_ns: int
-    """When it was added: nanoseconds of this host's monotonic clock (CLOCK_MONOTONIC)."""
+    """When it was added: nanoseconds of this host's CLOCK_MONOTONIC."""
     writer: int
-    """Process id of who added it."""
+    """The id of the process that added it."""

@@ -64,9 +64,9 @@ def test_a_message_as_its_bytes(board: Board) -> None:
         encoded, sample = point.encoded(), point.sample()
         assert encoded is not None
         assert sample is not None
-        data, *told = encoded
+        data, *rest = encoded
         assert msgspec.msgpack.decode(data) == [float(x), 0.0]
-        assert told == list(sample[1:])
+        assert rest == list(sample[1:])
     board.close()
     with pytest.raises(BoardClosedError):
         point.encoded()
@@ -125,7 +125,7 @@ def test_each_add_of_each_thread_has_a_count_of_its_own(board: Board) -> None:
     assert board[POINT].count == 800
 
 
-def test_a_sample_tells_when_and_who(board: Board) -> None:
+def test_a_sample_has_its_time_and_its_writer(board: Board) -> None:
     point = board[POINT]
     before = time.monotonic_ns()
     for _ in range(20):
@@ -218,7 +218,7 @@ def test_wait_ends_when_another_thread_adds(board: Board, timeout: float | None)
             assert asked is not None
             pong.add(Path(start=asked.message))
 
-    with ThreadPoolExecutor(1) as pool, board:  # closed first, so that a failure is no hang
+    with ThreadPoolExecutor(1) as pool, board:  # closed first, so that a failure does not hang
         done = pool.submit(answer)
         for count in range(50):
             ping.add(Point(float(count)))

@@ -86,7 +86,7 @@ def test_any_message_is_read_as_it_was_added(open_board: OpenBoard, message: Ric
     count = board.add_message(RICH, message)
     sample = board[RICH].wait(after=count - 1, timeout=30)
     assert sample is not None
-    # repr tells 0.0 from -0.0 and nan from nothing, and 1 from 1.0 from True
+    # repr distinguishes 0.0 from -0.0, nan from nothing, and 1 from 1.0 and True
     read, added = (
         repr((msgspec.structs.replace(rich, some=frozenset()), sorted(rich.some)))
         for rich in (sample.message, message)

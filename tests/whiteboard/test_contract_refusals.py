@@ -55,7 +55,7 @@ class OtherPoint(Message, type_name="test/Point"):
     z: int = 0
 
 
-def test_a_slot_of_another_type_tells_how_they_differ(board: Board) -> None:
+def test_a_slot_of_another_type_is_refused_with_the_difference(board: Board) -> None:
     board.add_message(POINT, Point(1.0))
     with pytest.raises(SlotTypeError) as raised:
         board[Slot("robot/point", OtherPoint)]

@@ -39,39 +39,39 @@ def counts(samples: Samples, number: int) -> list[int]:
 
 
 class Gate:
-    """A callback that stands still until it is let go on, and remembers what it was told."""
+    """A callback that blocks until it is opened, and records what it received."""
 
     def __init__(self) -> None:
-        self.told: list[Sample[Number]] = []
+        self.received: list[Sample[Number]] = []
         self.entered = threading.Event()
         self.open = threading.Event()
 
     def __call__(self, sample: Sample[Number]) -> None:
-        self.told.append(sample)
+        self.received.append(sample)
         self.entered.set()
         assert self.open.wait(PATIENCE_S)
 
 
-# ---- What is told ---------------------------------------------------------------------------
+# ---- Delivery -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("backlog", [1, 10])
-def test_each_message_is_told_in_another_thread(board: Board, backlog: int) -> None:
+def test_each_message_arrives_in_another_thread(board: Board, backlog: int) -> None:
     number = board[NUMBER]
-    told: queue.SimpleQueue[tuple[Sample[Number], int]] = queue.SimpleQueue()
+    received: queue.SimpleQueue[tuple[Sample[Number], int]] = queue.SimpleQueue()
     with number.subscribe(
-        lambda sample: told.put((sample, threading.get_ident())), backlog=backlog
+        lambda sample: received.put((sample, threading.get_ident())), backlog=backlog
     ) as subscription:
         for value in range(20):
             count = number.add(Number(value))
-            sample, thread = told.get(timeout=PATIENCE_S)
+            sample, thread = received.get(timeout=PATIENCE_S)
             assert (sample.message, sample.count) == (Number(value), count)
             assert sample == number.sample()
             assert thread != threading.get_ident()
         assert subscription.active
         assert subscription.missed == 0
     assert not subscription.active
-    assert told.empty()
+    assert received.empty()
 
 
 @pytest.mark.parametrize("backlog", [1, 10])
@@ -100,7 +100,7 @@ def test_or_after_a_message(board: Board, after: int, first: int, missed: int) -
         assert subscription.missed == missed
 
 
-def test_a_busy_callback_is_told_the_newest_next(board: Board) -> None:
+def test_a_busy_callback_gets_the_newest_next(board: Board) -> None:
     number, gate = board[NUMBER], Gate()
     with number.subscribe(gate) as subscription:
         number.add(Number(1))
@@ -108,12 +108,12 @@ def test_a_busy_callback_is_told_the_newest_next(board: Board) -> None:
         for value in range(2, 1001):
             number.add(Number(value))
         gate.open.set()
-        wait_for(lambda: len(gate.told) == 2)
-        assert [(s.message.value, s.count) for s in gate.told] == [(1, 1), (1000, 1000)]
+        wait_for(lambda: len(gate.received) == 2)
+        assert [(s.message.value, s.count) for s in gate.received] == [(1, 1), (1000, 1000)]
         assert subscription.missed == 998
 
 
-def test_a_backlog_keeps_every_observed_message_and_tells_them_in_order(board: Board) -> None:
+def test_a_backlog_delivers_every_observed_message_in_order(board: Board) -> None:
     number, gate = board[NUMBER], Gate()
     with number.subscribe(gate, backlog=1000) as subscription:
         number.add(Number(1))
@@ -121,10 +121,10 @@ def test_a_backlog_keeps_every_observed_message_and_tells_them_in_order(board: B
         for value in range(2, 501):
             number.add(Number(value))
         gate.open.set()
-        wait_for(lambda: gate.told[-1].count == 500)
-        told = [sample.count for sample in gate.told]
-        assert told == sorted(set(told))
-        assert subscription.missed == 500 - len(told)
+        wait_for(lambda: gate.received[-1].count == 500)
+        received = [sample.count for sample in gate.received]
+        assert received == sorted(set(received))
+        assert subscription.missed == 500 - len(received)
 
 
 def test_messages_added_one_by_one_are_all_observed(board: Board) -> None:
@@ -138,12 +138,12 @@ def test_messages_added_one_by_one_are_all_observed(board: Board) -> None:
             number.add(Number(value))
             wait_for(lambda value=value: observed.after == value)
         gate.open.set()
-        wait_for(lambda: len(gate.told) == 6)
-        assert [sample.count for sample in gate.told] == [1, 2, 3, 4, 5, 6]
+        wait_for(lambda: len(gate.received) == 6)
+        assert [sample.count for sample in gate.received] == [1, 2, 3, 4, 5, 6]
         assert subscription.missed == 0
 
 
-def test_a_full_backlog_loses_its_oldest_and_tells_how_many(board: Board) -> None:
+def test_a_full_backlog_loses_its_oldest_and_counts_them(board: Board) -> None:
     number, gate = board[NUMBER], Gate()
     observed = Observed(number)
     with Subscription(observed, gate, after=None, backlog=3, on_error=None) as subscription:
@@ -153,12 +153,12 @@ def test_a_full_backlog_loses_its_oldest_and_tells_how_many(board: Board) -> Non
             number.add(Number(value))
             wait_for(lambda value=value: observed.after == value)
         gate.open.set()
-        wait_for(lambda: gate.told[-1].count == 100)
-        assert [sample.count for sample in gate.told] == [1, 98, 99, 100]
+        wait_for(lambda: gate.received[-1].count == 100)
+        assert [sample.count for sample in gate.received] == [1, 98, 99, 100]
         assert subscription.missed == 96
 
 
-def test_each_subscription_of_a_slot_is_told(open_board: OpenBoard) -> None:
+def test_each_subscription_of_a_slot_gets_each_message(open_board: OpenBoard) -> None:
     one, other = open_board()[NUMBER], open_board()[NUMBER]
     first, second, third = (queue.SimpleQueue() for _ in range(3))
     with one.subscribe(first.put), one.subscribe(second.put), other.subscribe(third.put):
@@ -196,16 +196,16 @@ def test_a_close_waits_for_the_callback_and_none_comes_after_it(board: Board, ba
     closing.join(PATIENCE_S)
     number.add(Number(3))
     subscription.close()
-    assert [sample.count for sample in gate.told] == [1]
+    assert [sample.count for sample in gate.received] == [1]
 
 
 @pytest.mark.parametrize("backlog", [1, 10])
 def test_a_callback_may_close_its_own_subscription(board: Board, backlog: int) -> None:
-    number, told = board[NUMBER], []
+    number, received = board[NUMBER], []
     errors: list[Exception] = []
 
     def once(sample: Sample[Number]) -> None:
-        told.append(sample.count)
+        received.append(sample.count)
         subscription.close()
 
     subscription = number.subscribe(once, after=0, backlog=backlog, on_error=errors.append)
@@ -213,7 +213,7 @@ def test_a_callback_may_close_its_own_subscription(board: Board, backlog: int) -
     wait_for(lambda: not subscription.active)
     number.add(Number(2))
     subscription.close()
-    assert (told, errors) == ([1], [])
+    assert (received, errors) == ([1], [])
 
 
 @pytest.mark.parametrize("end", ["close", "remove"])
@@ -250,7 +250,7 @@ def test_a_finish_delivers_what_was_added_and_ends(
     subscription.close()
     assert not subscription.active
     number.add(Number(5))
-    assert [sample.count for sample in gate.told] == counts
+    assert [sample.count for sample in gate.received] == counts
 
 
 def test_a_finish_with_nothing_new_just_ends(board: Board) -> None:
@@ -330,16 +330,16 @@ def test_an_error_that_on_error_has_handled_is_not_logged(
 def test_an_error_of_on_error_is_reported_too(
     board: Board, caplog: pytest.LogCaptureFixture
 ) -> None:
-    number, told = board[NUMBER], []
+    number, received = board[NUMBER], []
 
     def fail(sample: object) -> None:
-        told.append(sample)
+        received.append(sample)
         raise ArithmeticError
 
     with number.subscribe(fail, on_error=fail):
         for value in (1, 2):
             number.add(Number(value))
-            wait_for(lambda value=value: len(told) == 2 * value)
+            wait_for(lambda value=value: len(received) == 2 * value)
     assert [r.getMessage() for r in caplog.records if "on_error failed" in r.getMessage()]
 
 

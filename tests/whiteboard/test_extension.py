@@ -10,7 +10,7 @@ from pathlib import Path
 RunPython = Callable[..., str]
 
 
-def test_the_stub_tells_what_the_extension_has() -> None:
+def test_the_stub_matches_the_extension() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "mypy.stubtest", "llfsm.whiteboard._shm"],
         cwd=Path(__file__).parents[2],

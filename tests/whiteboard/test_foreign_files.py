@@ -1,4 +1,4 @@
-"""A file that is no board of ours is refused and left alone."""
+"""A file that is not a board of this user is refused and not changed."""
 
 from __future__ import annotations
 

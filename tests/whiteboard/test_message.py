@@ -100,7 +100,7 @@ def test_what_cannot_change_is_taken(annotation: object) -> None:
     [str | bytes, Vector3 | Twist, tuple[int, ...] | Vector3, tuple[str | bytes, ...]],
     ids=str,
 )
-def test_a_union_that_no_reader_can_tell_apart_is_refused(annotation: object) -> None:
+def test_a_union_that_is_ambiguous_to_a_decoder_is_refused(annotation: object) -> None:
     with pytest.raises(MessageTypeError, match=r"^Made\.bad: .*union"):
         message(annotation)
 

@@ -129,7 +129,7 @@ def test_what_is_left_out_is_zero(typed: Typed) -> None:
 
 @any_type
 @given(TYPES, TYPES)
-def test_schemas_differ_exactly_if_differences_are_told(one: Typed, other: Typed) -> None:
+def test_schemas_differ_exactly_if_there_are_differences(one: Typed, other: Typed) -> None:
     a, b = describe(one[0]), describe(other[0])
     assert list(differences(a, a)) == []
     assert bool(list(differences(a, b))) == (a != b)
@@ -254,7 +254,7 @@ class Ours(Message, type_name="test/Same"):
     new: bool
 
 
-def test_differences_are_told_field_by_field() -> None:
+def test_differences_are_listed_field_by_field() -> None:
     assert list(differences(describe(Theirs), describe(Ours))) == [
         "only the board has gone (type:string)",
         "changed is type:number on the board, type:string,contentEncoding:base64 in ours",

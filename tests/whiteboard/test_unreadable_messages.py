@@ -1,4 +1,4 @@
-"""What those who are told of messages make of one that is no message."""
+"""Subscriptions and streams of a slot with data that is not a message."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ def add_junk(tmp_path: Path) -> Callable[[], int]:
 def test_a_subscription_reports_it_once_and_goes_on(
     add_junk: Callable[[], int], tmp_path: Path, backlog: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    told: queue.SimpleQueue[Sample[Number] | Exception] = queue.SimpleQueue()
+    received: queue.SimpleQueue[Sample[Number] | Exception] = queue.SimpleQueue()
     with Whiteboard("board", directory=tmp_path) as board:
         number = board[NUMBER]
-        with number.subscribe(told.put, on_error=told.put, backlog=backlog) as subscription:
+        with number.subscribe(received.put, on_error=received.put, backlog=backlog) as subscription:
             for _ in range(3):
                 count = add_junk()
-                error = told.get(timeout=PATIENCE_S)
+                error = received.get(timeout=PATIENCE_S)
                 assert isinstance(error, MessageUnreadableError)
                 assert error.count == count
                 count = number.add(Number(count))
-                sample = told.get(timeout=PATIENCE_S)
+                sample = received.get(timeout=PATIENCE_S)
                 assert isinstance(sample, Sample)
                 assert sample.count == count
             assert subscription.missed == 3
-    assert told.empty()
+    assert received.empty()
     assert len(caplog.records) == 3
 
 

@@ -1,4 +1,4 @@
-"""One host's part of mirroring: what it sends of its board, and what it does with what arrives.
+"""One host's part of mirroring: collecting batches to send, and applying those that arrive.
 
 It uses no network and no clock of its own: bytes come in and go out, and clocks are passed in. So
 the daemon, a connected process and the simulation run the same code.

@@ -11,7 +11,7 @@ __all__ = ["Peer", "Peers"]
 
 _RETRY_NS = 500_000_000  # a host that does not reply is queried again after this time
 _FORGET_NS = 60_000_000_000  # a host that sends nothing is forgotten after this time
-_MAX_PEERS = 1000  # further hosts are not tracked, so that nobody can fill the memory
+_MAX_PEERS = 1000  # further hosts are not tracked, which bounds the memory
 
 
 class Peer:
@@ -37,7 +37,7 @@ class Peer:
             return
         if message.born != self.born:
             self.born, self.number = message.born, message.number
-            self.gaps += 1  # what it had before it was known here
+            self.gaps += 1  # for the messages it had before
         else:
             missing = message.number - self.number - isinstance(message, Batch)
             if missing > 0:

@@ -37,10 +37,10 @@ def test_what_is_added_on_one_host_is_on_all(make_host: MakeHost) -> None:
         host.add(value)
         wait_for(lambda value=value: [h.get() for h in hosts] == [value] * 3)
     wait_for(lambda: [len(host.status()["peers"]) for host in hosts] == [2, 2, 2])
-    told = hosts[2].status()
-    assert told["left"] == 2
-    assert told["entered"] == 4
-    assert told["refused"] == []
+    status = hosts[2].status()
+    assert status["left"] == 2
+    assert status["entered"] == 4
+    assert status["refused"] == []
 
 
 def test_a_late_host_gets_what_is_there(pair: tuple[Host, Host]) -> None:
@@ -250,9 +250,9 @@ def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
                 wait_for(lambda number=number: other.get(number_slot("calm")) == number)
         wait_for(lambda: other.get(flooded) == 1999)
     wait_for(lambda: other.status()["held_back"] > 0)
-    told = other.status()
+    status = other.status()
     assert other.board[flooded].count < 2000
-    assert {refusal["what"] for refusal in told["refused"]} == {
+    assert {refusal["what"] for refusal in status["refused"]} == {
         "malformed batch",
         "from 00000000000000ff: number",
     }

@@ -1,4 +1,4 @@
-"""What one host makes of whatever another one sends: virtual time, no network."""
+"""How one host handles whatever another one sends, in virtual time and without a network."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_an_older_one_does_not_and_is_a_conflict() -> None:
     part.exchange.receive_batch(batch(2, message=Number(4), time=99, host=3))
     part.exchange.receive_batch(
         batch(3, message=Number(5), time=100)
-    )  # known, which is no conflict
+    )  # known, which is not a conflict
     assert part.get() == Number(5)
     assert part.exchange.status().conflicts == 1
 
@@ -297,11 +297,11 @@ def test_a_thousand_ways_and_senders_fill_neither_memory_nor_the_status() -> Non
         part.exchange.receive_batch(batch(number, slot, host=number + 1))
         beat = Heartbeat(number + 1, 1, 1, 10**12, "y" * 255)
         part.exchange.receive_heartbeat(msgspec.msgpack.encode(beat))
-    told = part.exchange.status()
-    assert len(told.peers) == len(told.refused) == 50
-    assert len(MIRROR.encoder.encode(told)) < MIRROR.capacity
-    assert told.refused[0].what == "everything else"
-    assert told.refused[0].count == 800
+    status = part.exchange.status()
+    assert len(status.peers) == len(status.refused) == 50
+    assert len(MIRROR.encoder.encode(status)) < MIRROR.capacity
+    assert status.refused[0].what == "everything else"
+    assert status.refused[0].count == 800
 
 
 def test_a_batch_that_was_lost_is_asked_for() -> None:
@@ -321,14 +321,14 @@ def test_a_batch_that_was_lost_is_asked_for() -> None:
     assert part.exchange.queries() == [question]  # no answer: once more
 
 
-def test_an_answer_tells_what_is_newer_with_its_type() -> None:
+def test_a_reply_holds_what_is_newer_with_its_type() -> None:
     part = Part()
     part.exchange.receive_batch(batch(1, message=Number(5), time=10**12 + 7))
     known = StateQuery((("number", Version(10**12 + 6, 2)),))
     (answer,) = part.exchange.reply(msgspec.msgpack.encode(known))
-    told = decoder(Batch).decode(answer)
-    assert [value.version.time for value in told.values] == [10**12 + 7]
-    assert told.declarations[0].schema == NUMBER.schema
+    reply = decoder(Batch).decode(answer)
+    assert [value.version.time for value in reply.values] == [10**12 + 7]
+    assert reply.declarations[0].schema == NUMBER.schema
     known = StateQuery((("number", Version(10**12 + 7, 2)),))
     (answer,) = part.exchange.reply(msgspec.msgpack.encode(known))
     assert decoder(Batch).decode(answer).values == ()

@@ -51,7 +51,7 @@ class Switch:
             self.join(i)
 
     def cut(self, host: int) -> None:
-        """Let everything vanish that goes from or to a host; nobody is told."""
+        """Drop all packets from and to a host, without an error."""
         run(f"ip -n {self.name} link set port{host} nomaster")
 
     def join(self, host: int) -> None:
@@ -95,7 +95,7 @@ def hosts(switch: Switch, make_host: MakeHost) -> list[Host]:
 class Watch:
     """Checks all the time that no board goes back to an older message.
 
-    Each message's value tells when it was added: all are added by this process, in order.
+    Each message's value is the time of its add: all are added by this process, in order.
     """
 
     def __init__(self, hosts: list[Host]) -> None:

@@ -1,4 +1,4 @@
-"""What a host tells itself on a board never leaves it, whatever the globs say."""
+"""Slots that are for one host only never leave it, whatever the globs are."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def test_a_daemon_that_is_killed_leaves_its_versions_to_the_next(tmp_path: Path)
     world.close()
 
 
-def test_a_clock_a_minute_ahead_keeps_nobody_from_adding(tmp_path: Path) -> None:
+def test_a_clock_a_minute_ahead_prevents_no_add(tmp_path: Path) -> None:
     world = World(0, 2, tmp_path)
     world.hosts[0].skew_ns = 60 * 10**9
     world.add(0, 0)

@@ -1,4 +1,4 @@
-"""What Zenoh is told: the settings count more than the file, and the file more than we do."""
+"""Zenoh's configuration: settings override the file, which overrides our defaults."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "zenoh.json5"
 
 
-def told(settings: Settings, key: str, mode: str = "peer") -> Any:
+def configured(settings: Settings, key: str, mode: str = "peer") -> Any:
     return json.loads(configure(settings, mode).get_json(key))
 
 
 @pytest.mark.parametrize("named", [False, True])
-def test_nobody_is_listened_to_or_looked_for_unless_asked(file: Path, named: bool) -> None:
+def test_the_default_neither_accepts_nor_discovers_other_hosts(file: Path, named: bool) -> None:
     """Also with a file that speaks of other things: Zenoh by itself is open to the network."""
     file.write_text("{ transport: { link: { tls: { enable_mtls: true } } } }")
     settings = Settings(zenoh=str(file) if named else None)
     assert endpoints(configure(settings, "peer"), "listen") == (DEFAULT_ENDPOINT,)
     assert endpoints(configure(settings, "client"), "listen") == ()
-    assert told(settings, "scouting/multicast/enabled") is False
-    assert told(settings, "transport/link/tls/enable_mtls") is (True if named else None)
+    assert configured(settings, "scouting/multicast/enabled") is False
+    assert configured(settings, "transport/link/tls/enable_mtls") is (True if named else None)
 
 
 def test_what_the_file_says_counts(file: Path) -> None:
@@ -43,12 +43,12 @@ def test_what_the_file_says_counts(file: Path) -> None:
     )
     settings = Settings(zenoh=str(file))
     assert endpoints(configure(settings, "peer"), "listen") == ("tcp/[::1]:0",)
-    assert told(settings, "mode") == "router"
-    assert told(settings, "scouting/multicast/enabled") is True
-    assert told(settings, "transport/unicast/open_timeout") == 7000
-    assert told(settings, "transport/unicast/accept_timeout") == 500
-    assert told(settings, "transport/shared_memory/enabled") is False
-    assert told(settings, "mode", "client") == "client"
+    assert configured(settings, "mode") == "router"
+    assert configured(settings, "scouting/multicast/enabled") is True
+    assert configured(settings, "transport/unicast/open_timeout") == 7000
+    assert configured(settings, "transport/unicast/accept_timeout") == 500
+    assert configured(settings, "transport/shared_memory/enabled") is False
+    assert configured(settings, "mode", "client") == "client"
 
 
 def test_the_settings_count_more(file: Path) -> None:
@@ -58,7 +58,7 @@ def test_the_settings_count_more(file: Path) -> None:
     config = configure(settings, "peer")
     assert endpoints(config, "listen") == listen
     assert endpoints(config, "connect") == connect
-    assert told(settings, "scouting/multicast/enabled") is True
+    assert configured(settings, "scouting/multicast/enabled") is True
 
 
 def test_a_file_that_is_none_is_an_error(file: Path) -> None:
