@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -25,7 +26,7 @@ from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.mirror.version_log import NoVersionLog
+from llfsm.whiteboard.mirror.version_log import NoVersionLog, VersionLog
 
 MS = 1_000_000
 
@@ -45,11 +46,11 @@ NUMBER = Slot("number", Number, capacity=64)
 class Part:
     """A host in a test."""
 
-    def __init__(self, host: int = 1, **settings: Any) -> None:
+    def __init__(self, host: int = 1, versions: VersionLog | None = None, **settings: Any) -> None:
         self.now_ns = 10**12
         self.board = LocalBoard("board", now_ns=lambda: self.now_ns)
         self.watch = self.board.watcher()
-        self.store = Store(self.board, host, lambda stamp_ns: stamp_ns, NoVersionLog())
+        self.store = Store(self.board, host, lambda stamp_ns: stamp_ns, versions or NoVersionLog())
         clock = lambda: self.now_ns  # noqa: E731
         self.exchange = Exchange(self.store, Settings(**settings), clock, clock)
 
@@ -111,28 +112,29 @@ def test_of_one_time_the_larger_host_counts() -> None:
         assert part.get() == Number(3)
 
 
-def test_an_add_between_look_and_add_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process adds when the daemon is just about to: the newer of both stays, and leaves."""
-    for ours, wins in ((10**12, False), (10**12 + 50, True)):
-        part = Part()
-        bound = part.board[NUMBER]
-        add_after = type(bound).add_after
-        raced: list[int] = []
+class RacingVersionLog(NoVersionLog):
+    """Lets something happen at the last moment before a message is added."""
 
-        def race(self: Any, message: Any, count: int, ours: int = ours, part: Part = part,
-                 raced: list[int] = raced, add_after: Any = add_after) -> int:  # fmt: skip
-            if not raced:
-                raced.append(1)
-                part.now_ns = ours
-                self.add(Number(1))
-            return int(add_after(self, message, count))
+    def __init__(self) -> None:
+        self.race: Callable[[], object] | None = None
 
-        with monkeypatch.context() as patch:
-            patch.setattr(type(bound), "add_after", race)
-            part.exchange.receive_batch(batch(message=Number(2), time=10**12 + 20))
-        assert raced
-        assert part.get() == Number(1 if wins else 2)
-        assert bool(part.collect()) == wins
+    def note(self, slot: str, count: int, writer: int, version: Version) -> None:
+        race, self.race = self.race, None
+        if race is not None:
+            race()
+
+
+@pytest.mark.parametrize(("ours", "wins"), [(10**12, False), (10**12 + 50, True)])
+def test_an_add_between_look_and_add_is_compared(ours: int, wins: bool) -> None:
+    """A process adds just before the daemon does: the newer of both stays, and leaves."""
+    versions = RacingVersionLog()
+    part = Part(versions=versions)
+    part.now_ns = ours
+    versions.race = lambda: part.board.add_message(NUMBER, Number(1))
+    part.exchange.receive_batch(batch(message=Number(2), time=10**12 + 20))
+    assert versions.race is None
+    assert part.get() == Number(1 if wins else 2)
+    assert bool(part.collect()) == wins
 
 
 @pytest.mark.parametrize(
