@@ -18,7 +18,6 @@ Pictures of the field, drawn from a finished or a running simulator:
 
 Connected to others; one simulator to one of them:
 
-    pace         62.5 steps a second
     node         on a whiteboard: commands in, poses and colours out
     ros_turtle   a turtle on a ROS graph: its topics, services and action
     ros          turtlesim's whole graph, on any transport of llfsm.bridges.ros2

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..engine.errors import BundleError
-from ..engine.layout import Layout
+from ..engine.layout import MachineLayout
 
 __all__ = ["PYTHON", "Bundle", "BundleState", "BundleTransition", "Fragment"]
 
@@ -69,7 +69,7 @@ class Bundle:
     variables: Fragment | None = None
     methods: Fragment | None = None
     include_paths: tuple[str, ...] = ()
-    layout: Layout | None = None
+    layout: MachineLayout | None = None
     folder: Path | None = field(default=None, compare=False)
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 from xml.parsers.expat import ExpatError
 
 from ..engine.errors import BundleError
-from ..engine.layout import Layout, Point, StateBox, TransitionPath
+from ..engine.layout import MachineLayout, Point, StateBox, TransitionPath
 
 __all__ = ["layout_to_plist", "read_layout"]
 
@@ -18,7 +18,7 @@ _KNOWN = ("x", "y", "w", "h", "expanded", "Transitions")
 _POINTS = ("srcPoint", "dstPoint", "controlPoint1", "controlPoint2")
 
 
-def read_layout(file: Path) -> Layout:
+def read_layout(file: Path) -> MachineLayout:
     """Return the layout in `file`; what it lacks is left out. Raise `BundleError`.
 
     A state without a place has no box. Paths belong to transitions by position, so they end at
@@ -44,10 +44,10 @@ def read_layout(file: Path) -> Layout:
         drawn = state.get("Transitions")
         if path := _paths(drawn if isinstance(drawn, list) else []):
             paths[name] = path
-    return Layout(boxes, paths)
+    return MachineLayout(boxes, paths)
 
 
-def layout_to_plist(layout: Layout) -> bytes:
+def layout_to_plist(layout: MachineLayout) -> bytes:
     """Return the property list that `read_layout` reads as `layout`."""
     states: dict[str, dict[str, Any]] = {}
     for name in {**layout.states, **layout.transitions}:

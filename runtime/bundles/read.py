@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from ..engine.errors import BundleError
-from ..engine.layout import Layout
+from ..engine.layout import MachineLayout
 from ..engine.state import SECTIONS
 from .cpp import suspend_state, targets
 from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
@@ -173,7 +173,7 @@ class Reader:
         lines = [] if listed is None else listed.text.splitlines()
         return tuple(line.strip() for line in lines if line.strip())
 
-    def layout(self) -> Layout | None:
+    def layout(self) -> MachineLayout | None:
         """Return where an editor has drawn the states."""
         file = self.folder / "Layout.plist"
         return read_layout(file) if file.exists() else None

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 from ..engine.state import State
 from ..engine.table import Table
+from .automatic_layout import automatic_layout
 from .curves import hits, sample, straight
 from .diagram import Arrow, Box, Diagram, Edge, Label, SectionText
-from .layered import layered
-from .placed import has_room, placed
+from .editor_layout import editor_layout, has_room
 from .shapes import Curve, Point
 from .style import DOT, LINE, MARGIN
 from .text import numbered_labels, section_texts
@@ -42,9 +42,9 @@ def arrange(table: Table, *, title: str | None = None, sections: bool | None = N
     layout = table.layout
     known = layout is not None and not layout.states.keys().isdisjoint(index)
     if layout and known and (not sections or has_room(boxes, layout)):
-        boxes, edges = placed(boxes, arrows, layout)
+        boxes, edges = editor_layout(boxes, arrows, layout)
     else:
-        boxes, edges = layered(boxes, arrows)
+        boxes, edges = automatic_layout(boxes, arrows)
     edges.sort(key=lambda edge: (index[edge.source], edge.number))
     start = _start(boxes[0], [*boxes[1:], *(edge.label for edge in edges)], edges)
     return _framed(table.path if title is None else title, boxes, edges, start)

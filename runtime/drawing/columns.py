@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from .nodes import Layers, Link, Node
+from .graph import Layers, Link, Node
 
 __all__ = ["set_columns", "spread_apart"]
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-__all__ = ["Layout", "Point", "StateBox", "TransitionPath"]
+__all__ = ["MachineLayout", "Point", "StateBox", "TransitionPath"]
 
 Point: TypeAlias = tuple[float, float]
 
@@ -42,7 +42,7 @@ class TransitionPath:
 
 
 @dataclass(frozen=True)
-class Layout:
+class MachineLayout:
     """The boxes of states by name, and the paths of each state's transitions, in their order."""
 
     states: dict[str, StateBox] = field(default_factory=dict)

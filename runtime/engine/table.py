@@ -14,7 +14,7 @@ from .ports import Actuator, Sensor
 from .state import ClassBody, State
 
 if TYPE_CHECKING:
-    from .layout import Layout
+    from .layout import MachineLayout
 
 __all__ = [
     "REQUIRED", "Table", "Variable", "dead_transitions", "make_table", "unreachable_states",
@@ -90,7 +90,7 @@ class Table:
         self.variables = variables
         self.sensors = sensors
         self.actuators = actuators
-        self.layout: Layout | None = None
+        self.layout: MachineLayout | None = None
 
     @property
     def slots(self) -> list[str]:

@@ -23,7 +23,7 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 
 from ..engine.errors import DefinitionError
-from ..engine.layout import Layout, StateBox, TransitionPath
+from ..engine.layout import MachineLayout, StateBox, TransitionPath
 from ..engine.source_text import TextOnly, body_of
 from ..engine.state import SECTIONS, State, Transition
 from ..engine.table import Table
@@ -47,7 +47,7 @@ def definition_of(table: Table, *, sections: bool = True) -> MachineDefinition:
     )
 
 
-def _state(state: State, layout: Layout | None, sections: bool) -> DefinedState:
+def _state(state: State, layout: MachineLayout | None, sections: bool) -> DefinedState:
     drawn = None if layout is None else layout.states.get(state.name)
     paths = () if layout is None else layout.transitions.get(state.name, ())
     return DefinedState(
@@ -86,7 +86,7 @@ def table_of(definition: MachineDefinition) -> Table:
     states = {defined.name: State(defined.name) for defined in definition.states}
     if len(states) < len(definition.states) or not states:
         raise DefinitionError(f"{definition.path}: no states, or two of the same name")
-    layout = Layout()
+    layout = MachineLayout()
     for defined in definition.states:
         state = states[defined.name]
         state.suspend = defined.name == definition.suspend

@@ -14,8 +14,7 @@ import pytest
 
 from llfsm.bridges.turtlesim.arithmetic import FIELD
 from llfsm.bridges.turtlesim.node import TurtlesimNode
-from llfsm.bridges.turtlesim.pace import STEP_NS
-from llfsm.bridges.turtlesim.simulator import Simulator
+from llfsm.bridges.turtlesim.simulator import STEP_NS, Simulator
 from llfsm.bridges.turtlesim.turtle import Level
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.whiteboard import Whiteboard

@@ -18,7 +18,7 @@ from llfsm.runtime.bundles import (
     Fragment,
     write_bundle,
 )
-from llfsm.runtime.engine.layout import Layout, StateBox, TransitionPath
+from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
 
 from .options import output_option
 
@@ -169,7 +169,7 @@ def _arrow(bend: float) -> TransitionPath:
                           (250 + 2 * bend, 180), (250 + 2 * bend, 220))  # fmt: skip
 
 
-_LAYOUT = Layout(
+_LAYOUT = MachineLayout(
     {"COUNT": StateBox(250, 100, 140, 80), "END": StateBox(250, 300, 140, 80)},
     {"COUNT": (_arrow(-40), _arrow(40))},
 )

@@ -16,8 +16,7 @@ from click.core import ParameterSource
 from llfsm.bridges.ros2.transport import Transport
 from llfsm.bridges.turtlesim.field import draw
 from llfsm.bridges.turtlesim.node import TurtlesimNode
-from llfsm.bridges.turtlesim.pace import run
-from llfsm.bridges.turtlesim.simulator import Simulator
+from llfsm.bridges.turtlesim.simulator import Simulator, run
 from llfsm.whiteboard import Whiteboard
 
 from .options import board_option, end_with_input, supervised_options

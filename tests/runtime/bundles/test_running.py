@@ -32,7 +32,7 @@ from llfsm.runtime.bundles import (
     read_bundle,
 )
 from llfsm.runtime.engine.events import Eval
-from llfsm.runtime.engine.layout import Layout, StateBox
+from llfsm.runtime.engine.layout import MachineLayout, StateBox
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int64
 
@@ -269,7 +269,7 @@ def test_the_table_knows_path_and_layout(bundle: Write, tmp_path: Path) -> None:
     assert cls.table.layout is None
     assert cls.table.suspend is not None
     assert cls.table.suspend.name == "B"
-    layout = Layout({"A": StateBox(1.0, 2.0, 3.0, 4.0)})
+    layout = MachineLayout({"A": StateBox(1.0, 2.0, 3.0, 4.0)})
     assert compile_bundle(replace(read_bundle(folder), layout=layout)).table.layout is layout
 
 
@@ -359,7 +359,7 @@ def test_errors_in_expressions(bundle: Write) -> None:
         ({"Variables": "x: int = 0\nx: int = 1"}, r"M_Variables\.py:2: 'x' is declared twice"),
         ({"Variables": "table: int = 0"}, "'table' would hide what every machine has; rename it"),
         ({"Variables": "_seat: int = 0"}, "'_seat' would hide"),
-        ({"Variables": "status: int = 0"}, "'status' is what every machine has"),
+        ({"Variables": "status: int = 0"}, "'status' would hide what every machine has"),
         ({"Variables": "__x: int = 0"}, "'__x' would hide"),
         ({"Variables": "Sensor: int = 0"}, "'Sensor' is in the includes already"),
         ({"Variables": "x = 3"}, "'x' is not a Sensor or an Actuator.* x: int = 3"),

@@ -21,7 +21,7 @@ from llfsm.runtime.bundles import (
     read_bundle,
     write_bundle,
 )
-from llfsm.runtime.engine.layout import Layout, StateBox, TransitionPath
+from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
 from llfsm.runtime.engine.state import SECTIONS
 
 NAMES = ["A", "B", "Done", "Done_Suspending", "Variables", "OnEntry", "A_OnEntry", "_x1"]
@@ -49,7 +49,7 @@ def bundles(draw: st.DrawFn) -> Bundle:
         maybe,
         maybe,
     )
-    layout = st.builds(Layout, st.dictionaries(name, boxes), st.dictionaries(name, paths))
+    layout = st.builds(MachineLayout, st.dictionaries(name, boxes), st.dictionaries(name, paths))
     return Bundle(
         draw(st.sampled_from(["M", "States", "Großmaschine"])),
         tuple(replace(draw(state), name=each) for each in names),

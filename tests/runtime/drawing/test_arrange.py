@@ -15,7 +15,7 @@ from llfsm.runtime.drawing import Box, Diagram, Label, Point, arrange
 from llfsm.runtime.drawing.curves import contains, sample
 from llfsm.runtime.drawing.diagram import arrow_head
 from llfsm.runtime.drawing.text import numbered_labels, wrap
-from llfsm.runtime.engine.layout import Layout, StateBox, TransitionPath
+from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
 
 from .conftest import machine, machines
 
@@ -141,7 +141,7 @@ def test_a_long_chain_back_runs_straight() -> None:
 # Layouts
 
 
-def laid_out(drawn: type[Machine], layout: Layout) -> Diagram:
+def laid_out(drawn: type[Machine], layout: MachineLayout) -> Diagram:
     drawn.table.layout = layout
     return arrange(drawn.table)
 
@@ -157,7 +157,7 @@ paths = st.builds(TransitionPath, points, points, points, points)
 def test_any_layout_is_drawn(drawn: type[Machine], data: st.DataObject) -> None:
     """Also one that lacks states or transitions, or has too many."""
     some = st.sampled_from([*(state.name for state in drawn.table.states), "no such state"])
-    layout = Layout(
+    layout = MachineLayout(
         data.draw(st.dictionaries(some, boxes, min_size=1)),
         data.draw(st.dictionaries(some, st.lists(paths, max_size=4).map(tuple))),
     )
@@ -176,7 +176,7 @@ def test_any_layout_is_drawn(drawn: type[Machine], data: st.DataObject) -> None:
 def test_a_layout_with_room_is_kept(drawn: type[Machine], data: st.DataObject) -> None:
     """Boxes stand where the editor has them, curves run where they are not under a box."""
     states = drawn.table.states
-    layout = Layout(
+    layout = MachineLayout(
         {
             state.name: StateBox(700.0 * i, 300.0 * (i % 3), 90, 50)
             for i, state in enumerate(states)
@@ -213,7 +213,7 @@ def test_a_layout_with_room_is_kept(drawn: type[Machine], data: st.DataObject) -
 def test_an_arrow_that_ends_inside_a_box_is_cut_at_its_border() -> None:
     """Editors let curves run to a box's middle, and names may need larger boxes than theirs."""
     drawn = machine([(0, 1, "a"), (1, 1, "b"), (1, 0, "c")], ["A", "B"])
-    layout = Layout(
+    layout = MachineLayout(
         {"A": StateBox(0, 0, 100, 50), "B": StateBox(400, 0, 100, 50)},
         {
             "A": (TransitionPath((0, 0), (400, 0), (150, 0), (390, 0)),),
@@ -234,7 +234,7 @@ def test_boxes_that_cover_each_other_are_moved_apart() -> None:
     """Such as an editor's dot that needs a box for its name here."""
     drawn = machine([(0, 1, "true")], ["InitialPseudoState", "Initial"])
     path = TransitionPath((52, 40), (70, 45), (60, 40), (65, 44))
-    layout = Layout(
+    layout = MachineLayout(
         {"InitialPseudoState": StateBox(40, 40, 25, 25), "Initial": StateBox(120, 60, 100, 50)},
         {"InitialPseudoState": (path,)},
     )
@@ -248,7 +248,7 @@ def test_boxes_that_cover_each_other_are_moved_apart() -> None:
 
 def test_states_that_a_layout_lacks_are_placed_clear_of_the_others() -> None:
     drawn = machine([(0, 1, "a"), (1, 0, "b"), (1, 2, "c"), (2, 3, "d"), (3, 3, "e")], list("ABCD"))
-    layout = Layout({"A": StateBox(100, 100, 80, 40), "B": StateBox(400, 100, 80, 40)})
+    layout = MachineLayout({"A": StateBox(100, 100, 80, 40), "B": StateBox(400, 100, 80, 40)})
     check_clear(laid_out(drawn, layout))
 
 
@@ -299,7 +299,9 @@ def test_an_expanded_box_shows_what_fits() -> None:
     class Small(Coded):
         pass
 
-    Small.table.layout = Layout({"A": StateBox(0, 0, 140, 90, True), "B": StateBox(0, 200, 9, 9)})
+    Small.table.layout = MachineLayout(
+        {"A": StateBox(0, 0, 140, 90, True), "B": StateBox(0, 200, 9, 9)}
+    )
     diagram = arrange(Small.table)
     assert (diagram.boxes[0].width, diagram.boxes[0].height) == (140, 90)
     assert texts(diagram) == {"OnEntry …": ("# because", 'text = "a # b"')}
@@ -309,7 +311,7 @@ def test_a_layout_without_room_for_all_the_code_is_left_aside() -> None:
     class Tight(Coded):
         pass
 
-    Tight.table.layout = Layout({"A": StateBox(0, 0, 90, 40), "B": StateBox(100, 0, 90, 40)})
+    Tight.table.layout = MachineLayout({"A": StateBox(0, 0, 90, 40), "B": StateBox(100, 0, 90, 40)})
     diagram = arrange(Tight.table, sections=True)
     check_clear(diagram)
     assert len(texts(diagram)["OnEntry"]) == 3

@@ -16,7 +16,7 @@ from llfsm.machines import RosPingPong
 from llfsm.runtime import DrawingError, Machine
 from llfsm.runtime.drawing import arrange, to_dot, to_mermaid, to_png, to_svg
 from llfsm.runtime.drawing.text import numbered_labels, printable, wrap
-from llfsm.runtime.engine.layout import Layout, StateBox
+from llfsm.runtime.engine.layout import MachineLayout, StateBox
 
 from .conftest import machine, machines
 
@@ -199,7 +199,7 @@ def test_without_pillow_the_error_names_the_extra(monkeypatch) -> None:
 
 def test_a_png_beyond_memory_is_refused() -> None:
     far = machine([(0, 1, "a")], ["A", "B"])
-    far.table.layout = Layout({"A": StateBox(0, 0, 9, 9), "B": StateBox(1e6, 1e6, 9, 9)})
+    far.table.layout = MachineLayout({"A": StateBox(0, 0, 9, 9), "B": StateBox(1e6, 1e6, 9, 9)})
     diagram = arrange(far.table)
     assert ET.fromstring(to_svg(diagram)) is not None
     with pytest.raises(DrawingError, match="too large: draw an SVG"):

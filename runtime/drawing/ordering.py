@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right, insort
 
 from .columns import set_columns, spread_apart
-from .nodes import Layers, Node
+from .graph import Layers, Node
 
 __all__ = ["place"]
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 from itertools import combinations, pairwise
 from math import hypot
 
-from ..engine.layout import Layout, TransitionPath
+from ..engine.layout import MachineLayout, TransitionPath
 from .curves import at, contains, crossing, hits, part, sample
 from .diagram import HEAD, Arrow, Box, Edge, Label
 from .loops import self_loops
 from .shapes import Curve, Point
 
-__all__ = ["has_room", "placed"]
+__all__ = ["editor_layout", "has_room"]
 
 _GAP = 40.0
 _BOWS = (0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 140.0, -140.0, 220.0, -220.0)
@@ -27,8 +27,8 @@ _TOUCH = 0.5  # an editor's curve may end so far inside a box by rounding alone
 _COVERED = 60.0  # how bad it is to cover a point of another arrow, in units of covered area
 
 
-def placed(
-    boxes: Sequence[Box], arrows: Sequence[Arrow], layout: Layout
+def editor_layout(
+    boxes: Sequence[Box], arrows: Sequence[Arrow], layout: MachineLayout
 ) -> tuple[list[Box], list[Edge]]:
     """Place boxes and arrows as `layout` has them.
 
@@ -63,13 +63,13 @@ def placed(
     return boxes, [arrow.edge(boxes, curves[arrow], labels[arrow]) for arrow in arrows]
 
 
-def has_room(boxes: Sequence[Box], layout: Layout) -> bool:
+def has_room(boxes: Sequence[Box], layout: MachineLayout) -> bool:
     """Tell whether no two boxes overlap where `layout` has them."""
     places = _place_boxes(boxes, layout)
     return not any(_overlap(a, b) for a, b in combinations(places, 2))
 
 
-def _place_boxes(boxes: Sequence[Box], layout: Layout) -> list[Box]:
+def _place_boxes(boxes: Sequence[Box], layout: MachineLayout) -> list[Box]:
     """Place the boxes that the layout has, and the others in a row below."""
     known = {
         box.state: replace(box, x=given.x, y=given.y)
@@ -86,7 +86,7 @@ def _place_boxes(boxes: Sequence[Box], layout: Layout) -> list[Box]:
     return [known[box.state] for box in boxes]
 
 
-def _apart(boxes: Sequence[Box], layout: Layout) -> list[Box]:
+def _apart(boxes: Sequence[Box], layout: MachineLayout) -> list[Box]:
     """Move boxes apart that cover each other.
 
     Of two, the one moves that needs more room than its editor gave it, or else the later.

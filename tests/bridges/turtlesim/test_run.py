@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from llfsm.bridges.turtlesim.pace import run
+from llfsm.bridges.turtlesim.simulator import run
 from llfsm.runtime import ManualClock
 
 

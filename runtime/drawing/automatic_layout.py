@@ -7,13 +7,12 @@ from dataclasses import replace
 
 from .curves import through
 from .diagram import Arrow, Box, Edge
-from .layers import place
+from .graph import Arc, Link, Node, back_arcs, ranks
 from .loops import loop_room, self_loops
-from .nodes import Link, Node
-from .ranks import Arc, back_arcs, ranks
+from .ordering import place
 from .shapes import Curve, Point
 
-__all__ = ["layered"]
+__all__ = ["automatic_layout"]
 
 _THIN = 5.0  # half the room for a line that passes a layer
 _PORT_GAP = 12.0  # the least distance of two arrows at a box
@@ -21,7 +20,7 @@ _STUB = 12.0  # of an arrow that is straight, above and below a box
 _CORNERS = 24.0  # of a box's width, where no arrows are
 
 
-def layered(boxes: Sequence[Box], arrows: Sequence[Arrow]) -> tuple[list[Box], list[Edge]]:
+def automatic_layout(boxes: Sequence[Box], arrows: Sequence[Arrow]) -> tuple[list[Box], list[Edge]]:
     """Place boxes, the first at the top, and route arrows between them."""
     between = [arrow for arrow in arrows if arrow.source != arrow.target]
     arcs = [(arrow.source, arrow.target) for arrow in between]
