@@ -22,24 +22,24 @@ __all__ = ["RosTurtlesim"]
 class RosTurtlesim:
     """Be the node ``turtlesim`` on a transport.
 
-    What comes in waits in a backlog for the next step, as in turtlesim, which lets ROS have its say
+    What comes in waits in a queue for the next step, as in turtlesim, which lets ROS have its say
     before each. So the simulator knows of one thread alone, and requests are answered from there.
 
     simulator: what is simulated; between two steps it may be asked anything.
-    backlog: what waits for the next step.
+    queue: what waits for the next step.
     log: called with each line of the log, which is published on /rosout, too.
     """
 
     def __init__(self, transport: Transport, log: Log) -> None:
-        self.backlog = CallQueue()
+        self.queue = CallQueue()
         self._types = types = TypeLibrary()
         self._node = node = transport.node("turtlesim")
         self._rosout = Rosout(node, types)
         self._log = log
         self.simulator = simulator = Simulator(self._tell)
         self._turtles: dict[str, RosTurtle] = {}
-        ParameterServer(node, types, simulator.parameters, self.backlog.put)
-        TypeDescriptionServer(node, types, self.backlog.put)
+        ParameterServer(node, types, simulator.parameters, self.queue.put)
+        TypeDescriptionServer(node, types, self.queue.put)
         # The real node paints anew on such an event, and its clock looks for a simulated time.
         # Here nothing follows from it, but tools show the same graph.
         event = types.message("rcl_interfaces/msg/ParameterEvent")
@@ -53,7 +53,7 @@ class RosTurtlesim:
 
     def step(self) -> None:
         """Do what came in, advance by 16 ms of simulated time, publish what became of it."""
-        self.backlog.run_pending()
+        self.queue.run_pending()
         self.simulator.step()
         for turtle in self._turtles.values():
             turtle.publish()
@@ -71,7 +71,7 @@ class RosTurtlesim:
         def answer(request: ServiceRequest[Any, Any]) -> None:
             request.answer(of.response.message(**do(request.message)))
 
-        self._node.server(name, of, through(self.backlog.put, answer))
+        self._node.server(name, of, through(self.queue.put, answer))
 
     def _clear(self, _: Any) -> dict[str, str]:
         self.simulator.clear()
@@ -100,7 +100,7 @@ class RosTurtlesim:
         for name, turtle in turtles.items():
             if name not in self._turtles:
                 self._turtles[name] = RosTurtle(
-                    turtle, self.simulator, self._node, self._types, self.backlog.put
+                    turtle, self.simulator, self._node, self._types, self.queue.put
                 )
 
     def _tell(self, level: Level, text: str) -> None:

@@ -98,12 +98,12 @@ class MemoryServer(Server, Member):
     ) -> None:
         super().__init__(owner)
         self.name = end.name
-        self._counter = PendingRequests(end.name, of, handler, site.notifier)
-        self.inbox: Inbox[_Sent] = Inbox(lambda sent: self._counter.take(*sent), None, end.name)
+        self._requests = PendingRequests(end.name, of, handler, site.notifier)
+        self.inbox: Inbox[_Sent] = Inbox(lambda sent: self._requests.take(*sent), None, end.name)
         self.join(site, node, end)
 
     def _close(self) -> None:
         self.site.world.leave(self)
         for sent in self.inbox.close():
             sent.back.fail("the server was closed")
-        self._counter.close()
+        self._requests.close()

@@ -109,7 +109,7 @@ class RclpyServer(Server):
         self._world = world
         self._node = node
         self._class = found
-        self._counter = PendingRequests(name, of, handler, world.notifier)
+        self._requests = PendingRequests(name, of, handler, world.notifier)
         self._service = node.create_service(
             self._class, name, lambda request, _: request, qos_profile=_profile(world, qos)
         )
@@ -121,7 +121,7 @@ class RclpyServer(Server):
 
     def _take(self, request: Any, header: Any) -> None:
         info = MessageInfo(header.source_timestamp, header.request_id.sequence_number, b"")
-        self._counter.take(self._world.rclpy.serialize(request), info, _Reply(self, header))
+        self._requests.take(self._world.rclpy.serialize(request), info, _Reply(self, header))
 
     def send(self, data: bytes, header: Any) -> None:
         """Send a response, on the executor's thread as rclpy itself does."""
@@ -133,7 +133,7 @@ class RclpyServer(Server):
             self._send(response, header)
 
     def _close(self) -> None:
-        self._counter.close()
+        self._requests.close()
         self._node.destroy_service(self._service)
 
 

@@ -31,14 +31,14 @@ class Connection(NamedTuple):
 
 
 class ZenohEndpoint:
-    """An endpoint's place on the graph: its key, its token, its gid."""
+    """An endpoint on the graph: its key, its token, its gid."""
 
     def __init__(
-        self, wire: Connection, node_token: str, number: int, end: Endpoint, dds_type: str
+        self, connection: Connection, node_token: str, number: int, end: Endpoint, dds_type: str
     ) -> None:
-        self.wire = wire
+        self.connection = connection
         self.name = end.name
-        self.key = data_key(wire.domain, end.name, dds_type, end.type_hash or "")
+        self.key = data_key(connection.domain, end.name, dds_type, end.type_hash or "")
         self._token_key = endpoint_token(node_token, number, end, dds_type)
         # Messages do not carry their endpoint's token, so rmw_zenoh_cpp derives the gid from it.
         self.gid = xxhash.xxh3_128_intdigest(self._token_key.encode()).to_bytes(GID_SIZE, "little")
@@ -46,7 +46,7 @@ class ZenohEndpoint:
 
     def show(self) -> None:
         """Put the endpoint on the graph; to be done last, when it already works."""
-        self._token = self.wire.session.liveliness().declare_token(self._token_key)
+        self._token = self.connection.session.liveliness().declare_token(self._token_key)
 
     def hide(self) -> None:
         """Take it off the graph; to be done first."""

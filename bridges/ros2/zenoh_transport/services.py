@@ -31,23 +31,23 @@ __all__ = ["ZenohClient", "ZenohServer"]
 class ZenohClient(Client[Any, Any]):
     """Calls a service whose servers are queryables."""
 
-    def __init__(self, owner: Closable, place: ZenohEndpoint, of: RosService) -> None:
+    def __init__(self, owner: Closable, endpoint: ZenohEndpoint, of: RosService) -> None:
         super().__init__(owner)
-        self.name = place.name
-        self._place = place
+        self.name = endpoint.name
+        self._endpoint = endpoint
         self._of = of
-        self._call_soon = place.wire.answers.call_soon
+        self._call_soon = endpoint.connection.answers.call_soon
         self._sequence = itertools.count(1)
-        self._calls = PendingCalls(place.name, of.response, place.wire.notifier)
+        self._calls = PendingCalls(endpoint.name, of.response, endpoint.connection.notifier)
         # It knows whether a queryable exists; a server's token may be known too early.
-        self._querier = place.wire.session.declare_querier(
-            place.key, target=zenoh.QueryTarget.ALL_COMPLETE
+        self._querier = endpoint.connection.session.declare_querier(
+            endpoint.key, target=zenoh.QueryTarget.ALL_COMPLETE
         )
-        discovery = place.wire.discovery
+        discovery = endpoint.connection.discovery
         self._listener: zenoh.MatchingListener[None] = self._querier.declare_matching_listener(
-            hand_over(discovery.look_again, place.wire.events)
+            hand_over(discovery.look_again, endpoint.connection.events)
         )
-        place.show()
+        endpoint.show()
 
     @property
     def ready(self) -> bool:
@@ -73,14 +73,14 @@ class ZenohClient(Client[Any, Any]):
             self._call_soon(partial(self._on_end, call, served))
 
         try:
-            self._place.wire.session.get(
-                self._place.key,
+            self._endpoint.connection.session.get(
+                self._endpoint.key,
                 zenoh.handlers.Callback(on_reply, on_end, indirect=False),  # else a thread each
                 target=zenoh.QueryTarget.ALL_COMPLETE,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout,
                 payload=data,
-                attachment=pack(next(self._sequence), time.time_ns(), self._place.gid),
+                attachment=pack(next(self._sequence), time.time_ns(), self._endpoint.gid),
             )
         except zenoh.ZError as error:
             self._calls.failed(call, str(error))
@@ -103,10 +103,10 @@ class ZenohClient(Client[Any, Any]):
         if served or self.ready:
             self._calls.failed(call, "the server gave no answer")
         else:
-            self._calls.unserved(call, self._place.wire.discovery.why_unserved(self.name))
+            self._calls.unserved(call, self._endpoint.connection.discovery.why_unserved(self.name))
 
     def _close(self) -> None:
-        self._place.hide()
+        self._endpoint.hide()
         self._calls.close()
         self._listener.undeclare()
         self._querier.undeclare()
@@ -124,29 +124,31 @@ class ZenohServer(Server):
     def __init__(
         self,
         owner: Closable,
-        place: ZenohEndpoint,
+        endpoint: ZenohEndpoint,
         of: RosService,
         handler: Callable[[ServiceRequest[Any, Any]], None],
     ) -> None:
         super().__init__(owner)
-        self.name = place.name
-        self._place = place
-        self._counter = PendingRequests(place.name, of, handler, place.wire.notifier)
+        self.name = endpoint.name
+        self._endpoint = endpoint
+        self._requests = PendingRequests(endpoint.name, of, handler, endpoint.connection.notifier)
         channel: zenoh.handlers.FifoChannel[zenoh.Query] = zenoh.handlers.FifoChannel(_WAITING)
-        self._queryable = place.wire.session.declare_queryable(place.key, channel, complete=True)
-        receive(self._queryable.handler.recv, self._on_query, place.name)
-        place.show()
+        self._queryable = endpoint.connection.session.declare_queryable(
+            endpoint.key, channel, complete=True
+        )
+        receive(self._queryable.handler.recv, self._on_query, endpoint.name)
+        endpoint.show()
 
     def _on_query(self, query: zenoh.Query) -> None:
         attachment, payload = query.attachment, query.payload
         info = unpack(attachment.to_bytes()) if attachment is not None else None
         data = payload.to_bytes() if payload is not None else b""
-        self._counter.take(data, info, _Reply(query, self._place.key, info))
+        self._requests.take(data, info, _Reply(query, self._endpoint.key, info))
 
     def _close(self) -> None:
-        self._place.hide()
+        self._endpoint.hide()
         self._queryable.undeclare()
-        self._counter.close()
+        self._requests.close()
 
 
 class _Reply:

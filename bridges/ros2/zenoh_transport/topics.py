@@ -32,17 +32,19 @@ _UNKNOWN = MessageInfo(0, 0, b"")
 class ZenohPublisher(Publisher[M]):
     """Puts messages under the topic's key."""
 
-    def __init__(self, owner: Closable, place: ZenohEndpoint, of: RosMessage[M], qos: Qos) -> None:
+    def __init__(
+        self, owner: Closable, endpoint: ZenohEndpoint, of: RosMessage[M], qos: Qos
+    ) -> None:
         super().__init__(owner)
-        self.name = place.name
-        self.gid = place.gid
-        self._place = place
+        self.name = endpoint.name
+        self.gid = endpoint.gid
+        self._endpoint = endpoint
         self._encode = of.encode
         self._sequence = 0
         self._in_sequence = threading.Lock()
-        self._publisher = _declare_publisher(place, qos)
+        self._publisher = _declare_publisher(endpoint, qos)
         self._put = self._publisher.put
-        place.show()
+        endpoint.show()
 
     def publish(self, message: M) -> None:
         """Encode and put a message, with its number and the time."""
@@ -58,7 +60,7 @@ class ZenohPublisher(Publisher[M]):
                 raise TransportError(f"{self.name}: {error}") from error
 
     def _close(self) -> None:
-        self._place.hide()
+        self._endpoint.hide()
         self._publisher.undeclare()
 
 
@@ -71,38 +73,38 @@ class ZenohSubscription(TopicSubscription):
     def __init__(
         self,
         owner: Closable,
-        place: ZenohEndpoint,
+        endpoint: ZenohEndpoint,
         of: RosMessage[M],
         callback: Callable[[SerializedMessage[M]], None],
         qos: Qos,
     ) -> None:
         super().__init__(owner)
-        self.name = place.name
-        self._place = place
-        self._subscriber = _declare_subscriber(place, qos)
-        deliver = place.wire.notifier.deliver
+        self.name = endpoint.name
+        self._endpoint = endpoint
+        self._subscriber = _declare_subscriber(endpoint, qos)
+        deliver = endpoint.connection.notifier.deliver
 
         def take(sample: zenoh.Sample) -> None:
             if not self._closed:
-                deliver(self.name, callback, _Sample(sample, of, place))
+                deliver(self.name, callback, _Sample(sample, of, endpoint))
 
-        receive(self._subscriber.handler.recv, take, place.name)
-        place.show()
+        receive(self._subscriber.handler.recv, take, endpoint.name)
+        endpoint.show()
 
     def _close(self) -> None:
-        self._place.hide()
+        self._endpoint.hide()
         self._subscriber.undeclare()
 
 
 class _Sample(SerializedMessage[M]):
     """A Zenoh sample: nothing of it is copied before it is asked for."""
 
-    __slots__ = ("_of", "_place", "_sample")
+    __slots__ = ("_endpoint", "_of", "_sample")
 
-    def __init__(self, sample: zenoh.Sample, of: RosMessage[M], place: ZenohEndpoint) -> None:
+    def __init__(self, sample: zenoh.Sample, of: RosMessage[M], endpoint: ZenohEndpoint) -> None:
         self._sample = sample
         self._of = of
-        self._place = place
+        self._endpoint = endpoint
 
     @property
     def data(self) -> bytes:
@@ -113,7 +115,9 @@ class _Sample(SerializedMessage[M]):
         attachment = self._sample.attachment
         info = unpack(attachment.to_bytes()) if attachment is not None else None
         if info is None:
-            self._place.wire.notifier.bad_message(self._place.name, "no attachment of ROS 2")
+            self._endpoint.connection.notifier.bad_message(
+                self._endpoint.name, "no attachment of ROS 2"
+            )
             return _UNKNOWN
         return info
 
@@ -121,19 +125,19 @@ class _Sample(SerializedMessage[M]):
         return self._of.decode(self._sample.payload.to_bytes())
 
 
-def _declare_publisher(place: ZenohEndpoint, qos: Qos) -> Any:
+def _declare_publisher(endpoint: ZenohEndpoint, qos: Qos) -> Any:
     """Return a publisher, of one of Zenoh's two kinds."""
     reliable = qos.reliability is ReliabilityPolicy.RELIABLE
     congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
     reliability = zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT
     if qos.durability is DurabilityPolicy.VOLATILE:
-        return place.wire.session.declare_publisher(
-            place.key, congestion_control=congestion, reliability=reliability
+        return endpoint.connection.session.declare_publisher(
+            endpoint.key, congestion_control=congestion, reliability=reliability
         )
     detection = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT)
     return zenoh.ext.declare_advanced_publisher(
-        place.wire.session,
-        place.key,
+        endpoint.connection.session,
+        endpoint.key,
         congestion_control=congestion,
         reliability=reliability,
         cache=zenoh.ext.CacheConfig(_kept(qos)),
@@ -142,7 +146,7 @@ def _declare_publisher(place: ZenohEndpoint, qos: Qos) -> Any:
     )
 
 
-def _declare_subscriber(place: ZenohEndpoint, qos: Qos) -> Any:
+def _declare_subscriber(endpoint: ZenohEndpoint, qos: Qos) -> Any:
     """Return a subscriber, of one of Zenoh's two kinds, whose handler keeps the QoS depth."""
     channel: zenoh.handlers.FifoChannel[Any] | zenoh.handlers.RingChannel[Any]
     if qos.history is HistoryPolicy.KEEP_ALL:
@@ -150,12 +154,12 @@ def _declare_subscriber(place: ZenohEndpoint, qos: Qos) -> Any:
     else:
         channel = zenoh.handlers.RingChannel(qos.depth)
     if qos.durability is DurabilityPolicy.VOLATILE:
-        return place.wire.session.declare_subscriber(place.key, channel)
+        return endpoint.connection.session.declare_subscriber(endpoint.key, channel)
     reliable = qos.reliability is ReliabilityPolicy.RELIABLE
     recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
     return zenoh.ext.declare_advanced_subscriber(
-        place.wire.session,
-        place.key,
+        endpoint.connection.session,
+        endpoint.key,
         channel,
         history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=_kept(qos)),
         recovery=recovery if reliable else None,

@@ -62,7 +62,7 @@ class ZenohTransport(Transport):
         self._numbers = itertools.count()
         events, answers = TimerThread("ros2 events"), TimerThread("ros2 answers")
         self._discovery = Discovery(self._session, self.domain, self._notifier, events)
-        self._wire = Connection(
+        self._connection = Connection(
             self._session, self._discovery, self._notifier, self.domain, events, answers
         )
         self._routers: set[str] = set()
@@ -91,7 +91,7 @@ class ZenohTransport(Transport):
             token = node_token(
                 self.domain, self._session_id, next(self._numbers), names.namespace, name
             )
-            return _ZenohNode(self, names, token, self._wire, self._numbers)
+            return _ZenohNode(self, names, token, self._connection, self._numbers)
 
     def graph(self) -> Graph:
         """Return the graph that the tokens describe."""
@@ -112,8 +112,8 @@ class ZenohTransport(Transport):
         self._listener.undeclare()
         self._discovery.close()
         self._session.close()
-        self._wire.events.close()
-        self._wire.answers.close()
+        self._connection.events.close()
+        self._connection.answers.close()
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
         if event.transport.whatami != zenoh.WhatAmI.ROUTER:
@@ -149,20 +149,20 @@ class _ZenohNode(Node):
         owner: ZenohTransport,
         names: Names,
         token: str,
-        wire: Connection,
+        connection: Connection,
         numbers: itertools.count[int],
     ) -> None:
         super().__init__(owner)
         self.name = names.full_node
         self._names = names
         self._token_key = token
-        self._wire = wire
+        self._connection = connection
         self._numbers = numbers
-        self._token = wire.session.liveliness().declare_token(token)
+        self._token = connection.session.liveliness().declare_token(token)
 
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> ZenohPublisher[M]:
         with self._lifetime:
-            return ZenohPublisher(self, self._place(Role.PUBLISHER, topic, of, qos), of, qos)
+            return ZenohPublisher(self, self._endpoint(Role.PUBLISHER, topic, of, qos), of, qos)
 
     def subscription(
         self,
@@ -172,12 +172,12 @@ class _ZenohNode(Node):
         qos: Qos = TOPIC,
     ) -> ZenohSubscription:
         with self._lifetime:
-            place = self._place(Role.SUBSCRIPTION, topic, of, qos)
-            return ZenohSubscription(self, place, of, callback, qos)
+            endpoint = self._endpoint(Role.SUBSCRIPTION, topic, of, qos)
+            return ZenohSubscription(self, endpoint, of, callback, qos)
 
     def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> ZenohClient:
         with self._lifetime:
-            return ZenohClient(self, self._place(Role.CLIENT, service, of, qos), of)
+            return ZenohClient(self, self._endpoint(Role.CLIENT, service, of, qos), of)
 
     def server(
         self,
@@ -187,18 +187,20 @@ class _ZenohNode(Node):
         qos: Qos = SERVICE,
     ) -> ZenohServer:
         with self._lifetime:
-            return ZenohServer(self, self._place(Role.SERVER, service, of, qos), of, handler)
+            return ZenohServer(self, self._endpoint(Role.SERVER, service, of, qos), of, handler)
 
     def __str__(self) -> str:
         return f"the node {self.name}"
 
-    def _place(
+    def _endpoint(
         self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos
     ) -> ZenohEndpoint:
         self._check_open()
         full = self._names.full(name)
         end = Endpoint(role, self.name, full, of.name, of.type_hash, qos)
-        return ZenohEndpoint(self._wire, self._token_key, next(self._numbers), end, of.dds_name)
+        return ZenohEndpoint(
+            self._connection, self._token_key, next(self._numbers), end, of.dds_name
+        )
 
     def _close(self) -> None:
         self._token.undeclare()

@@ -40,7 +40,7 @@ class Scene:
     def __init__(self):
         world = MemoryWorld()
         self.ours, self.theirs = MemoryTransport(world), MemoryTransport(world)
-        self.backlog, self.clock = CallQueue(), ManualClock()
+        self.queue, self.clock = CallQueue(), ManualClock()
         self.begun = {}
         self.fails = False
         self.server = ActionServer(
@@ -50,7 +50,7 @@ class Scene:
             TYPES,
             begin=self.begin,
             cancel=lambda goal: goal.message.theta <= 100,
-            put=self.backlog.put,
+            put=self.queue.put,
             clock=self.clock,
         )
         node = self.theirs.node("client")
@@ -77,13 +77,13 @@ class Scene:
         self.theirs.close()
 
     def wait(self, ready):
-        wait_for(ready, between=self.backlog.run_pending)
+        wait_for(ready, between=self.queue.run_pending)
 
     def ask(self, name, **fields):
         client, of = self.services[name]
         future = client.call(of.request.message(**fields), timeout=20)
-        self.wait(lambda: future.done() or len(self.backlog))
-        self.backlog.run_pending()
+        self.wait(lambda: future.done() or len(self.queue))
+        self.queue.run_pending()
         return future
 
     def call(self, name, **fields):

@@ -58,7 +58,7 @@ def simulator(log: list[tuple[Level, str]]) -> Simulator:
 class Ros:
     """Our node on a graph, and another that talks to it from a transport of its own.
 
-    Time passes only by `step`. What waits here works off our backlog meanwhile.
+    Time passes only by `step`. What waits here works off our queue meanwhile.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Ros:
             self.turtlesim.step()
 
     def until(self, ready: Callable[[], object]) -> None:
-        wait_for(ready, between=self.turtlesim.backlog.run_pending)
+        wait_for(ready, between=self.turtlesim.queue.run_pending)
 
     def hear(self, topic: str, type_name: str, qos: Qos = _ALL) -> list[Any]:
         """Return a list of the messages of a topic from now on; it grows as they come."""
@@ -101,13 +101,13 @@ class Ros:
         return got
 
     def ask(self, service: str, type_name: str, **fields: Any) -> Future[Any]:
-        """Call a service, and wait until that is in our backlog."""
+        """Call a service, and wait until that is in our queue."""
         of = self.types.service(type_name)
         client = self._clients.get(service)
         if client is None:
             client = self._clients[service] = self.node.client(service, of)
         assert self.transport.wait_graph(lambda _: client.ready, PATIENCE_S)
-        before = len(self.turtlesim.backlog)
+        before = len(self.turtlesim.queue)
         future = client.call(of.request.message(**fields), timeout=PATIENCE_S)
         self.arrives(before)
         return future
@@ -119,7 +119,7 @@ class Ros:
         return future.result()
 
     def command(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
-        """Command turtle1, and wait until that is in our backlog."""
+        """Command turtle1, and wait until that is in our queue."""
         topic = "/turtle1/cmd_vel"
         if topic not in self._publishers:
             twist = self.types.message("geometry_msgs/msg/Twist")
@@ -127,13 +127,13 @@ class Ros:
             assert self.transport.wait_graph(
                 lambda graph: bool(graph.ends(topic, Role.SUBSCRIPTION)), PATIENCE_S
             )
-        before = len(self.turtlesim.backlog)
+        before = len(self.turtlesim.queue)
         self._publishers[topic].publish(Twist(Vector3(x=x, y=y), Vector3(z=z)))
         self.arrives(before)
 
     def arrives(self, before: int) -> None:
-        """Wait until our backlog has one thing more than before."""
-        wait_for(lambda: len(self.turtlesim.backlog) > before)
+        """Wait until our queue has one thing more than before."""
+        wait_for(lambda: len(self.turtlesim.queue) > before)
 
 
 @pytest.fixture

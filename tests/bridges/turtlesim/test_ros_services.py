@@ -98,7 +98,7 @@ def test_the_log_is_on_rosout_for_who_comes_later(ros):
 def test_what_came_for_a_turtle_that_is_killed_first_has_failed_and_harms_nobody(ros, log, caplog):
     call(ros, "/spawn", name="bob")
     ros.command(x=2.0)
-    ros.turtlesim.backlog.run_pending()
+    ros.turtlesim.queue.run_pending()
     kill = ros.ask("/kill", TYPES["kill"], name="bob")
     late = ros.ask("/bob/teleport_absolute", TYPES["teleport_absolute"], x=1.0)
     log.clear()
