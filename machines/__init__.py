@@ -1,6 +1,6 @@
-"""The machines that ship, by the names under which ``llfsm run`` knows them.
+"""The machines that ship, under the names by which ``llfsm run`` finds them.
 
-They re-create the machines of the system that this project follows, odd spellings included.
+They re-create the example machines of clfsm, odd spellings included.
 """
 
 from .blind_turtle import RosBlindTurttleBot

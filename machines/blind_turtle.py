@@ -1,16 +1,15 @@
-"""A machine that only acts: it drives a turtle in triangles without looking."""
+"""A machine without sensors: it drives a turtle in triangles."""
 
 from llfsm.runtime import Actuator, Machine, State
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 
-from .ending import stopping
-from .turtle import CMD_VEL, twist
+from .common import CMD_VEL, stopping, twist
 
 __all__ = ["RosBlindTurttleBot"]
 
 
 class RosBlindTurttleBot(Machine):
-    """Drive ahead for a second, turn right for a second, and so on."""
+    """Drive ahead for a second, turn right for a second, and repeat."""
 
     drive = Actuator(CMD_VEL, at_end=Twist())
     linear_x: float = 0.0  # m/s

@@ -1,4 +1,4 @@
-"""A machine that posts a text again and again."""
+"""A machine that posts a text repeatedly."""
 
 import logging
 
@@ -6,7 +6,7 @@ from llfsm.runtime import Actuator, Machine, State
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import String
 
-from .ending import stopping
+from .common import stopping
 
 __all__ = ["PINPONG", "RosPingPong"]
 
@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 
 
 class RosPingPong(Machine):
-    """Post and log ``hello world <count>``, counting up, every 20 ms after the first second."""
+    """After one second, post and log ``hello world <count>`` every 20 ms, counting up."""
 
     say = Actuator(PINPONG)
     count: int = 0

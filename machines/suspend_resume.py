@@ -2,13 +2,13 @@
 
 from llfsm.runtime import Machine, State
 
-from .ending import stopping
+from .common import stopping
 
 __all__ = ["TurtleSuspendResume"]
 
 
 class TurtleSuspendResume(Machine):
-    """Suspend the machine named `target` for three seconds, let it run for five, and so on."""
+    """Suspend the machine named `target` for three seconds, let it run for five, and repeat."""
 
     target: str = "RosBlindTurttleBot"
 
@@ -28,14 +28,14 @@ class TurtleSuspendResume(Machine):
 
     @INITIAL.to(HOLD)
     def target_is_suspended(self) -> bool:
-        """Tell whether the suspension has taken effect."""
+        """Return whether the suspension has taken effect."""
         return self.is_suspended(self.target)
 
     HOLD.to(RESTART, after_ms=3000)
 
     @RESTART.to(WATCH)
     def target_is_running(self) -> bool:
-        """Tell whether the resumption has taken effect."""
+        """Return whether the resumption has taken effect."""
         return self.is_running(self.target)
 
     WATCH.to(INITIAL, after_ms=5000)

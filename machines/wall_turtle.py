@@ -1,4 +1,4 @@
-"""A reactive machine: it asks where the turtle is and keeps it away from the walls."""
+"""A reactive machine: it asks for the turtle's position and keeps it away from the walls."""
 
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard.messages.geometry_msgs import Twist
@@ -9,17 +9,16 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
     TurtlePositionRequest,
 )
 
-from .ending import stopping
-from .turtle import CMD_VEL, twist
+from .common import CMD_VEL, stopping, twist
 
 __all__ = ["RosWallTurttleBot"]
 
 
 class RosWallTurttleBot(Machine):
-    """Drive ahead, stop, look where the turtle is; near a wall, back off and turn right.
+    """Drive ahead, stop, and ask for the position; near a wall, back off and turn right.
 
-    The original calls the position service inside an expression and blocks every machine until
-    it answers. Here the request goes to a slot, and the expression pulls the answer.
+    The original calls the position service in an expression, which blocks every machine until the
+    service answers. Here the request is posted to a slot, and the expression reads the answer.
     """
 
     drive = Actuator(CMD_VEL, at_end=Twist())
@@ -28,7 +27,7 @@ class RosWallTurttleBot(Machine):
     answer = Sensor(ANSWER, default=TurtlePositionAnswer())
     linear_x: float = 0.0  # m/s
     angular_z: float = 0.0  # rad/s
-    number: int = 0  # of our latest request
+    number: int = 0  # of the latest request
     pos_x: int = 0  # whole metres
     pos_y: int = 0
 
@@ -46,7 +45,7 @@ class RosWallTurttleBot(Machine):
         self.drive(twist(linear_x, angular_z))
 
     def ask_position(self) -> None:
-        """Post a request that no answer up to now can be meant for."""
+        """Post a request with a number that no earlier request or answer has."""
         self.number = max(self.asked.number, self.answer.number) + 1
         self.ask(TurtlePositionRequest(self.number))
 
@@ -66,7 +65,7 @@ class RosWallTurttleBot(Machine):
     @STOP.internal
     def _(self) -> None:
         if self.answer.number >= self.number and self.answer.failure:
-            self.ask_position()  # as the original, which calls until it is told
+            self.ask_position()  # like the original, which repeats its call
 
     @TEST.on_entry
     def _(self) -> None:
@@ -85,12 +84,12 @@ class RosWallTurttleBot(Machine):
 
     @STOP.to(TEST, after_ms=1000)
     def answered(self) -> bool:
-        """Tell whether the answer to our latest request is there."""
+        """Return whether the latest request was answered."""
         return self.answer.number >= self.number and not self.answer.failure
 
     @TEST.to(STRAIGHT)
     def away_from_walls(self) -> bool:
-        """Tell whether the turtle may drive ahead."""
+        """Return whether the turtle may drive ahead."""
         return self.pos_x > 2 and self.pos_y > 2 and self.pos_x < 9 and self.pos_y < 9
 
     TEST.to(BACK, after_ms=1000)

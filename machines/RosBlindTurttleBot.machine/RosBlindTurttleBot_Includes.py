@@ -1,4 +1,4 @@
-"""Drive ahead for a second, turn right for a second, and so on."""
+"""Drive ahead for a second, turn right for a second, and repeat."""
 
 from llfsm.runtime import Actuator
 from llfsm.whiteboard import Slot

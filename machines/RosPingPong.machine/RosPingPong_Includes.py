@@ -1,4 +1,4 @@
-"""Post and log ``hello world <count>``, counting up, every 20 ms after the first second."""
+"""After one second, post and log ``hello world <count>`` every 20 ms, counting up."""
 
 import logging
 

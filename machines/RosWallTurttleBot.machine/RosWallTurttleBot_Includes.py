@@ -1,4 +1,4 @@
-"""Drive ahead, stop, look where the turtle is; near a wall, back off and turn right."""
+"""Drive ahead, stop, and ask for the position; near a wall, back off and turn right."""
 
 from llfsm.runtime import Actuator, Sensor
 from llfsm.whiteboard import Slot

@@ -6,6 +6,6 @@ def move(ahead: float, turn: float) -> None:
 
 
 def ask_position() -> None:
-    """Post a request that no answer up to now can be meant for."""
+    """Post a request with a number that no earlier request or answer has."""
     number = max(asked.number, answer.number) + 1
     ask(TurtlePositionRequest(number))

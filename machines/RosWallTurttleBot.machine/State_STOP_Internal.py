@@ -1,2 +1,2 @@
 if answer.number >= number and answer.failure:
-    ask_position()  # as the original, which calls until it is told
+    ask_position()  # like the original, which repeats its call

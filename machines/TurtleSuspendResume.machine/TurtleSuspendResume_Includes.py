@@ -1,1 +1,1 @@
-"""Suspend the machine named `target` for three seconds, let it run for five, and so on."""
+"""Suspend the machine named `target` for three seconds, let it run for five, and repeat."""

@@ -13,8 +13,8 @@ from llfsm.machines import (
     RosWallTurttleBot,
     TurtleSuspendResume,
 )
+from llfsm.machines.common import CMD_VEL
 from llfsm.machines.ping_pong import PINPONG
-from llfsm.machines.turtle import CMD_VEL
 from llfsm.runtime import Arrangement, Machine, ManualClock, Trace
 from llfsm.runtime.bundles import load_bundle, read_bundle
 from llfsm.runtime.engine.events import Eval

@@ -12,8 +12,8 @@ from llfsm.machines import (
     RosWallTurttleBot,
     TurtleSuspendResume,
 )
+from llfsm.machines.common import CMD_VEL
 from llfsm.machines.ping_pong import PINPONG
-from llfsm.machines.turtle import CMD_VEL
 from llfsm.runtime import Arrangement, Machine, ManualClock
 from llfsm.runtime.engine.events import Event, Section
 from llfsm.whiteboard import Board, Message, Slot, Whiteboard

@@ -36,7 +36,7 @@ def test_imports_flow_one_way() -> None:
         ("whiteboard/slots.py", "llfsm.cli.root", "llfsm.whiteboard -> llfsm.cli"),
         ("bridges/view/errors.py", "llfsm.cli.lazy", "llfsm.bridges -> llfsm.cli"),
         ("whiteboard/slots.py", "llfsm.runtime.plans", "llfsm.whiteboard -> llfsm.runtime"),
-        ("bridges/view/errors.py", "llfsm.machines.turtle", "llfsm.bridges -> llfsm.machines"),
+        ("bridges/view/errors.py", "llfsm.machines.common", "llfsm.bridges -> llfsm.machines"),
     ],
 )
 def test_the_linter_notices_a_wrong_import(

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import strategies as st
 
 from llfsm.machines import RosBlindTurttleBot
-from llfsm.machines.turtle import CMD_VEL
+from llfsm.machines.common import CMD_VEL
 from llfsm.runtime import (
     Arrangement,
     ExecutionError,
@@ -69,16 +69,12 @@ def test_the_bug_is_found_with_the_shortest_script_that_replays():
     ]
     (note,) = error.__notes__
     code = note.removeprefix("To play it again:\n\n")
-    assert code.split("\n\n")[1].strip().split("\n") == [
-        "play(",
-        "    [Lift],",
-        "    [",
-        "        Step(0, {Slot('call', Floor, 64): Floor(number=4)}),",
-        "        Step(0, {Slot('door', Door): Door(open=True)}),",
-        "    ],",
-        "    invariant=door_is_closed_while_moving,",
-        ")",
-    ]
+    *before, called, opened, end, invariant, last = code.split("\n\n")[1].strip().split("\n")
+    assert before == ["play(", "    [Lift],", "    ["]
+    # Hypothesis may leave a message in a step that changes nothing.
+    assert re.match(r" +Step\(0, .*Slot\('call', Floor, 64\): Floor\(number=4\)", called)
+    assert re.match(r" +Step\(0, .*Slot\('door', Door\): Door\(open=True\)", opened)
+    assert [end, invariant, last] == ["    ],", "    invariant=door_is_closed_while_moving,", ")"]
     with pytest.raises(InvariantError) as again:
         exec(code, {})
     assert str(again.value) == str(error)
