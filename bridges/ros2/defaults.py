@@ -1,4 +1,4 @@
-"""Which transport, domain and router are used where nobody names one.
+"""Defaults: which transport, domain and router are used where none is named.
 
 The environment decides as it does for ROS itself: ``ROS_DOMAIN_ID`` names the domain,
 ``RMW_IMPLEMENTATION`` the middleware of rclpy.

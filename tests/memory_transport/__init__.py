@@ -3,7 +3,7 @@
 Importable from every test: `from memory_transport import MemoryTransport, MemoryWorld`. It meets
 the contract of every transport, which tests/bridges/ros2/test_transport_*.py check.
 
-world      what transports share: who is there
+world      what transports share: the nodes and endpoints
 topics     publishers and subscriptions
 services   clients and servers
 transport  all of it as a transport

@@ -55,7 +55,7 @@ class MemoryClient(Client[Any, Any], Member):
         if servers:
             timer.call_later(timeout, partial(self._calls.timed_out, call))
         else:
-            timer.call_soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
+            timer.call_soon(partial(self._calls.unserved, call, f"no server for {self.name}"))
         return call
 
     def _close(self) -> None:

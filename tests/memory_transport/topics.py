@@ -26,7 +26,7 @@ __all__ = ["MemoryPublisher", "MemorySubscription"]
 
 
 class MemoryPublisher(Publisher[M], Member):
-    """Puts messages into the inboxes of those who fit."""
+    """Puts messages into the inboxes of compatible subscriptions."""
 
     def __init__(
         self, owner: Closable, site: Site, node: str, end: Endpoint, of: RosMessage[M], qos: Qos

@@ -53,7 +53,7 @@ class MemoryTransport(Transport):
             return _MemoryNode(self, self._site, Names(name, namespace, remap))
 
     def graph(self) -> Graph:
-        """Return who is there."""
+        """Return the graph of the domain."""
         return self._site.world.graph(self.domain)
 
     def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:

@@ -1,4 +1,4 @@
-"""What transports in memory share: who is there."""
+"""The world that transports in memory share: its nodes and endpoints."""
 
 from __future__ import annotations
 
@@ -54,17 +54,17 @@ class MemoryWorld:
         self._notifiers: dict[Notifier, None] = {}
         self._gids = itertools.count(1)
         self.changed = threading.Condition()
-        """Held while who is there changes, or while something is delivered to all of them."""
+        """Held while members change, or while something is delivered to all of them."""
         self.up = True
         self.missing_types: set[str] = set()
-        """Types of services that nobody has built here: no server can be made of them."""
+        """Types of services whose packages are not built: no server can be made of them."""
 
     def lose(self) -> None:
-        """Be gone; every transport tells it."""
+        """Go down; every transport reports it."""
         self._turn(False, NoticeKind.DOWN, "the world is lost")
 
     def restore(self) -> None:
-        """Be there again; every transport tells it."""
+        """Come back; every transport reports it."""
         self._turn(True, NoticeKind.UP, "the world is back")
 
     def _turn(self, up: bool, kind: NoticeKind, text: str) -> None:
@@ -76,22 +76,22 @@ class MemoryWorld:
                 notifier.notify(kind, text)
 
     def new_gid(self) -> bytes:
-        """Return 16 bytes that nobody else has."""
+        """Return 16 unique bytes."""
         return next(self._gids).to_bytes(16, "little")
 
     def open(self, notifier: Notifier) -> None:
-        """Tell this transport from now on."""
+        """Notify this transport from now on."""
         with self.changed:
             self._notifiers[notifier] = None
 
     def shut(self, notifier: Notifier) -> None:
-        """Tell this transport no more; who waits for the graph looks whether it is closed."""
+        """Notify this transport no more; waits for the graph check whether it is closed."""
         with self.changed:
             self._notifiers.pop(notifier, None)
             self.changed.notify_all()
 
     def enter(self, member: Member) -> None:
-        """Add a member, and tell what does not fit."""
+        """Add a member, and report incompatible endpoints."""
         with self.changed:
             others = self.named(member)
             self._members[member] = None
@@ -117,7 +117,7 @@ class MemoryWorld:
         )
 
     def wait(self, ready: Callable[[], bool], timeout: float) -> bool:
-        """Wait until something that depends on who is there becomes true."""
+        """Wait until a condition on the members becomes true."""
         with self.changed:
             return self.changed.wait_for(ready, timeout)
 

@@ -143,7 +143,7 @@ class Rclpy(NamedTuple):
     new_node: Callable[..., NodeApi]
     new_executor: Callable[..., Executor]
     shut_down: type[Exception]
-    """What ``spin_once`` raises when the context is shut down by somebody else."""
+    """What ``spin_once`` raises when the context is shut down by other code."""
     destroyed: type[Exception]
     """What using an entity raises that is destroyed."""
     unknown_node: type[Exception]

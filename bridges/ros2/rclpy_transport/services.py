@@ -64,7 +64,7 @@ class RclpyClient(Client[Any, Any]):
             self._check_open()
             call = self._calls.begin()
         if not self.ready:
-            timer.call_soon(partial(self._calls.unserved, call, f"nobody serves {self.name}"))
+            timer.call_soon(partial(self._calls.unserved, call, f"no server for {self.name}"))
             return call
         try:
             future = self._client.call_async(sent)
@@ -149,4 +149,4 @@ class _Reply(NamedTuple):
         self.server.send(data, self.header)
 
     def fail(self, reason: str) -> None:
-        """Do nothing: who asked waits until its own time-out."""
+        """Do nothing: the caller waits for its own timeout."""

@@ -67,7 +67,7 @@ class Discovery:
         types = {end.type_name for end in self.named(service) if end.role is Role.SERVER}
         if types:
             return f"{service} is served, but with another type: {', '.join(sorted(types))}"
-        return f"nobody serves {service}"
+        return f"no server for {service}"
 
     def named(self, name: str) -> list[Endpoint]:
         """Return the endpoints of one name."""

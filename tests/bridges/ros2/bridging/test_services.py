@@ -68,7 +68,7 @@ def test_a_request_in_a_slot_is_a_call(board, start, slots, serve, spawn):
 def test_without_a_server_the_answer_says_so(board, start, slots):
     client_of(start)
     board.add_message(slots.request, slots.request.type(number=1))
-    assert answer_to(board, slots, 1).failure == "nobody serves /spawn"
+    assert answer_to(board, slots, 1).failure == "no server for /spawn"
 
 
 def test_a_refusal_is_told(board, start, slots, serve):
