@@ -67,7 +67,7 @@ class Canvas:
             stroke.prolong(x1, y1)
 
     def _paint(self, pen: Pen, x0: float, y0: float, x1: float, y1: float) -> bool:
-        """Fill the pixels whose centres the pen covers, and tell whether any changed."""
+        """Fill the pixels whose centres the pen covers. Return whether any changed."""
         dx, dy = x1 - x0, y1 - y0
         length = hypot(dx, dy)
         ux, uy = (dx / length, dy / length) if length else (1.0, 0.0)

@@ -1,4 +1,4 @@
-"""What can go wrong for those who use the simulator as a library.
+"""Errors of the simulator as a library.
 
     TurtlesimError
     ├── UnknownTurtleError   no turtle has that name
@@ -6,8 +6,8 @@
     ├── ParameterError       a parameter is unknown, or the value is not one for it
     └── PictureFormatError   a picture's file ending is neither .svg nor .png
 
-What a message from outside can hold (an illegal name, a number that is not finite) raises nothing:
-one bad message must not end the simulation. It is refused, and the log says why.
+Bad messages from outside (an illegal name, a number that is not finite) raise nothing, because one
+of them must not end the simulation. They are refused, and the reason is logged.
 """
 
 from llfsm.errors import LlfsmError

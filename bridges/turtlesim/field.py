@@ -61,9 +61,9 @@ _COATS: Final = (
 def draw(simulator: Simulator, path: str | os.PathLike[str], caption: str = "") -> tuple[Path, ...]:
     """Draw the field into `path`, or without an ending into .svg and .png; return what it wrote.
 
-    Folders that are missing are made. A file is complete at every moment, also for those who read
-    it while it is replaced. Raise PictureFormatError for an ending that is neither .svg nor .png,
-    `DrawingError` for a PNG without Pillow, and OSError where a file cannot be written.
+    Missing folders are created. Files are replaced atomically. Raise `PictureFormatError` for an
+    ending that is neither .svg nor .png, `DrawingError` for a PNG without Pillow, and `OSError` if
+    a file cannot be written.
     """
     path = Path(path)
     if not path.name:

@@ -17,7 +17,7 @@ from .simulator import Simulator
 
 __all__ = ["TurtlesimNode"]
 
-_ASKED = "turtle1"  # whose position the service tells, as in the system it comes from
+_REPORTED = "turtle1"  # the turtle whose position the service returns, as in the original system
 
 
 class _TurtleSlots(NamedTuple):
@@ -43,7 +43,7 @@ class TurtlesimNode:
         self._answered = self._requests.count
 
     def step(self) -> None:
-        """Pull the commands, advance by 16 ms of simulated time, post what became of it."""
+        """Pull commands, advance by 16 ms of simulated time, post poses and colors."""
         for name in self.simulator.turtles:
             command = self._slots_of(name).command
             count = command.count
@@ -79,9 +79,9 @@ class TurtlesimNode:
         self._answered = count
         request = self._requests.get()
         assert request is not None, "a slot with a count has a message"
-        turtle = self.simulator.turtles.get(_ASKED)
+        turtle = self.simulator.turtles.get(_REPORTED)
         if turtle is None:
-            answer = TurtlePositionAnswer(request.number, failure=f"there is no {_ASKED}")
+            answer = TurtlePositionAnswer(request.number, failure=f"there is no {_REPORTED}")
         else:
             x, y, theta, *_ = turtle.pose
             answer = TurtlePositionAnswer(request.number, x, y, theta)

@@ -20,12 +20,12 @@ __all__ = ["RosTurtlesim"]
 
 
 class RosTurtlesim:
-    """Be the node ``turtlesim`` on a transport.
+    """The node ``turtlesim`` on a transport.
 
-    What comes in waits in a queue for the next step, as in turtlesim, which lets ROS have its say
-    before each. So the simulator knows of one thread alone, and requests are answered from there.
+    Messages and requests wait in a queue for the next step, as in turtlesim, which handles ROS
+    callbacks before each step. So the simulator runs on one thread, which also answers requests.
 
-    simulator: what is simulated; between two steps it may be asked anything.
+    simulator: the simulator; between two steps it may be used freely.
     queue: what waits for the next step.
     log: called with each line of the log, which is published on /rosout, too.
     """
@@ -36,7 +36,7 @@ class RosTurtlesim:
         self._node = node = transport.node("turtlesim")
         self._rosout = Rosout(node, types)
         self._log = log
-        self.simulator = simulator = Simulator(self._tell)
+        self.simulator = simulator = Simulator(self._log_line)
         self._turtles: dict[str, RosTurtle] = {}
         ParameterServer(node, types, simulator.parameters, self.queue.put)
         TypeDescriptionServer(node, types, self.queue.put)
@@ -52,7 +52,7 @@ class RosTurtlesim:
         self._follow_turtles()
 
     def step(self) -> None:
-        """Do what came in, advance by 16 ms of simulated time, publish what became of it."""
+        """Handle pending messages, advance by 16 ms of simulated time, publish the results."""
         self.queue.run_pending()
         self.simulator.step()
         for turtle in self._turtles.values():
@@ -91,7 +91,7 @@ class RosTurtlesim:
         return {}
 
     def _follow_turtles(self) -> None:
-        """Put on the graph who is new, take off who is gone; after a reset turtle1 is another."""
+        """Add new turtles to the graph and remove killed ones. A reset makes a new turtle1."""
         turtles = self.simulator.turtles
         for name, on_graph in list(self._turtles.items()):
             if turtles.get(name) is not on_graph.turtle:
@@ -103,6 +103,6 @@ class RosTurtlesim:
                     turtle, self.simulator, self._node, self._types, self.queue.put
                 )
 
-    def _tell(self, level: Level, text: str) -> None:
+    def _log_line(self, level: Level, text: str) -> None:
         self._log(level, text)
         self._rosout.log(level, text)

@@ -47,11 +47,11 @@ class RosTurtle:
         self._result = rotate.result.message
         self._ends = ExitStack()
         opened = self._ends.enter_context
-        self._tell_pose = opened(node.publisher(f"{name}/pose", types.of(Pose), _QOS)).publish
-        self._tell_color = opened(
+        self._publish_pose = opened(node.publisher(f"{name}/pose", types.of(Pose), _QOS)).publish
+        self._publish_color = opened(
             node.publisher(f"{name}/color_sensor", types.of(Color), _QOS)
         ).publish
-        opened(node.subscription(f"{name}/cmd_vel", types.of(Twist), self._hear, _QOS))
+        opened(node.subscription(f"{name}/cmd_vel", types.of(Twist), self._on_command, _QOS))
         for service, type_name, do in (
             ("set_pen", "SetPen", self._set_pen),
             ("teleport_absolute", "TeleportAbsolute", self._teleport_absolute),
@@ -72,14 +72,14 @@ class RosTurtle:
         self._ends.callback(action.close)
 
     def publish(self) -> None:
-        """Tell what a step has made of the turtle and of its goal."""
+        """Publish the turtle's pose and color and its goal's feedback after a step."""
         if self._rotation is not None:
             goal, rotation = self._rotation
             if rotation.status in (GoalStatus.EXECUTING, GoalStatus.SUCCEEDED):
                 goal.publish_feedback(self._feedback(remaining=rotation.remaining))
         self._settle()
-        self._tell_pose(Pose(*self.turtle.pose))
-        self._tell_color(Color(*self.turtle.color))
+        self._publish_pose(Pose(*self.turtle.pose))
+        self._publish_color(Color(*self.turtle.color))
 
     def close(self) -> None:
         """Take it off the graph; its goal, if any, has ended."""
@@ -90,10 +90,10 @@ class RosTurtle:
     def _put(self, do: Callable[[], object]) -> None:
         self._put_on(lambda: None if self._gone else do())
 
-    def _hear(self, arrival: SerializedMessage[Twist]) -> None:
+    def _on_command(self, arrival: SerializedMessage[Twist]) -> None:
         self._put(
             partial(self._obey, arrival.decode())
-        )  # here, so that the transport tells bad ones
+        )  # here, so that the transport reports bad ones
 
     def _obey(self, twist: Twist) -> None:
         linear = twist.linear
@@ -123,7 +123,7 @@ class RosTurtle:
         return self._rotation is not None and self._rotation[1].cancel()
 
     def _settle(self) -> None:
-        """Tell how the goal has ended, if it has."""
+        """Send the goal's result if it has ended."""
         if self._rotation is not None and not self._rotation[1].active:
             goal, rotation = self._rotation
             self._rotation = None

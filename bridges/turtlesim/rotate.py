@@ -30,7 +30,7 @@ class RotateGoal:
 
     @property
     def active(self) -> bool:
-        """Tell whether the goal has not ended."""
+        """Whether the goal has not ended."""
         return self.status.active
 
     def cancel(self) -> bool:

@@ -191,7 +191,7 @@ class Simulator:
 
 
 def _name_fault(name: str) -> str:
-    """Say why a name cannot begin the names of a turtle's topics; "" if it can."""
+    """Return why a name is not a valid prefix of a turtle's topics, or "" if it is."""
     if len(name) > _LONGEST_NAME:
         return f"it has more than {_LONGEST_NAME} characters"
     if not _NAME.fullmatch(name):

@@ -1,6 +1,6 @@
-"""Machines as `.machine` folders, as clfsm's tools keep them: read, run, written, imported.
+"""Machines as `.machine` folders, the format of clfsm's tools: read, run, write, import them.
 
-Read in this order: `model` (what a bundle says), `read` with `cpp` and `plist` (how it is read),
+Read in this order: `model` (the contents of a bundle), `read` with `cpp` and `plist` (reading it),
 `names`, `code`, `scope` and `compiling` (how a Python bundle runs), `outline` (how any bundle is
 drawn), `write`, then `expressions` and `importing` (how a C++ bundle becomes a Python one).
 """

@@ -1,4 +1,4 @@
-"""Compile and run the texts of a bundle: what goes wrong is said with their files and lines."""
+"""Compile and run the texts of a bundle; errors name the file and the line."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def parse_expression(fragment: Fragment) -> ast.expr:
     tree = parse(Fragment(fragment.text.lstrip(" \t"), fragment.file))
     only = tree.body[0] if len(tree.body) == 1 else None
     if not isinstance(only, ast.Expr):
-        raise fragment.error("this is not one expression", tree.body[0].lineno if only else 1)
+        raise fragment.error("not a single expression", tree.body[0].lineno if only else 1)
     return only.value
 
 
@@ -63,7 +63,7 @@ def function_of(
 def run(
     tree: ast.Module, fragment: Fragment, module: dict[str, Any], made: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Run statements in `module` and return where they put their names: `made`, or else it."""
+    """Run statements in `module`. Return the names that they define: `made`, or else `module`."""
     _execute(tree, "exec", fragment, module, made)
     return module if made is None else made
 

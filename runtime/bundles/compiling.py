@@ -1,4 +1,4 @@
-"""Make a machine class from a bundle of Python, equal to a class statement that says the same."""
+"""Make a machine class from a Python bundle, equal to one written as a class statement."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ __all__ = ["compile_bundle", "load_bundle"]
 
 
 def load_bundle(folder: str | Path) -> type[Machine]:
-    """Return the machine class that the bundle of Python in `folder` describes.
+    """Return the machine class that the Python bundle in `folder` describes.
 
-    Its `table.path` is the real path of the folder, its `table.layout` what ``Layout.plist``
-    says. Raise `BundleError` for what cannot be read or means nothing, with file and line, and
-    `DefinitionError` for a table that contradicts itself.
+    Its `table.path` is the real path of the folder, its `table.layout` is read from
+    ``Layout.plist``. Raise `BundleError`, with file and line, for text that cannot be read or
+    understood, and `DefinitionError` for an inconsistent table.
     """
     return compile_bundle(read_bundle(folder))
 
@@ -38,7 +38,7 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     path = bundle.path
     module = ModuleType(path)
     module.__file__ = path
-    sys.modules[path] = module  # where message types made in it look for their annotations
+    sys.modules[path] = module  # where message types defined in it look up their annotations
     _extend_search(bundle)
     scope = LoadedScope(vars(module))
     scope.declare(bundle)
@@ -85,7 +85,7 @@ def _transition(state: State, target: State, fragment: Fragment, scope: LoadedSc
 
 
 def _split(expression: ast.expr) -> tuple[float | None, float | None, ast.expr | None]:
-    """Return the milliseconds or seconds that `expression` waits for first, and what is left."""
+    """Return the milliseconds or seconds that `expression` waits for first, and the rest of it."""
     first, rest = expression, None
     if isinstance(expression, ast.BoolOp) and isinstance(expression.op, ast.And):
         first, *others = expression.values
@@ -102,7 +102,7 @@ def _split(expression: ast.expr) -> tuple[float | None, float | None, ast.expr |
 
 
 def _extend_search(bundle: Bundle) -> None:
-    """Let imports find what is in the bundle's include folders."""
+    """Add the bundle's include folders to the import path."""
     for text in bundle.include_paths:
         path = os.path.expandvars(text)
         if bundle.folder is not None:

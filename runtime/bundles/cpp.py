@@ -1,7 +1,7 @@
-"""Where C++ bundles hide their structure: the targets, and the suspend state, in generated code.
+"""Find the targets of transitions and the suspend state of a C++ bundle in its generated code.
 
-Generators differ in white space, and the newest one gives the targets where transitions are
-made instead of where their classes are declared.
+Generators differ in white space. The newest one gives the targets where transitions are created
+instead of where their classes are declared.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ def targets(
 ) -> tuple[str, ...]:
     """Return the names of the states that the transitions of `state` lead to, in order.
 
-    `header` says how many there are. The target of each is the argument with which `code`
-    makes it, or else the default that `header` gives that argument. Raise `BundleError`.
+    `header` gives their number. The target of each is the argument with which `code` creates it,
+    or else the default of that argument in `header`. Raise `BundleError`.
     """
     declared = without_comments(header.text)
     made = "" if code is None else without_comments(code.text)
     count = _COUNT.search(declared)
     if count is None:
-        raise header.error(f"it does not say how many transitions state {state!r} has")
+        raise header.error(f"it does not give the number of transitions of state {state!r}")
     found = []
     for number in range(int(count[1])):
         for text, fragment, before in ((made, code, "new"), (declared, header, "default")):
@@ -74,7 +74,7 @@ def suspend_state(code: Fragment, names: Sequence[str]) -> str | None:
     if not index and named and named[1] in names:
         return named[1]
     line = text.count("\n", 0, match.start()) + 1
-    raise code.error(f"setSuspendState is given {given!r}, which is no state", line)
+    raise code.error(f"setSuspendState is given {given!r}, which is not a state", line)
 
 
 def without_comments(text: str) -> str:

@@ -1,7 +1,7 @@
-"""Translate C++ expressions to Python where both surely mean the same, and refuse the others.
+"""Translate C++ expressions to Python where both certainly mean the same, and refuse the others.
 
-What is refused is what differs or cannot be known from the bundle alone: division of whole
-numbers, unsigned arithmetic, pointers, macros, calls of anything but clfsm's questions.
+Refused is what differs or cannot be decided from the bundle alone: integer division, unsigned
+arithmetic, pointers, macros, and all calls but those of clfsm's own predicates.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ KINDS = {
     "single": ("float", "0.0"),  # rounded more coarsely in C++
     "string": ("str", '""'),
 }
-"""The kinds of values that are told apart, with their Python types and what is zero there."""
+"""The kinds of values that are distinguished, with their Python types and zero values."""
 
 _TOKEN = re.compile(
     r"""\s*(?:
@@ -56,7 +56,7 @@ class Variable(NamedTuple):
 
 
 def translate_condition(text: str, variables: Mapping[str, Variable]) -> str | None:
-    """Return Python that is True or False as `text` is, or None if that is not certain.
+    """Return Python that has the truth value of `text`, or None if that is not certain.
 
     A C++ ``float`` becomes Python's, which is a ``double``: variables of that type are only
     compared, and only with what is exact in both.
@@ -88,7 +88,7 @@ def translate_value(text: str, kind: str) -> str | None:
 
 
 class _RefusedError(Exception):
-    """Say that the text is not translated."""
+    """The text is not translated."""
 
 
 class _Value(NamedTuple):
@@ -282,7 +282,7 @@ def _never_negative(value: _Value) -> bool:
 
 
 def _exact(value: _Value) -> bool:
-    """Tell whether `value` is a constant, or a bool, that a C++ ``float`` holds exactly."""
+    """Return whether `value` is a constant, or a bool, that a C++ ``float`` holds exactly."""
     node = value.node.operand if isinstance(value.node, ast.UnaryOp) else value.node
     if not isinstance(node, ast.Constant) or not isinstance(node.value, int | float):
         return value.kind == "bool"

@@ -1,7 +1,7 @@
-"""Make a bundle of Python from one of C++: what is certain is translated, the rest is marked.
+"""Convert a C++ bundle to Python: what is certain is translated, the rest is marked.
 
-A mark is the name `UNTRANSLATED`; a bundle that has one does not run, and says where it is. The
-C++ text stands beside each as comments.
+A mark is the name `UNTRANSLATED`; a bundle with a mark does not run, and the error gives its
+file and line. The C++ text is kept beside each mark, as comments.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ _NO_STATEMENT = re.compile(r"[{};\s]|using\s+namespace\s+[\w:]+\s*;")
 
 
 def import_bundle(bundle: Bundle) -> Bundle:
-    """Return the bundle of Python for one of C++; its layout, names and targets are the same."""
+    """Return the Python bundle for a C++ one, with the same layout, names and targets."""
     if bundle.language == PYTHON:
-        raise Fragment("", bundle.folder).error("this is a bundle of Python already")
+        raise Fragment("", bundle.folder).error("this is already a Python bundle")
     variables, declared = _variables(bundle.variables, {})
     return Bundle(
         bundle.name,
@@ -84,7 +84,7 @@ def _expression(fragment: Fragment, known: Mapping[str, Variable]) -> Fragment:
 def _variables(
     fragment: Fragment | None, outer: Mapping[str, Variable]
 ) -> tuple[Fragment | None, dict[str, Variable]]:
-    """Return the declarations in Python, and all variables known then by their names in C++."""
+    """Return the declarations in Python, and all variables known after them, by their C++ names."""
     known = dict(outer)
     if fragment is None:
         return None, known
@@ -93,7 +93,7 @@ def _variables(
     for text, bare in zip(whole, without_comments(fragment.text).split("\n"), strict=True):
         code = bare.strip()
         if not code:
-            continue  # what stands on lines of its own is the generators' comment
+            continue  # comments on their own lines are the generators'
         comment = " ".join(text[len(bare.rstrip()) :].strip(" \t/*!<").split())
         line = _declare(code, known)
         lines.append(f"{line}  # {comment}" if comment else line)
@@ -118,7 +118,7 @@ def _declare(code: str, known: dict[str, Variable]) -> str:
 
 
 def _python_name(name: str, known: Mapping[str, Variable]) -> str:
-    """Return `name`, or a free one like it if it means something else in a bundle of Python."""
+    """Return `name`, or a similar free one if it has another meaning in a Python bundle."""
     taken = {variable.name for key, variable in known.items() if key != name}
     reserved = (*dir(Machine), *keyword.kwlist, *_RESERVED)
     while name in reserved or name in taken or name[:2] == "__":

@@ -1,7 +1,7 @@
-"""What a bundle says: states in order, their texts and targets, and where each text is written.
+"""The contents of a bundle: its states in order, their texts and targets, and each text's file.
 
-Two bundles are equal if they say the same, wherever they lie. What is absent and what is blank
-is the same, and absent here.
+Two bundles are equal if their contents are, wherever they are stored. A blank text counts as
+absent.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ PYTHON = "python"
 
 @dataclass(frozen=True)
 class Fragment:
-    """A text of a bundle, with lines that end in ``\\n``, and the file that it stands in."""
+    """A text of a bundle, with lines that end in ``\\n``, and the file that contains it."""
 
     text: str
     file: Path | None = field(default=None, compare=False)
 
     @property
     def source(self) -> str:
-        """What a traceback names as its file."""
+        """The file name shown in tracebacks."""
         return "<bundle>" if self.file is None else str(self.file)
 
     def error(self, what: str, line: int | None = None) -> BundleError:
-        """Return the error that says `what` is wrong in this text."""
+        """Return an error about this text."""
         return BundleError(what, self.file, line)
 
 
@@ -56,9 +56,9 @@ class BundleState:
 
 @dataclass(frozen=True)
 class Bundle:
-    """A machine as a bundle describes it; the first state is initial.
+    """A machine as a bundle describes it; the first state is the initial state.
 
-    `language` is "python", or what a C++ bundle calls itself (by default "objc++").
+    `language` is "python", or the language that a C++ bundle names (by default "objc++").
     """
 
     name: str

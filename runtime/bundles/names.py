@@ -1,9 +1,9 @@
-"""Give the bare names of a bundle's code their meaning: variables, ports, functions of a machine.
+"""Resolve the bare names of a bundle's code: variables, ports and functions of its machine.
 
 In a section, ``count`` is the machine's variable and ``after_ms(10)`` asks the machine, as in
 clfsm. The syntax tree is rewritten so that such a name is an attribute of the machine, which
-every function takes as its only hidden parameter: then the code costs what a method costs, and
-keeps its lines. Names that the code binds itself, in a lambda say, stay what they are in Python.
+every function takes as a hidden parameter. The code is then as fast as a method, and keeps its
+line numbers. Names that the code binds itself, as in a lambda, keep their meaning in Python.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ __all__ = [
 ]  # fmt: skip
 
 MACHINE = "<machine>"
-"""The hidden parameter: no name that code can contain."""
+"""The hidden parameter, a name that code cannot contain."""
 UNTRANSLATED = "UNTRANSLATED"
-"""The name that marks what an import has left to be translated by hand."""
+"""The name that marks what an import leaves to be translated by hand."""
 
 _COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 _ALWAYS_KNOWN = frozenset(dir(builtins)) | {"__class__"}
@@ -33,7 +33,7 @@ N = TypeVar("N", bound=ast.AST)
 
 
 class Meaning(NamedTuple):
-    """What a bare name stands for: an attribute of the machine, and what kind of thing it is."""
+    """What a bare name stands for: an attribute of the machine and the kind of that attribute."""
 
     attribute: str
     kind: str

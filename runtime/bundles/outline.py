@@ -1,4 +1,4 @@
-"""A bundle as a table to be looked at: made of its texts alone, whatever language they are in."""
+"""A table that can be drawn, made of the texts of a Python or C++ bundle without running them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ __all__ = ["outline"]
 
 
 def outline(bundle: Bundle) -> Table:
-    """Return the states, transitions and layout of `bundle`, to be drawn and not to be run.
+    """Return the states, transitions and layout of `bundle`, to be drawn but not run.
 
-    Nothing of the bundle is compiled or imported, so its code may need what is not installed.
-    States, labels, sections and layout are those of the class that `compile_bundle` returns for a
-    bundle of Python; variables and ports are left out. Raise `BundleError` for Python that cannot
-    be parsed.
+    Nothing is compiled or imported, so modules that the code needs may be missing. For a Python
+    bundle, the states, labels, sections and layout equal those of the class that `compile_bundle`
+    returns. Variables and ports are left out. Raise `BundleError` for Python that cannot be parsed.
     """
     python = bundle.language == PYTHON
     states = {each.name: State(each.name, suspend=each.name == bundle.suspend)

@@ -19,15 +19,15 @@ _POINTS = ("srcPoint", "dstPoint", "controlPoint1", "controlPoint2")
 
 
 def read_layout(file: Path) -> MachineLayout:
-    """Return the layout in `file`; what it lacks is left out. Raise `BundleError`.
+    """Return the layout in `file`, without incomplete parts. Raise `BundleError`.
 
-    A state without a place has no box. Paths belong to transitions by position, so they end at
+    A state without a position has no box. Paths belong to transitions by position, so they end at
     the first that is incomplete.
     """
     try:
         found = plistlib.loads(file.read_bytes())
     except (plistlib.InvalidFileException, ExpatError, ValueError, TypeError, IndexError) as error:
-        raise BundleError(f"this is no property list: {error}", file) from error
+        raise BundleError(f"not a property list: {error}", file) from error
     except OSError as error:
         raise BundleError(error.strerror or str(error), file) from error
     boxes: dict[str, StateBox] = {}

@@ -1,7 +1,7 @@
-"""Read a bundle, of Python or C++, whatever wrote it.
+"""Read a Python or C++ bundle, whichever tool wrote it.
 
-The list of states decides which files belong: bundles keep files of states and transitions that
-they no longer have, and one state's name may be the beginning of another's.
+The list of states decides which files are read: bundles keep files of states and transitions that
+no longer exist, and one state's name may be a prefix of another's.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ STATE_NAME = re.compile(r"[^\W\d]\w*", re.ASCII)
 
 
 def read_bundle(folder: str | Path) -> Bundle:
-    """Return what the bundle in `folder` says.
+    """Return the contents of the bundle in `folder`.
 
     Raise `BundleError`, which names the file, and the line where there is one.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise BundleError("there is no such folder", folder)
+        raise BundleError("folder not found", folder)
     return Reader(folder.resolve()).bundle()
 
 
@@ -56,7 +56,7 @@ class Reader:
         self.headers = _PYTHON_FILES if self.python else _HEADER_FILES
 
     def bundle(self) -> Bundle:
-        """Return all that the folder says."""
+        """Return the contents of the folder."""
         names = self.state_names()
         states = tuple(self.state(name, names) for name in names)
         return Bundle(
@@ -73,10 +73,10 @@ class Reader:
         )
 
     def state_names(self) -> list[str]:
-        """Return the states in order; what is no list of names is an error."""
+        """Return the states in order. Anything but a list of names is an error."""
         if not (self.folder / "States").exists():
             raise BundleError(
-                "there is no file States, which lists the states: this is no bundle", self.folder
+                "not a bundle: there is no file States, which lists the states", self.folder
             )
         listed = self.text("States")
         if listed is None:
@@ -108,12 +108,11 @@ class Reader:
         )
 
     def cpp_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
-        """Return a state's transitions, whose targets C++ hides in generated code."""
+        """Return a C++ state's transitions; their targets are in generated code."""
         header = self.find(f"State_{state}", self.headers)
         if header is None:
             raise BundleError(
-                f"it is missing; it would say where the transitions of state {state!r}, which "
-                f"States lists, lead",
+                f"it is missing; it gives the targets of state {state!r}, which States lists",
                 self.folder / f"State_{state}.h",
             )
         leading = targets(state, header, self.find(f"State_{state}", self.code), names)
@@ -161,39 +160,39 @@ class Reader:
         return suspend_state(code, names)
 
     def known_state(self, fragment: Fragment, names: list[str]) -> str:
-        """Return the state that a file names; one that there is not is an error."""
+        """Return the state that a file names. Raise `BundleError` if there is no such state."""
         name = fragment.text.strip()
         if name not in names:
-            raise fragment.error(f"{name!r} is no state; there are: {', '.join(names)}", 1)
+            raise fragment.error(f"{name!r} is not a state; the states are: {', '.join(names)}", 1)
         return name
 
     def include_paths(self) -> tuple[str, ...]:
-        """Return the folders to look for includes in, as they stand in the file."""
+        """Return the include folders as the file gives them."""
         listed = self.text("IncludePath")
         lines = [] if listed is None else listed.text.splitlines()
         return tuple(line.strip() for line in lines if line.strip())
 
     def layout(self) -> MachineLayout | None:
-        """Return where an editor has drawn the states."""
+        """Return the layout that an editor has saved."""
         file = self.folder / "Layout.plist"
         return read_layout(file) if file.exists() else None
 
     def expression(self, name: str) -> Fragment | None:
-        """Return an expression; a transition whose file is missing always fires."""
+        """Return an expression. A transition whose file is missing always fires."""
         found = self.text(name)
         if found is None and (self.folder / name).exists():
             raise BundleError("it is empty; write an expression", self.folder / name)
         return found
 
     def find(self, stem: str, endings: tuple[str, ...]) -> Fragment | None:
-        """Return the text of the first file that there is, unless it is blank."""
+        """Return the text of the first file that exists, or None if it is blank."""
         for ending in endings:
             if (self.folder / (stem + ending)).exists():
                 return self.text(stem + ending)
         return None
 
     def text(self, name: str) -> Fragment | None:
-        """Return the text of the file, unless it does not exist or is blank."""
+        """Return the text of the file, or None if it does not exist or is blank."""
         file = self.folder / name
         try:
             text = file.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
@@ -203,5 +202,5 @@ class Reader:
             raise BundleError(error.strerror or str(error), file) from error
         except UnicodeDecodeError as error:
             line = error.object.count(b"\n", 0, error.start) + 1
-            raise BundleError("this is no UTF-8 text", file, line) from error
+            raise BundleError("not UTF-8 text", file, line) from error
         return Fragment(text, file) if text.strip() else None

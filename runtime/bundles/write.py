@@ -1,4 +1,4 @@
-"""Write a bundle of Python: all of it, or nothing."""
+"""Write a Python bundle: all of it, or nothing."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ __all__ = ["write_bundle"]
 def write_bundle(bundle: Bundle, folder: str | Path, *, replace: bool = False) -> None:
     """Write `bundle` so that `read_bundle` reads it equal; `folder` must be called after it.
 
-    The folder appears complete or not at all. A folder that is there already is an error unless
-    `replace` is True, and then it must be a bundle or empty. Raise `BundleError`.
+    The folder appears complete or not at all. An existing folder is an error unless
+    `replace` is True; then it must be a bundle or empty. Raise `BundleError`.
     """
     folder = Path(folder).absolute()
     _check(bundle, folder)
@@ -28,7 +28,7 @@ def write_bundle(bundle: Bundle, folder: str | Path, *, replace: bool = False) -
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as beside:
             new = Path(beside) / "new"
-            new.mkdir()  # with the usual permissions, which the folder around it lacks
+            new.mkdir()  # with the usual permissions, unlike the temporary folder around it
             for name, content in _files(bundle):
                 (new / name).write_bytes(content)
             _put(new, folder, Path(beside) / "old")
@@ -42,7 +42,7 @@ def _check(bundle: Bundle, folder: Path) -> None:
     names = [state.name for state in bundle.states]
     wrong = None
     if bundle.language != PYTHON:
-        wrong = "only bundles of Python are written; import it first"
+        wrong = "only Python bundles can be written; import it first"
     elif folder.name.removesuffix(SUFFIX) != bundle.name:
         wrong = f"the folder of machine {bundle.name!r} must be called {bundle.name}{SUFFIX}"
     elif not names:
@@ -52,12 +52,12 @@ def _check(bundle: Bundle, folder: Path) -> None:
     elif unnamed := [name for name in names if not STATE_NAME.fullmatch(name)]:
         wrong = f"{unnamed[0]!r} cannot name a state: use letters, digits and _"
     elif bundle.suspend not in (None, *names):
-        wrong = f"the suspend state {bundle.suspend!r} is no state"
+        wrong = f"the suspend state {bundle.suspend!r} is not a state"
     for state in bundle.states if wrong is None else ():
         for number, transition in enumerate(state.transitions):
             what = f"transition {number} of state {state.name!r}"
             if transition.target not in names:
-                wrong = f"{what} leads to {transition.target!r}, which is no state"
+                wrong = f"{what} leads to {transition.target!r}, which is not a state"
             elif transition.expression and not transition.expression.text.strip():
                 wrong = f"{what} has an empty expression"
     if wrong is not None:
@@ -66,13 +66,13 @@ def _check(bundle: Bundle, folder: Path) -> None:
 
 def _check_replaceable(folder: Path, replace: bool) -> None:
     if not replace:
-        raise BundleError("not written: it is there already", folder)
+        raise BundleError("not written: it exists already", folder)
     if not folder.is_dir() or (any(folder.iterdir()) and not (folder / "States").exists()):
-        raise BundleError("not written: what is there is no bundle, so it is kept", folder)
+        raise BundleError("not written: the existing folder is not a bundle, so it is kept", folder)
 
 
 def _put(new: Path, folder: Path, old: Path) -> None:
-    """Move `new` to `folder`, and what is there to `old`; if it fails, leave what was there."""
+    """Move `new` to `folder`, and an existing one to `old`; if that fails, move it back."""
     if folder.exists():
         folder.rename(old)
     try:

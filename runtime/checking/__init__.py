@@ -1,7 +1,7 @@
-"""What is wrong with a machine, as far as its text tells: nothing of it is run.
+"""Find errors in a machine from its text, without running it.
 
 Read in this order: `subject` (what is checked), `uses` (what code does with its machine), `rules`
-(what is wrong), then `classes` and `bundles` (what is checked, of a class and of a bundle).
+(what is wrong), then `classes` and `bundles` (a class and a bundle as subjects).
 """
 
 from .bundles import check_bundle

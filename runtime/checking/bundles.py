@@ -1,7 +1,7 @@
-"""A bundle of Python as a subject, with what is wrong in each of its files.
+"""A Python bundle as a subject, with the errors in each of its files.
 
-Its names are resolved as when it is loaded, but on through all files; a bundle in which nothing is
-wrong so far is loaded, so that one without findings is one that loads.
+Names are resolved as when it is loaded, but through all files. A bundle without errors is then
+loaded, so a bundle without findings is one that loads.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _KINDS = {"Sensor": "a sensor", "Actuator": "an actuator"}
 
 
 def check_bundle(folder: Path) -> list[Finding]:
-    """Return what is wrong with the bundle in `folder`; its sections are read, never run."""
+    """Return the findings about the bundle in `folder`. Its sections are read but not run."""
     wrong: list[BundleError] = []
     try:
         bundle = _Lenient(folder.resolve(), wrong).bundle()
@@ -59,7 +59,7 @@ def check_bundle(folder: Path) -> list[Finding]:
 
 
 class _Lenient(Reader):
-    """Read on when a transition leads to no state; what is wrong is added to `wrong`."""
+    """Read on when a transition leads to no state; the error is added to `wrong`."""
 
     def __init__(self, folder: Path, wrong: list[BundleError]):
         super().__init__(folder)
@@ -94,7 +94,7 @@ def _finding(error: BundleError | DefinitionError, folder: Path) -> Finding:
 
 
 def _included(statements: list[ast.stmt]) -> frozenset[str] | None:
-    """Return the names that statements import or define; None if that cannot be told."""
+    """Return the names that statements import or define, or None if they cannot be determined."""
     names: set[str] = set()
     for node in (node for each in statements for node in ast.walk(each)):
         match node:
@@ -108,7 +108,7 @@ def _included(statements: list[ast.stmt]) -> frozenset[str] | None:
 
 
 class _Names(dict[str, Any]):
-    """The names of a module that takes every other name for known, and remembers it."""
+    """The names of a module, which claims to have every other name too, and remembers those."""
 
     def __init__(self, names: Iterable[str]):
         super().__init__(dict.fromkeys(names))
@@ -121,9 +121,9 @@ class _Names(dict[str, Any]):
 
 
 class _CheckedScope(Scope):
-    """A scope whose declarations are only read; all that is wrong is added to the findings.
+    """A scope whose declarations are only read; errors are added to the findings.
 
-    `included` is what the includes define, or `everything` if that cannot be told.
+    `included` is what the includes define; `everything` is True if that cannot be determined.
     """
 
     def __init__(self, checker: _Checker, within: _CheckedScope | None = None, prefix: str = ""):
@@ -188,7 +188,7 @@ class _Checker:
         self.result = Subject([], bundle.suspend, self.attributes)
 
     def subject(self) -> Subject:
-        """Return the subject; `findings` has then what is wrong with its names."""
+        """Return the subject; errors in its names are added to `findings`."""
         bundle = self.bundle
         scope = self.scope(bundle, None)
         states = self.file("States")
@@ -281,6 +281,6 @@ class _Checker:
                 self.findings.append(Finding(fragment.source, node.lineno, "warning", text))
 
     def add(self, error: BundleError) -> None:
-        """Add a finding; what is wrong may hide that something is used."""
+        """Add a finding. Code with an error may hide that something is used."""
         self.findings.append(_finding(error, self.file("")))
         self.result.opaque = True

@@ -1,4 +1,4 @@
-"""A machine class as a subject: its code is found in the files where it was written."""
+"""A machine class as a subject; its code is found in its source files."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["check_class"]
 
 
 def check_class(cls: type[Machine]) -> list[Finding]:
-    """Return what is wrong with `cls`; its code is read, never called.
+    """Return the findings about `cls`. Its code is read but not called.
 
-    Only what the class itself declares can be unused: what it inherits, others may use.
+    Only what the class itself declares can be unused: other classes may use what it inherits.
     """
     return findings_of(_Reader(cls).subject())
 

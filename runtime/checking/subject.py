@@ -1,4 +1,4 @@
-"""What the rules are about: a machine as text, whether a class or a bundle says it."""
+"""What the rules check: the text of a machine, from a class or a bundle."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Place(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """One thing that is wrong; findings sort by file and line."""
+    """One error or warning; findings sort by file and line."""
 
     file: str
     line: int
@@ -32,7 +32,7 @@ class Finding(NamedTuple):
 
 
 class Code(NamedTuple):
-    """Statements, and the name by which they call their machine."""
+    """Statements, and the name of their machine in them."""
 
     body: Sequence[ast.AST]
     machine: str
@@ -40,7 +40,7 @@ class Code(NamedTuple):
 
     @property
     def is_true(self) -> bool:
-        """Whether all it does is to return True."""
+        """Whether it does nothing but return True."""
         match self.body:
             case [ast.Return(ast.Constant(value))]:
                 return value is True
@@ -55,7 +55,7 @@ class Declared(NamedTuple):
 
 
 class CheckedTransition(NamedTuple):
-    """A transition; `always` says that it fires whenever it is evaluated."""
+    """A transition; `always` is True if it fires whenever it is evaluated."""
 
     target: str
     where: Place
@@ -75,8 +75,8 @@ class CheckedState(NamedTuple):
 class Subject:
     """A machine as the rules see it; the first state is initial.
 
-    `attributes` are all that its code may ask of it, or None if that cannot be told. `opaque`
-    says that there is code which cannot be read, and which may use whatever is declared.
+    `attributes` are the names that its code may use, or None if they cannot be determined. `opaque`
+    is True if some code cannot be read, as it may use anything that is declared.
     """
 
     states: list[CheckedState]

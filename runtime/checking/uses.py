@@ -17,8 +17,8 @@ _Function: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 class Uses:
     """The attributes of the machine that a piece of code names, each with its first line.
 
-    `escapes` says that the machine itself is handed on, so that other code may use it, too;
-    `returns` that the code can return a value.
+    `escapes` is True if the machine itself is passed on, so that other code may use it;
+    `returns` is True if the code can return a value.
     """
 
     loaded: dict[str, int] = field(default_factory=dict)

@@ -21,14 +21,14 @@ _START = 26.0  # from the dot's centre to the initial state
 
 
 def arrange(table: Table, *, title: str | None = None, sections: bool | None = None) -> Diagram:
-    """Return the places of a machine's states, transitions and labels.
+    """Return the positions of a machine's states, transitions and labels.
 
-    They are those of the table's layout if there is one; states and transitions that it lacks
-    find places around. Without a layout the states stand in layers, from the initial one down.
+    They are those of the table's layout if it has one; states and transitions that are missing
+    there are placed around it. Without a layout, states are placed in layers below the initial one.
 
-    `sections` shows or hides the states' sections. By default a layout says of which states they
-    are shown, cut to the room it gives them, and without one they are hidden. True shows them
-    whole; a layout without the room for that is left aside. Equal tables give equal diagrams.
+    `sections` shows or hides the states' sections. By default the layout decides which states show
+    theirs, cut to the size of the box; without a layout they are hidden. True shows them in full,
+    and ignores a layout that has no room for them. Equal tables give equal diagrams.
     """
     boxes = [_box(state, table, sections) for state in table.states]
     index = {state.name: i for i, state in enumerate(table.states)}
@@ -69,7 +69,7 @@ def _box(state: State, table: Table, sections: bool | None) -> Box:
 
 
 def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Curve:
-    """Return the arrow to the initial state, at the side where least is in its way."""
+    """Return the arrow to the initial state, at the side with the most room."""
     others, edges = list(others), list(edges)
     sides = [
         (Point(box.x, box.top - _START), Point(box.x, box.top)),

@@ -1,4 +1,4 @@
-"""A machine where an editor drew it; what the layout lacks is placed and routed around that."""
+"""A machine at the positions of an editor; what its layout lacks is placed and routed around."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def editor_layout(
 
 
 def has_room(boxes: Sequence[Box], layout: MachineLayout) -> bool:
-    """Tell whether no two boxes overlap where `layout` has them."""
+    """Return whether no two boxes overlap at their positions in `layout`."""
     places = _place_boxes(boxes, layout)
     return not any(_overlap(a, b) for a, b in combinations(places, 2))
 

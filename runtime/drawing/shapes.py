@@ -119,7 +119,7 @@ Shape: TypeAlias = Line | Path | Polygon | Ellipse | Rectangle | Text | Group
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """Shapes in a frame, with a title for those who cannot see them."""
+    """Shapes in a frame, with a title for screen readers."""
 
     title: str
     width: float

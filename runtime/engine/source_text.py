@@ -1,6 +1,6 @@
-"""Where a function is defined and what its source says: for labels, drawings and checks.
+"""Where a function is defined and its source text: for labels, drawings and checks.
 
-`ast` is imported where it is used, because a machine that only runs needs none of this.
+`ast` is imported where it is used, because running a machine needs none of this.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def syntax_of(function: object) -> FunctionSyntax | None:
     """Return the syntax tree of the ``def`` or ``lambda`` that made `function`.
 
     None if it is not a Python function, its file cannot be read, or several lambdas on a line
-    cannot be told apart: those with different texts whose code is the same.
+    cannot be distinguished because their code is the same.
     """
     code = getattr(function, "__code__", None)
     return _syntax(code.co_filename, code) if isinstance(code, CodeType) else None

@@ -223,7 +223,7 @@ class Transition:
 
 
 def _check_code(state: State, what: str, code: object) -> None:
-    """Refuse what is no function, and functions that do nothing when called."""
+    """Refuse anything but a function, and functions that do nothing when called."""
     flags = getattr(getattr(code, "__code__", None), "co_flags", 0)
     if not callable(code) or flags & DEFERRED:
         raise DefinitionError(

@@ -71,8 +71,8 @@ class Table:
     """All that the runner, the drawing and the checker need of a machine class.
 
     `suspend` is the declared suspend state, or a state named `Suspend` that has no transition
-    in or out, or None. `path` tells two machines of the same name apart. `layout` is where an
-    editor has drawn the machine, if it comes from a bundle that says so.
+    in or out, or None. `path` distinguishes machines of the same name. `layout` is the layout
+    that an editor has saved, if the machine comes from a bundle with one.
     """
 
     def __init__(
@@ -263,7 +263,7 @@ def dead_transitions(state: str, leads: Iterable[tuple[str, bool]]) -> Iterator[
 def unreachable_states(
     roots: Iterable[str], targets: Mapping[str, Iterable[str]]
 ) -> Iterator[tuple[str, str]]:
-    """Yield each state that cannot be reached from `roots`, and a sentence that says so.
+    """Yield each state that cannot be reached from `roots`, and a sentence about it.
 
     `targets` gives the states that each state's transitions lead to.
     """

@@ -152,5 +152,5 @@ def test_a_cpp_bundle_that_cannot_be_read(llfsm: Llfsm, tmp_path: Path) -> None:
     (tmp_path / "Plain.machine").mkdir()
     done = llfsm.run("draw", "Plain")
     assert done.returncode == 1
-    assert "there is no file States" in done.stderr
+    assert "not a bundle: there is no file States" in done.stderr
     assert len(done.stderr.splitlines()) == 1

@@ -89,7 +89,7 @@ def test_what_cannot_be_shown(llfsm: Llfsm) -> None:
     (llfsm.cwd / "X.machine").mkdir()
     done = llfsm.run("show", "X")
     assert done.returncode == 1
-    assert "X.machine: there is no file States" in done.stderr
+    assert "X.machine: not a bundle: there is no file States" in done.stderr
 
 
 def test_import_and_then_show_and_run(llfsm: Llfsm, board: str) -> None:
@@ -112,7 +112,7 @@ def test_import_and_then_show_and_run(llfsm: Llfsm, board: str) -> None:
     assert f"{folder}/Lamp_Variables.py:4: this C++ is not translated yet" in refused.stderr
     again = llfsm.run("import", "cpp/Lamp.machine")
     assert (again.returncode, again.stdout) == (1, "")
-    assert "it is there already" in again.stderr
+    assert "it exists already" in again.stderr
     assert llfsm.run("import", "cpp/Lamp.machine", "-f").returncode == 0
     assert llfsm.run("import", "cpp/Lamp.machine", "-o", "deep/er").returncode == 0
     assert (llfsm.cwd / "deep" / "er" / "Lamp.machine" / "States").exists()
@@ -120,7 +120,7 @@ def test_import_and_then_show_and_run(llfsm: Llfsm, board: str) -> None:
 
 @pytest.mark.parametrize(
     ("argument", "status", "said"),
-    [("Nowhere.machine", 2, "does not exist"), ("Lamp.machine", 1, "Python already")],
+    [("Nowhere.machine", 2, "does not exist"), ("Lamp.machine", 1, "already a Python bundle")],
 )
 def test_what_cannot_be_imported(llfsm: Llfsm, argument: str, status: int, said: str) -> None:
     assert llfsm.run("import", str(LAMP)).returncode == 0

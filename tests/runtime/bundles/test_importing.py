@@ -138,5 +138,5 @@ def test_what_is_imported_compiles() -> None:
 
 
 def test_a_bundle_of_python_is_refused() -> None:
-    with pytest.raises(BundleError, match="Python already"):
+    with pytest.raises(BundleError, match="already a Python bundle"):
         import_bundle(Bundle("M", (BundleState("A"),)))

@@ -97,7 +97,7 @@ def test_what_else_an_editor_keeps_of_a_state_is_kept(lamp: Path, tmp_path: Path
 @pytest.mark.parametrize("content", [b"", b"no plist", b"<plist><dict><key>", b"bplist00\xff"])
 def test_a_broken_layout(lamp: Path, content: bytes) -> None:
     (lamp / "Layout.plist").write_bytes(content)
-    with pytest.raises(BundleError, match=r"Layout\.plist: this is no property list"):
+    with pytest.raises(BundleError, match=r"Layout\.plist: not a property list"):
         read_bundle(lamp)
 
 
@@ -181,17 +181,20 @@ DAMAGES: list[tuple[Callable[[Path], object], str]] = [
     (lambda p: (p / "States").write_text("\n \n"), "States: it lists no states"),
     (lambda p: (p / "States").write_text("A\nB\nA"), "States:3: state 'A' is listed twice"),
     (lambda p: (p / "States").write_text("A\n2 B"), "States:2: '2 B' cannot name a state"),
-    (lambda p: (p / "States").write_bytes(b"A\n\xff"), "States:2: this is no UTF-8 text"),
+    (lambda p: (p / "States").write_bytes(b"A\n\xff"), "States:2: not UTF-8 text"),
     (lambda p: (p / "Language").write_text("swift"), "Language: the language 'swift' is unknown"),
     (lambda p: (p / "Lamp.mm").unlink(), r"Lamp\.mm: it is missing; was the folder renamed"),
-    (lambda p: edit(p / "State_On.h", "return 2", "return n"), "not say how many transitions"),
+    (
+        lambda p: edit(p / "State_On.h", "return 2", "return n"),
+        "not give the number of transitions",
+    ),
     (lambda p: edit(p / "State_On.h", "return 2", "return 3"), "transition 2 of state 'On' no tar"),
     (
         lambda p: edit(p / "State_On.h", "toState = 4", "toState = 6"),
         r"State_On\.h:\d+: transition 1 of state 'On' leads to state number 6, but there are 6",
     ),
     (lambda p: edit(p / "Lamp.mm", "[3]);", "[6]);"), r"Lamp\.mm:17: setSuspendState is given"),
-    (lambda p: edit(p / "Lamp.mm", "_states[3]);", "x);"), "given 'x', which is no state"),
+    (lambda p: edit(p / "Lamp.mm", "_states[3]);", "x);"), "given 'x', which is not a state"),
     (lambda p: (p / "State_On_Transition_0.expr").write_text(" \n"), r"_0\.expr: it is empty"),
     (lambda p: ((p / "Lamp_Variables.h").unlink(), (p / "Lamp_Variables.h").mkdir()), "Is a dir"),
 ]
@@ -206,12 +209,12 @@ def test_damage(lamp: Path, damage: Callable[[Path], object], said: str) -> None
 
 
 def test_folders_that_are_no_bundles(tmp_path: Path, lamp: Path) -> None:
-    with pytest.raises(BundleError, match=r"X\.machine: there is no such folder"):
+    with pytest.raises(BundleError, match=r"X\.machine: folder not found"):
         read_bundle(tmp_path / "X.machine")
     for file in lamp.iterdir():
         if file.name != "Layout.plist":
             file.unlink()
-    with pytest.raises(BundleError, match="this is no bundle"):
+    with pytest.raises(BundleError, match="not a bundle: there is no file States"):
         read_bundle(lamp)
 
 
@@ -232,10 +235,13 @@ def test_python(bundle: Callable[..., Path]) -> None:
 @pytest.mark.parametrize(
     ("files", "said"),
     [
-        ({"State_A_Transition_0.target": "C"}, r"_0\.target:1: 'C' is no state; there are: A, B"),
+        (
+            {"State_A_Transition_0.target": "C"},
+            r"_0\.target:1: 'C' is not a state; the states are: A",
+        ),
         ({"State_A_Transition_1.expr": "True"}, r"_1\.target: it is missing"),
         ({"State_A_Transition_2.target": "B"}, r"_1\.target: it is missing"),
-        ({"SuspendState": "C"}, "SuspendState:1: 'C' is no state"),
+        ({"SuspendState": "C"}, "SuspendState:1: 'C' is not a state"),
         ({"States": "A\nB\nC"}, "States: state 'C' has no files"),
         ({"State_A_Transition_0.expr": ""}, r"_0\.expr: it is empty"),
     ],

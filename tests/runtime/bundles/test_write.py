@@ -79,7 +79,7 @@ def test_a_bundle_is_replaced_only_when_told(tmp_path: Path) -> None:
     folder = tmp_path / "deeper" / "M.machine"
     write_bundle(AB, folder)
     changed = replace(AB, suspend="B")
-    with pytest.raises(BundleError, match=r"M\.machine: not written: it is there already"):
+    with pytest.raises(BundleError, match=r"M\.machine: not written: it exists already"):
         write_bundle(changed, folder)
     assert read_bundle(folder) == AB
     write_bundle(changed, folder, replace=True)
@@ -91,7 +91,7 @@ def test_what_is_no_bundle_is_never_replaced(tmp_path: Path) -> None:
     folder = tmp_path / "M.machine"
     folder.mkdir()
     (folder / "thesis").write_text("years of work")
-    with pytest.raises(BundleError, match="is no bundle, so it is kept"):
+    with pytest.raises(BundleError, match="is not a bundle, so it is kept"):
         write_bundle(AB, folder, replace=True)
     assert (folder / "thesis").read_text() == "years of work"
 
@@ -131,7 +131,7 @@ def test_all_or_nothing(
 @pytest.mark.parametrize(
     ("bundle", "said"),
     [
-        (replace(AB, language="objc++"), "only bundles of Python"),
+        (replace(AB, language="objc++"), "only Python bundles"),
         (replace(AB, name="N"), r"must be called N\.machine"),
         (replace(AB, states=()), "it has no states"),
         (replace(AB, states=(BundleState("A"), BundleState("A"))), "the same name"),
@@ -144,7 +144,7 @@ def test_all_or_nothing(
             ),
             "transition 0 of state 'A' has an empty expression",
         ),
-        (replace(AB, suspend="X"), "the suspend state 'X' is no state"),
+        (replace(AB, suspend="X"), "the suspend state 'X' is not a state"),
         (replace(AB, includes=Fragment("\ud800")), "not written: .*surrogate"),
     ],
 )

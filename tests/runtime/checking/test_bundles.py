@@ -93,13 +93,13 @@ def test_the_plain_bundle_has_none(tmp_path: Path) -> None:
          ("State_A_OnExit.py", 1, "error",
           "a machine runs each section to its end: no yield, no await")),
         ({"State_A_Transition_0.expr": "n = 1"},
-         ("State_A_Transition_0.expr", 1, "error", "this is not one expression")),
+         ("State_A_Transition_0.expr", 1, "error", "not a single expression")),
         ({"Language": "lisp"},
          ("Language", 1, "error", "the language 'lisp' is unknown; known: python, c++, objc++")),
         ({"States": "A\nB\nA\n"}, ("States", 3, "error", "state 'A' is listed twice")),
         ({"Language": "c++"},
-         ("State_A.h", 1, "error", "it is missing; it would say where the transitions of state "
-          "'A', which States lists, lead")),
+         ("State_A.h", 1, "error", "it is missing; it gives the targets of state 'A', "
+          "which States lists")),
     ],
 )  # fmt: skip
 def test_each_finding(
@@ -127,9 +127,9 @@ def test_all_files_are_read(tmp_path: Path) -> None:
         ("State_A_OnExit.py", 2, "nothing is called 'one'"),
         ("State_A_OnExit.py", 2, "nothing is called 'two'"),
         ("State_A_Transition_0.expr", 1, "nothing is called 'three'"),
-        ("State_A_Transition_0.target", 1, "'Nowhere' is no state; there are: A, B"),
+        ("State_A_Transition_0.target", 1, "'Nowhere' is not a state; the states are: A, B"),
         ("State_B_OnEntry.py", 1, "nothing is called 'four'"),
-        ("State_B_Transition_0.target", 1, "'Gone' is no state; there are: A, B"),
+        ("State_B_Transition_0.target", 1, "'Gone' is not a state; the states are: A, B"),
         ("States", 2, "no transitions lead to state 'B'"),
     ]
 
