@@ -6,6 +6,7 @@ one line on standard error and exit status 1, or its traceback with ``--debug``.
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import click
@@ -76,6 +77,4 @@ def main(debug: bool) -> None:
 
 def clfsm() -> None:
     """Run ``llfsm run``, under the name of its ancestor."""
-    import sys
-
     main.main(["run", *sys.argv[1:]], prog_name="clfsm")

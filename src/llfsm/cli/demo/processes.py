@@ -153,7 +153,7 @@ class Processes:
                 self._all[place] = _Process(process.name, process.arguments, self._environment)
 
     def wait(self, seconds: float) -> None:
-        """Wait, and check meanwhile; a signal handler that raises cuts it short."""
+        """Wait, checking the processes; a signal handler that raises cuts it short."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0:
             self.check()
