@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from .cpp import without_comments
 
-__all__ = ["KINDS", "Variable", "translate_condition", "translate_value"]
+__all__ = ["KINDS", "CppVariable", "translate_condition", "translate_value"]
 
 KINDS = {
     "bool": ("bool", "False"),
@@ -48,14 +48,14 @@ _LARGEST_INT = 2**31 - 1
 _DEEPEST = 25
 
 
-class Variable(NamedTuple):
+class CppVariable(NamedTuple):
     """What a C++ variable is in Python: its name there, and one of `KINDS`."""
 
     name: str
     kind: str
 
 
-def translate_condition(text: str, variables: Mapping[str, Variable]) -> str | None:
+def translate_condition(text: str, variables: Mapping[str, CppVariable]) -> str | None:
     """Return Python that has the truth value of `text`, or None if that is not certain.
 
     A C++ ``float`` becomes Python's, which is a ``double``: variables of that type are only
@@ -99,7 +99,7 @@ class _Value(NamedTuple):
 class _Parser:
     """A parser by recursive descent; each method is a level of C++'s precedence."""
 
-    def __init__(self, text: str, variables: Mapping[str, Variable]):
+    def __init__(self, text: str, variables: Mapping[str, CppVariable]):
         self.tokens = _tokens(without_comments(text))
         self.variables = variables
         self.at = 0

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from ..engine.machine import Machine
 from .cpp import without_comments
-from .expressions import KINDS, Variable, translate_condition, translate_value
+from .expressions import KINDS, CppVariable, translate_condition, translate_value
 from .model import PYTHON, Bundle, BundleState, Fragment
 from .names import UNTRANSLATED
 
@@ -57,7 +57,7 @@ def import_bundle(bundle: Bundle) -> Bundle:
     )
 
 
-def _state(state: BundleState, machine: Mapping[str, Variable]) -> BundleState:
+def _state(state: BundleState, machine: Mapping[str, CppVariable]) -> BundleState:
     variables, known = _variables(state.variables, machine)
     return BundleState(
         state.name,
@@ -74,7 +74,7 @@ def _state(state: BundleState, machine: Mapping[str, Variable]) -> BundleState:
     )
 
 
-def _expression(fragment: Fragment, known: Mapping[str, Variable]) -> Fragment:
+def _expression(fragment: Fragment, known: Mapping[str, CppVariable]) -> Fragment:
     python = translate_condition(fragment.text, known)
     if python is None:
         python = f"{UNTRANSLATED}  # {' '.join(fragment.text.split())}"
@@ -82,8 +82,8 @@ def _expression(fragment: Fragment, known: Mapping[str, Variable]) -> Fragment:
 
 
 def _variables(
-    fragment: Fragment | None, outer: Mapping[str, Variable]
-) -> tuple[Fragment | None, dict[str, Variable]]:
+    fragment: Fragment | None, outer: Mapping[str, CppVariable]
+) -> tuple[Fragment | None, dict[str, CppVariable]]:
     """Return the declarations in Python, and all variables known after them, by their C++ names."""
     known = dict(outer)
     if fragment is None:
@@ -100,7 +100,7 @@ def _variables(
     return (Fragment("\n".join(lines) + "\n") if lines else None), known
 
 
-def _declare(code: str, known: dict[str, Variable]) -> str:
+def _declare(code: str, known: dict[str, CppVariable]) -> str:
     """Return one declaration in Python, and add the variable to those known."""
     match = _DECLARATION.fullmatch(code)
     if match is not None:
@@ -110,14 +110,14 @@ def _declare(code: str, known: dict[str, Variable]) -> str:
             value = zero if match["value"] is None else translate_value(match["value"], kind)
             if value is not None:
                 name = _python_name(match["name"], known)
-                known[match["name"]] = Variable(name, kind)
+                known[match["name"]] = CppVariable(name, kind)
                 return f"{name}: {annotation} = {value}"
     for word in re.findall(r"\w+", code):  # it may hide a variable of the machine
         known.pop(word, None)
     return f"{UNTRANSLATED}  # {code}"
 
 
-def _python_name(name: str, known: Mapping[str, Variable]) -> str:
+def _python_name(name: str, known: Mapping[str, CppVariable]) -> str:
     """Return `name`, or a similar free one if it has another meaning in a Python bundle."""
     taken = {variable.name for key, variable in known.items() if key != name}
     reserved = (*dir(Machine), *keyword.kwlist, *_RESERVED)

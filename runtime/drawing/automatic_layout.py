@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from .curves import through
 from .diagram import Arrow, Box, Edge
-from .graph import Arc, Link, Node, back_arcs, ranks
+from .layered_graph import Arc, LayerNode, Link, back_arcs, ranks
 from .loops import loop_room, self_loops
 from .ordering import place
 from .shapes import Curve, Point
@@ -33,7 +33,7 @@ def automatic_layout(boxes: Sequence[Box], arrows: Sequence[Arrow]) -> tuple[lis
     for box, at, own in zip(boxes, rank, loops, strict=True):
         right = box.width / 2 + loop_room([arrow.label for arrow in own])[0]
         height, spread = box.height + 2 * _STUB, box.width - _CORNERS
-        nodes.append(Node(at - min(rank), box.width / 2, right, height, spread))
+        nodes.append(LayerNode(at - min(rank), box.width / 2, right, height, spread))
     chains = [
         _chain(nodes, nodes[upper], nodes[lower], arrow, number in back)
         for number, (arrow, (upper, lower)) in enumerate(zip(between, down, strict=True))
@@ -64,8 +64,8 @@ def _roomy(box: Box, i: int, loops: Sequence[Arrow], down: Sequence[Arc]) -> Box
 
 
 def _chain(
-    nodes: list[Node], upper: Node, lower: Node, arrow: Arrow, backwards: bool
-) -> tuple[list[Link], Node]:
+    nodes: list[LayerNode], upper: LayerNode, lower: LayerNode, arrow: Arrow, backwards: bool
+) -> tuple[list[Link], LayerNode]:
     """Join two nodes through every layer between; return the links and the label's node.
 
     The label is next to the source, where one asks which transition fires.
@@ -76,9 +76,9 @@ def _chain(
     for rank in range(upper.rank + 1, lower.rank):
         if rank == label_rank:
             half = arrow.label.width / 2
-            after = written = Node(rank, half, half, arrow.label.height)
+            after = written = LayerNode(rank, half, half, arrow.label.height)
         else:
-            after = Node(rank, _THIN, _THIN, 0)
+            after = LayerNode(rank, _THIN, _THIN, 0)
         nodes.append(after)
         links.append(Link(here, after))
         here = after

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from .graph import Layers, Link, Node
+from .layered_graph import LayerNode, Layers, Link
 
 __all__ = ["set_columns", "spread_apart"]
 
@@ -19,7 +19,7 @@ _GAP = 20.0  # between neighbours in a layer
 def set_columns(layers: Layers) -> None:
     """Set the x of all nodes."""
     crossed = _crossed(layers)
-    found: list[dict[Node, float]] = []
+    found: list[dict[LayerNode, float]] = []
     for upward in (False, True):
         for mirrored in (False, True):
             view = [layer[::-1] if mirrored else layer for layer in layers]
@@ -60,7 +60,7 @@ def _crossed(layers: Layers) -> set[Link]:
     return crossed
 
 
-def _blocks(layers: Layers, upward: bool, crossed: set[Link]) -> dict[Node, Node]:
+def _blocks(layers: Layers, upward: bool, crossed: set[Link]) -> dict[LayerNode, LayerNode]:
     """Align nodes with one in the layer before, and return the first node of each one's block."""
     position = {node: i for layer in layers for i, node in enumerate(layer)}
     block = {node: node for node in position}
@@ -83,9 +83,11 @@ def _blocks(layers: Layers, upward: bool, crossed: set[Link]) -> dict[Node, Node
     return block
 
 
-def _compact(layers: Layers, block: dict[Node, Node], mirrored: bool) -> dict[Node, float]:
+def _compact(
+    layers: Layers, block: dict[LayerNode, LayerNode], mirrored: bool
+) -> dict[LayerNode, float]:
     """Push blocks to the left as far as their nodes' room allows, then back towards their kin."""
-    after: dict[Node, dict[Node, float]] = {first: {} for first in block.values()}
+    after: dict[LayerNode, dict[LayerNode, float]] = {first: {} for first in block.values()}
     waiting = dict.fromkeys(after, 0)
     for layer in layers:
         for a, b in pairwise(layer):

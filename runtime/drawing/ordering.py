@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right, insort
 
 from .columns import set_columns, spread_apart
-from .graph import Layers, Node
+from .layered_graph import LayerNode, Layers
 
 __all__ = ["place"]
 
@@ -20,7 +20,7 @@ _ENDS = 26.0  # between the ends of links at a node
 _SORTINGS = 24
 
 
-def place(nodes: list[Node]) -> list[tuple[float, float]]:
+def place(nodes: list[LayerNode]) -> list[tuple[float, float]]:
     """Give nodes and the ends of links their places; return top and bottom of each layer."""
     layers: Layers = [[] for _ in range(max(node.rank for node in nodes) + 1)]
     for node in nodes:
@@ -70,7 +70,7 @@ def _crossings(layers: Layers) -> int:
     return crossings
 
 
-def _spread_links(node: Node) -> None:
+def _spread_links(node: LayerNode) -> None:
     """Let links end as nearly above or below their other ends as the node's width allows."""
     below = sorted(node.below, key=lambda link: link.lower.x)
     above = sorted(node.above, key=lambda link: link.upper.x)

@@ -9,12 +9,16 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("whiteboard", "runtime", "bridges", "machines")
+# Names that mean the same in every folder: its errors, and the parts of a ROS transport.
+STANDARD = {"errors", "services", "topics", "transport"}
 
 
 def lint_imports(root: Path) -> subprocess.CompletedProcess[str]:
@@ -140,3 +144,36 @@ def test_every_path_in_the_architecture_exists() -> None:
     existing = [path for path in paths if not re.search("NAME|PACKAGE", path)]
     assert len(existing) > 40
     assert [path for path in existing if not (ROOT / path).exists()] == []
+
+
+def shared(named: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Return the places of each name that is in several."""
+    places = defaultdict(list)
+    for name, place in named:
+        places[name].append(place)
+    return {name: found for name, found in places.items() if len(found) > 1}
+
+
+def test_no_two_modules_have_one_name() -> None:
+    """Those of the command line have the names of their commands."""
+    found = shared(
+        (module, folder)
+        for folder, modules in product_modules().items()
+        if not folder.startswith("src/llfsm/cli")
+        for module in modules - STANDARD
+    )
+    assert found == {}
+
+
+def test_no_two_public_classes_have_one_name() -> None:
+    """Those of messages have the names that ROS gave them."""
+    found = shared(
+        (node.name, f"{folder}/{module}")
+        for folder, modules in product_modules().items()
+        if folder != "whiteboard/messages"
+        for module in modules
+        if (path := ROOT / folder / f"{module}.py").is_file()
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    )
+    assert found == {}

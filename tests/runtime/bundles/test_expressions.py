@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.runtime.bundles.expressions import Variable, translate_condition, translate_value
+from llfsm.runtime.bundles.expressions import CppVariable, translate_condition, translate_value
 
 VARIABLES = {
-    name: Variable(name, kind)
+    name: CppVariable(name, kind)
     for name, kind in {
         "i": "int", "j": "int", "k": "int", "l": "long", "u": "unsigned", "w": "unsigned",
         "b": "bool", "c": "bool", "d": "float", "e": "float", "f": "single", "s": "string",
     }.items()
-} | {"status": Variable("status_", "int")}  # fmt: skip
+} | {"status": CppVariable("status_", "int")}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_values(cpp: str, kind: str, python: str | None) -> None:
 
 
 def test_a_function_hidden_by_a_variable_is_not_called() -> None:
-    assert translate_condition("after(1)", {"after": Variable("after_", "int")}) is None
+    assert translate_condition("after(1)", {"after": CppVariable("after_", "int")}) is None
 
 
 VALUES = {

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-__all__ = ["Arc", "Layers", "Link", "Node", "back_arcs", "ranks"]
+__all__ = ["Arc", "LayerNode", "Layers", "Link", "back_arcs", "ranks"]
 
 Arc: TypeAlias = tuple[int, int]
 
 
 @dataclass(eq=False, slots=True)
-class Node:
+class LayerNode:
     """What takes room in a layer: `left` and `right` of x, and `height` around y."""
 
     rank: int
@@ -30,8 +30,8 @@ class Node:
 class Link:
     """A line from a node down to one in the next layer; it starts and ends beside their x."""
 
-    upper: Node
-    lower: Node
+    upper: LayerNode
+    lower: LayerNode
     start: float = 0.0
     end: float = 0.0
 
@@ -40,7 +40,7 @@ class Link:
         self.lower.above.append(self)
 
 
-Layers: TypeAlias = list[list[Node]]
+Layers: TypeAlias = list[list[LayerNode]]
 
 
 def back_arcs(count: int, arcs: Sequence[Arc]) -> set[int]:
