@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeVar, Unpack
 
 from .binding import bind
@@ -32,6 +33,7 @@ from .seat import Failure, Seat
 from .signals import stop_on_signals
 from .statistics import MachineStatistics, Stopwatch
 from .submachine import Submachine
+from .watchdog import stop_by_signal
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
@@ -60,6 +62,7 @@ class Arrangement(Control):
         on_error: when code of a machine raises, "stop" everything and raise the
             `ExecutionError`, or "suspend" the machine, log it and notify the observers; one
             that fails while suspended is unloaded.
+        watchdog_ms: report code of a machine that runs for longer, and post its safe values.
         observers: functions to be called with every event.
 
     Leaving a `with` block ends it, like the end of `run`: the `at_end` messages are posted.
@@ -84,11 +87,13 @@ class Arrangement(Control):
         unload_accepting: bool = True,
         library: Library | None = None,
         on_error: Literal["stop", "suspend"] = "stop",
+        watchdog_ms: float | None = None,
         observers: Iterable[Observer] = (),
     ):
         for option, value, least in (
             ("idle_us", idle_us, 0),
             ("period_us", 1 if period_us is None else period_us, 1),
+            ("watchdog_ms", 1 if watchdog_ms is None else watchdog_ms, 1),
         ):
             if value < least:
                 raise OptionError(f"{option} is {value}; it must be {least} or more")
@@ -106,6 +111,7 @@ class Arrangement(Control):
         self.timetable = timetable
         self.unload_accepting = unload_accepting
         self.on_error = on_error
+        self.watchdog_ms = watchdog_ms
         self.rounds = 0
         self.stopping = False
         self.reason: Reason | None = None
@@ -113,8 +119,8 @@ class Arrangement(Control):
         self._loader = Loader(self, self._roster, library)
         self._leaving: list[Seat] = []  # to be unloaded at the end of their ringlet
         self._outer: list[Seat] = []  # those inside whose ringlet another one is nested
-        self._observers = Observers()
-        self.emit = self._observers.emit
+        self.observers = Observers()  # changed by `attach` and `detach`
+        self.emit = self.observers.emit
         self._execution: Execution | None = None
         self._pacer = None
         if cycle_us := period_us if timetable is None else timetable.cycle_us:
@@ -140,20 +146,15 @@ class Arrangement(Control):
             seat.connect(environment)
         self._bind_all()
 
-    @property
-    def observers(self) -> tuple[Observer, ...]:
-        """Those that are called with every event."""
-        return tuple(self._observers)
-
     def attach(self, observer: Observer) -> None:
         """Call `observer` with every event from now on; also while running."""
-        self._observers.append(observer)
+        self.observers.append(observer)
         self._bind_all()
 
     def detach(self, observer: Observer) -> None:
         """Call `observer` no more; also while running, and if it was not attached."""
-        if observer in self._observers:
-            self._observers.remove(observer)
+        if observer in self.observers:
+            self.observers.remove(observer)
             self._bind_all()
 
     def stamp(self) -> tuple[int, int]:
@@ -243,7 +244,7 @@ class Arrangement(Control):
         if gate is not None and not gate():
             return False
         self.rounds += 1
-        if self._observers:
+        if self.observers:
             self.emit(RoundBegin(*self.stamp()))
         fired, leaving = False, self._leaving
         seats: Iterable[Seat | None] = self._roster.seats  # it grows and gets holes on the way
@@ -262,7 +263,7 @@ class Arrangement(Control):
                 self._fail(seat, error)
             if leaving:
                 self._let_go()
-        if self._observers:
+        if self.observers:
             self.emit(RoundEnd(*self.stamp(), fired, self.finished, self.standings()))
         return fired
 
@@ -278,8 +279,8 @@ class Arrangement(Control):
             self._refuse()
         reason = Reason.INTERRUPTED
         try:
-            with stop_on_signals(self.stop):
-                self._execution = Execution(self, grace_s)
+            with stop_on_signals(partial(stop_by_signal, self)):
+                self._execution = Execution(self, grace_s, self.watchdog_ms)
                 reason = self._execution.run(max_rounds)
         except Exception:
             reason = Reason.FAILED
@@ -361,7 +362,7 @@ class Arrangement(Control):
             action = "unloaded"
             seat.accepted = True
             self._vacate(seat)
-        if self._observers:
+        if self.observers:
             self.emit(Accepting(*self.stamp(), seat.index, seat.name, action))
 
     def _fail(self, seat: Seat, error: ExecutionError) -> None:
@@ -376,13 +377,13 @@ class Arrangement(Control):
             self._let_go()
         else:
             seat.suspend()
-        if self._observers:
+        if self.observers:
             self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
 
     def _bind_all(self) -> None:
         for seat in self._roster:
-            bind(seat, observed=bool(self._observers))
-        turn: Callable[[Seat], bool] = observed_ringlet if self._observers else ringlet
+            bind(seat, observed=bool(self.observers))
+        turn: Callable[[Seat], bool] = observed_ringlet if self.observers else ringlet
         self._turn = turn if self._stopwatch is None else self._stopwatch.around(turn)
 
     def _let_go(self) -> None:

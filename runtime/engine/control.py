@@ -120,6 +120,10 @@ class Control:
         """Return what a machine's code has raised; None if it has not, or was resumed since."""
         return self._roster.find(name).failure
 
+    def hang(self, name: str) -> str:
+        """Return where code of a machine hangs, as a watchdog has found; "" if it does not."""
+        return self._roster.find(name).hang
+
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""
         return self._roster.find(name).machine

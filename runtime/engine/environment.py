@@ -61,6 +61,10 @@ class Attendant(Protocol):
         """Obey requests and publish what has changed, if there is time (`idle`) or it is due."""
         ...
 
+    def publish_hang(self, name: str) -> None:
+        """Publish that code of a machine hangs; called by another thread."""
+        ...
+
     def end(self) -> None:
         """Publish that the machines are gone."""
         ...

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from .events import IdleSleep, Reason
+from .watchdog import Watchdog
 
 if TYPE_CHECKING:
     from .arrangement import Arrangement
@@ -22,15 +23,27 @@ class Execution:
     Between rounds the environment's attendant publishes the machines' statuses and obeys requests.
     """
 
-    def __init__(self, arrangement: Arrangement, grace_s: float):
+    def __init__(self, arrangement: Arrangement, grace_s: float, watchdog_ms: float | None):
         self._arrangement = arrangement
         self._now = arrangement.clock.now_ns
         self._grace_ns = round(grace_s * 1e9)
         self._give_up_ns: int | None = None  # when the grace period ends
         self._attendant = arrangement.environment.attend(arrangement)
+        self._watchdog = None
+        if watchdog_ms is not None:
+            self._watchdog = Watchdog(arrangement, self._attendant, watchdog_ms / 1e3)
 
     def run(self, max_rounds: int | None) -> Reason:
         """Run rounds and return why no more are to be run."""
+        if self._watchdog is None:
+            return self._run(max_rounds)
+        self._watchdog.start()
+        try:
+            return self._run(max_rounds)
+        finally:
+            self._watchdog.stop()
+
+    def _run(self, max_rounds: int | None) -> Reason:
         arrangement = self._arrangement
         while True:
             fired = arrangement.round()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .binding import BoundState
     from .seat import Seat
 
-__all__ = ["explain", "logger", "not_a_bool", "one_line"]
+__all__ = ["explain", "logger", "not_a_bool", "one_line", "place_of"]
 
 _LONGEST = 300  # characters of an error in a status
 
@@ -39,7 +39,7 @@ def one_line(error: Exception) -> str:
 
 def explain(seat: Seat, state: BoundState, code: object, error: Exception) -> ExecutionError:
     """Describe the `error` that `code` raised in a ringlet of `seat` that began in `state`."""
-    where, step = _place(seat, state, code)
+    where, step = place_of(seat, state, code)
     filename, line = None, None
     trace = error.__traceback__
     while trace is not None:
@@ -54,14 +54,14 @@ def explain(seat: Seat, state: BoundState, code: object, error: Exception) -> Ex
 
 def not_a_bool(seat: Seat, state: BoundState, guard: object, value: object) -> GuardResultError:
     """Describe the `value`, neither True nor False, that `guard` returned."""
-    where, step = _place(seat, state, guard)
+    where, step = place_of(seat, state, guard)
     number = next(i for i, (bound, _) in enumerate(state.transitions) if bound is guard)
     filename, line = seat.declared(state).transitions[number].location
     what = f"the guard returned {value!r}, a {type(value).__name__}; it must return True or False"
     return GuardResultError(what, seat.name, where, step, filename, line)
 
 
-def _place(seat: Seat, state: BoundState, code: object) -> tuple[str, str]:
+def place_of(seat: Seat, state: BoundState, code: object) -> tuple[str, str]:
     """Return the state and the section or transition that `code` is.
 
     The ringlet keeps no record of its steps, for speed, so look for the function; one that

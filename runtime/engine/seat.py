@@ -13,10 +13,10 @@ from .ports import Actuator, Sensor
 from .state import State
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Message, Slot
+    from llfsm.whiteboard import Board, Message, Slot
 
     from .arrangement import Arrangement
-    from .environment import Environment, Read
+    from .environment import Environment, Post, Read
     from .freshness import AgedRead
     from .machine import Machine
 
@@ -59,6 +59,7 @@ class Seat:
         "failure",
         "fired",
         "first_round",
+        "hang",
         "held",
         "index",
         "initial",
@@ -116,6 +117,7 @@ class Seat:
         self.taken = True
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failure: Failure | None = None  # what its code has raised
+        self.hang = ""  # where its code hangs, as a watchdog has found
         self.held = False  # whether it was suspended from outside, and may be resumed from there
         self.stopping = False  # whether this machine alone was asked to stop
         self.notifies = (
@@ -266,23 +268,28 @@ class Seat:
         self.request = None
         self.post_safe("at_failure")
 
-    def post_safe(self, when: Literal["at_suspend", "at_end", "at_failure"]) -> None:
-        """Post the safe values of the machine's actuators for `when`."""
+    def post_safe(
+        self, when: Literal["at_suspend", "at_end", "at_failure"], board: Board | None = None
+    ) -> None:
+        """Post the safe values of the machine's actuators for `when`, or post them to `board`."""
         for name, actuator in type(self.machine).table.actuators.items():
             message = getattr(actuator, when)
             posted = when == "at_end" and self.failure and message is actuator.at_failure
             if message is not None and not posted:
-                self._post_safe(name, message)
+                post = getattr(self.machine, name)
+                if board is not None:
+                    post = board[self._slot(actuator)].add
+                self._post_safe(name, post, message)
 
     def _close_actuators(self) -> None:
         """Let nothing be posted any more, such as by a thread that a section has started."""
         for name, actuator in type(self.machine).table.actuators.items():
             setattr(self.machine, name, actuator.closed(self.name))
 
-    def _post_safe(self, name: str, message: Message) -> None:
+    def _post_safe(self, name: str, post: Post, message: Message) -> None:
         from llfsm.whiteboard import WhiteboardError
 
         try:
-            getattr(self.machine, name)(message)
+            post(message)
         except WhiteboardError as error:  # the other messages must go out all the same
             logger().warning("%s: the safe value of %s was not posted: %s", self.name, name, error)

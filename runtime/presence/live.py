@@ -37,7 +37,7 @@ class LiveEnvironment(BoardEnvironment):
             return None
         from .reporting import Presence  # here, as it brings the whiteboard's messages
 
-        return Presence(arrangement, self.whiteboard, self._handover)
+        return Presence(arrangement, self.whiteboard, self._handover, self.clock)
 
     def elsewhere(self, name: str, known: Iterable[str]) -> RemoteMachine:
         """Return the machine of that name that another process runs on this whiteboard."""

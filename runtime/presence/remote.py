@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SILENT_S", "Condition", "Directory", "RemoteMachine", "condition_of", "is_live"]
 
-Condition: TypeAlias = Literal["running", "suspended", "failed", "silent"]
+Condition: TypeAlias = Literal["running", "suspended", "failed", "hung", "silent"]
 
 SILENT_S = 1.0
 """A process that has posted nothing for so long is gone or stalled."""
@@ -143,6 +143,8 @@ def condition_of(status: MachineStatus, silent_s: float) -> Condition:
     """Return how a loaded machine is, whose status was published `silent_s` seconds ago."""
     if silent_s > SILENT_S:
         return "silent"
+    if status.hung:
+        return "hung"
     if status.failed:
         return "failed"
     return "suspended" if status.suspended else "running"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot
 
     from ..engine.arrangement import Arrangement
+    from ..engine.clock import Clock
     from ..engine.seat import Arrival, Failure
 
 __all__ = ["Presence"]
@@ -49,6 +51,7 @@ class _Published(NamedTuple):
     obeyed: int
     entered_ns: int | None
     failure: Failure | None
+    hang: str
 
 
 class _Entry:
@@ -125,9 +128,14 @@ class Presence:
     """
 
     def __init__(
-        self, arrangement: Arrangement, board: Board, handover: Handover | None = None
+        self,
+        arrangement: Arrangement,
+        board: Board,
+        handover: Handover | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self._arrangement = arrangement
+        self._now = (clock or arrangement.clock).now_ns
         self._board = board
         self._pid = os.getpid()
         self._born = born(self._pid)
@@ -136,20 +144,21 @@ class Presence:
         self._rung = self._bell.count
         self._viewer = board[VIEWER]
         self._viewed = self._viewer.count
-        self._view_ends_ns = self._variables_due_ns = self._arrangement.clock.now_ns()
+        self._view_ends_ns = self._variables_due_ns = self._now()
         self._reporter = Reporter(arrangement, board, handover)
         self._due_ns = 0
         self._works = True
+        self._lock = threading.Lock()  # a watchdog posts, too
         self.look(idle=True)
 
     def look(self, *, idle: bool) -> None:
         """Obey requests; then post what has changed, if there is time (`idle`) or it is due."""
         self.obey()
-        now_ns = self._arrangement.clock.now_ns()
+        now_ns = self._now()
         if idle or now_ns >= self._due_ns:
             self._due_ns = now_ns + _PAUSE_NS
             if self._works:
-                with self._tolerating_the_board():
+                with self._lock, self._tolerating_the_board():
                     self._post(now_ns)
             self._reporter.look()
 
@@ -160,6 +169,16 @@ class Presence:
             if rung != self._rung:
                 self._rung = rung
                 self._obey_all()
+
+    def publish_hang(self, name: str) -> None:
+        """Post the status of a machine whose code hangs; called by the watchdog's thread."""
+        with self._lock, self._tolerating_the_board():
+            entry = self._entries.get(name)
+            if entry is not None and entry.published is not None:
+                now_ns = self._now()
+                latest = entry.published._replace(hang=self._arrangement.hang(name))
+                arrival = self._arrangement.arrival(name)
+                entry.post(latest, self._status(name, latest, arrival, now_ns), now_ns)
 
     def end(self) -> None:
         """Post that the machines are gone."""
@@ -211,6 +230,7 @@ class Presence:
                 entry.obeyed,
                 arrival.entered_ns,
                 self._arrangement.failure(standing.machine),
+                self._arrangement.hang(standing.machine),
             )
             if latest != entry.published or now_ns - entry.beat_ns >= _BEAT_NS:
                 entry.keep_name()
@@ -249,6 +269,7 @@ class Presence:
             born=self._born,
             host=host_name(),
             failed=latest.failure is not None,
-            error="" if latest.failure is None else one_line(latest.failure.error),
+            hung=bool(latest.hang),
+            error=latest.hang or ("" if latest.failure is None else one_line(latest.failure.error)),
             error_s=0.0 if latest.failure is None else (now_ns - latest.failure.time_ns) / 1e9,
         )

@@ -64,7 +64,8 @@ class MachineStatus(Message):
     seen. The process has id `pid` on `host`, and started `born` clock ticks after boot.
     After its code has raised, the machine is `failed` until it is resumed or restarted: `error`
     describes it in one line, with section, file and line, and `error_s` is how many seconds before
-    the message's stamp that was.
+    the message's stamp that was. While its code is `hung`, a watchdog publishes the status, and
+    `error` is where that is.
     """
 
     state: str = ""
@@ -84,6 +85,7 @@ class MachineStatus(Message):
     failed: bool = False
     error: str = ""
     error_s: float = 0.0
+    hung: bool = False
 
 
 class MachineRequest(Message):

@@ -47,8 +47,9 @@ def ps(board: str, every: bool, as_json: bool) -> None:
         padded = (text.ljust(width) for text, width in zip(line, widths, strict=True))
         click.echo("  ".join(padded).rstrip())
     for _, machine in rows:
-        if machine.status.failed:
-            click.echo(f"{machine.name} failed: {machine.status.error}")
+        if machine.status.error:
+            how = "hangs in" if machine.status.hung else "failed:"
+            click.echo(f"{machine.name} {how} {machine.status.error}")
 
 
 def machines_on(names: Iterable[str]) -> list[tuple[str, RemoteMachine]]:

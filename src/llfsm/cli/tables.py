@@ -23,7 +23,13 @@ __all__ = ["SlotRow", "Watcher", "machine_table", "slot_table", "turtle_field"]
 _FIELD = 11.09  # metres
 _COLUMNS, _ROWS = 44, 18
 _ARROWS = "→↗↑↖←↙↓↘"
-_STYLES = {"running": "bold green", "suspended": "yellow", "failed": "bold red", "silent": "red"}
+_STYLES = {
+    "running": "bold green",
+    "suspended": "yellow",
+    "failed": "bold red",
+    "hung": "bold red",
+    "silent": "red",
+}
 _RATE_S = 1.0  # over which changes are counted
 _OWN = "llfsm/"  # slots of llfsm's own processes: machines have a table of their own
 
@@ -110,7 +116,7 @@ def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> R
                 f"pid {status.pid}",
             ]
         table.add_row(*row)
-        if wide and machine.status.failed:
+        if wide and machine.status.error:
             table.add_row("", Text(machine.status.error, "red"))
     return table
 

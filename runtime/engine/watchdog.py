@@ -1,0 +1,158 @@
+"""A watchdog: where code of a machine hangs, seen from another thread.
+
+It looks at the stack of the thread that runs the arrangement, so that a ringlet costs nothing more.
+A section hangs if the same call is still running after the limit. Python code, sleeps and C code
+that releases the GIL are seen; C code that holds it stops this thread, too, and is reported when it
+returns.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from types import FrameType
+from typing import TYPE_CHECKING, NamedTuple
+
+from .failure import logger, place_of
+from .ringlet import ringlet
+
+if TYPE_CHECKING:
+    from .arrangement import Arrangement
+    from .environment import Attendant
+    from .seat import Seat
+
+__all__ = ["Call", "Watchdog", "running_call", "stop_by_signal"]
+
+_BEAT_S = 0.25  # between two statuses of a machine that hangs
+_PATIENCE_S = 0.5  # after a signal, until a call that still runs is reported
+_RUNTIME = os.path.dirname(os.path.dirname(__file__))
+
+
+class Call(NamedTuple):
+    """A call of a machine's code that is running in a ringlet."""
+
+    frame: FrameType
+    """The ringlet's. While it is referenced, no other ringlet has the same object."""
+    step: int
+    """Where the ringlet is."""
+    seat: Seat
+    where: str
+    """Machine, state and section, file and line."""
+
+    def is_same(self, other: Call | None) -> bool:
+        """Return whether the other is the same call, seen at another time."""
+        return other is not None and self.frame is other.frame and self.step == other.step
+
+
+def running_call(thread: int) -> Call | None:
+    """Return the call of a machine's code that a thread runs now, the innermost one; else None."""
+    frame = sys._current_frames().get(thread)
+    inner: FrameType | None = None  # the last of the machine's own frames on the way out
+    innermost = frame
+    while frame is not None and frame.f_code is not ringlet.__code__:
+        if not frame.f_code.co_filename.startswith(_RUNTIME):
+            inner = frame
+        frame = frame.f_back
+    if frame is None or inner is None or innermost is None:
+        return None
+    local = frame.f_locals
+    seat, state, code = local.get("seat"), local.get("state"), local.get("code")
+    if seat is None or state is None:
+        return None
+    name, step = place_of(seat, state, code)
+    where = f"machine {seat.name}, state {name}, {step} ({_line(inner)})"
+    if innermost is not inner and not innermost.f_code.co_filename.startswith(_RUNTIME):
+        where += f", at {_line(innermost)}"
+    return Call(frame, frame.f_lasti, seat, where)
+
+
+def _line(frame: FrameType) -> str:
+    return f"{frame.f_code.co_filename}:{frame.f_lineno}"
+
+
+class Watchdog:
+    """Report code of machines that runs longer than `limit_s`, and post their safe values.
+
+    It watches the thread that makes it, from `start` to `stop`.
+    """
+
+    def __init__(
+        self,
+        arrangement: Arrangement,
+        attendant: Attendant | None,
+        limit_s: float,
+    ):
+        self._arrangement = arrangement
+        self._attendant = attendant
+        self._limit_s = limit_s
+        self._watched = threading.get_ident()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
+
+    def start(self) -> None:
+        """Begin to watch."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Watch no more."""
+        self._over.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        latest: Call | None = None
+        since_s = beat_s = 0.0
+        hangs = False
+        pause_s = min(self._limit_s / 4, 0.05)
+        over = False
+        while not over:
+            over = self._over.wait(pause_s)
+            now_s = time.monotonic()
+            call = None if over else running_call(self._watched)
+            if call is None or not call.is_same(latest):
+                if hangs and latest is not None:
+                    logger().error("%s has returned after %.3g s", latest.where, now_s - since_s)
+                    latest.seat.hang = ""
+                latest, since_s, hangs = call, now_s, False
+                continue
+            if now_s - since_s < self._limit_s:
+                continue
+            if not hangs:
+                hangs, beat_s = True, 0.0
+                report_hang(self._arrangement, call, now_s - since_s)
+            if self._attendant is not None and now_s - beat_s >= _BEAT_S:
+                beat_s = now_s
+                self._attendant.publish_hang(call.seat.name)
+
+
+def report_hang(arrangement: Arrangement, call: Call, seconds: float) -> None:
+    """Log where a machine hangs and post its safe values; not by way of a journal.
+
+    A journal keeps what machines do by themselves, and this is not.
+    """
+    seat = call.seat
+    seat.hang = call.where
+    logger().error("%s has been running for %.3g s", call.where, seconds)
+    board = arrangement.whiteboard
+    if board is not None:
+        seat.post_safe("at_failure", board)
+
+
+def stop_by_signal(arrangement: Arrangement, cause: str) -> None:
+    """Stop the arrangement that this thread runs; if code of a machine hangs, report where."""
+    arrangement.stop(cause)
+    thread = threading.get_ident()
+    before = running_call(thread)
+    if before is None:
+        return
+
+    def look_again() -> None:
+        call = running_call(thread)
+        if call is not None and call.is_same(before):
+            report_hang(arrangement, call, _PATIENCE_S)
+            logger().error("it cannot stop until that returns; a second signal interrupts it")
+
+    timer = threading.Timer(_PATIENCE_S, look_again)
+    timer.daemon = True
+    timer.start()
