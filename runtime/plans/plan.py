@@ -66,6 +66,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     period_us: Positive | None = None
     unload_accepting: bool = True
     on_error: Literal["stop", "suspend"] = "stop"
+    watchdog_ms: Positive | None = None
 
     def timetable(self, names: Iterable[str]) -> Timetable | None:
         """Return the timetable for machines of these names, None if none has a period.
@@ -119,6 +120,7 @@ def assemble(
         unload_accepting=plan.unload_accepting,
         library=library,
         on_error=plan.on_error,
+        watchdog_ms=plan.watchdog_ms,
     )
     planned = list(zip(classes.items(), plan.machines, strict=True))
     if timetable is None:

@@ -75,6 +75,13 @@ __all__ = ["run"]
     help="If a machine's code raises: stop all (the default) or suspend that machine.",
 )
 @click.option(
+    "--watchdog",
+    "watchdog_ms",
+    metavar="MS",
+    type=click.IntRange(1),
+    help="Report code of a machine that runs longer than MS milliseconds; post its safe values.",
+)
+@click.option(
     "--record",
     "recording",
     metavar="FILE",
@@ -97,6 +104,7 @@ def run(
     idle_us: int | None,
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
+    watchdog_ms: int | None,
     recording: Path | None,
     board: str,
     until_eof: bool,
@@ -118,7 +126,7 @@ def run(
     if nonstop and recording is not None:
         raise click.UsageError("--record keeps one run, -n may start several: leave out one")
     resolved = parse_arguments(machines, table, suspended, preloaded)
-    plan = _with_options(resolved.plan, keep, idle_us, period_us, on_error)
+    plan = _with_options(resolved.plan, keep, idle_us, period_us, on_error, watchdog_ms)
     _log()
     with (
         Whiteboard(_board(plan, board)) as wb,
@@ -161,6 +169,7 @@ def _with_options(
     idle_us: int | None,
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
+    watchdog_ms: int | None,
 ) -> Plan:
     """Return the plan with the options of the command line, which override it."""
     if period_us is not None and any(machine.period_us for machine in plan.machines):
@@ -171,6 +180,7 @@ def _with_options(
         idle_us=plan.idle_us if idle_us is None else idle_us,
         period_us=period_us or plan.period_us,
         on_error=on_error or plan.on_error,
+        watchdog_ms=watchdog_ms or plan.watchdog_ms,
     )
 
 
