@@ -9,7 +9,7 @@ from math import hypot
 
 from ..engine.layout import MachineLayout, TransitionPath
 from .curves import at, contains, crossing, hits, part, sample
-from .diagram import HEAD, Arrow, Box, Edge, Label
+from .diagram import HEAD, Arrow, Box, Edge, Label, arrow_head
 from .loops import self_loops
 from .shapes import Curve, Point
 
@@ -136,7 +136,7 @@ def _moved(path: TransitionPath, source: Point, target: Point) -> TransitionPath
 def _given(path: TransitionPath, source: Box, target: Box) -> Curve | None:
     """Return the part of an editor's curve between our boxes, which may be larger than its own.
 
-    None if so little of it is left that no arrow can be seen.
+    None if so little of it is left that no arrow can be seen, or if its head is inside the target.
     """
     curve: Curve = (
         _outside(source, path.src), Point(*path.control1),
@@ -160,7 +160,9 @@ def _given(path: TransitionPath, source: Box, target: Box) -> Curve | None:
         curve = part(curve, start, end)
     curve = (_on_border(source, curve[0]), *curve[1:3], _on_border(target, curve[3]))
     length = sum(hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(sample(curve)))
-    return curve if length > 2 * HEAD else None
+    _, left, right = arrow_head(curve)
+    base = Point((left.x + right.x) / 2, (left.y + right.y) / 2)
+    return curve if length > 2 * HEAD and not contains(target, base, _TOUCH) else None
 
 
 def _longest_run(inside: Sequence[bool]) -> tuple[int, int]:
