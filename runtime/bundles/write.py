@@ -66,7 +66,7 @@ def _check(bundle: Bundle, folder: Path) -> None:
 
 def _check_replaceable(folder: Path, replace: bool) -> None:
     if not replace:
-        raise BundleError("not written: it exists already", folder)
+        raise BundleError("not written: it is there already", folder)
     if not folder.is_dir() or (any(folder.iterdir()) and not (folder / "States").exists()):
         raise BundleError("not written: the existing folder is not a bundle, so it is kept", folder)
 

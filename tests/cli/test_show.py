@@ -112,7 +112,7 @@ def test_import_and_then_show_and_run(llfsm: Llfsm, board: str) -> None:
     assert f"{folder}/Lamp_Variables.py:4: this C++ is not translated yet" in refused.stderr
     again = llfsm.run("import", "cpp/Lamp.machine")
     assert (again.returncode, again.stdout) == (1, "")
-    assert "it exists already" in again.stderr
+    assert "it is there already" in again.stderr
     assert llfsm.run("import", "cpp/Lamp.machine", "-f").returncode == 0
     assert llfsm.run("import", "cpp/Lamp.machine", "-o", "deep/er").returncode == 0
     assert (llfsm.cwd / "deep" / "er" / "Lamp.machine" / "States").exists()

@@ -79,7 +79,7 @@ def test_a_bundle_is_replaced_only_when_told(tmp_path: Path) -> None:
     folder = tmp_path / "deeper" / "M.machine"
     write_bundle(AB, folder)
     changed = replace(AB, suspend="B")
-    with pytest.raises(BundleError, match=r"M\.machine: not written: it exists already"):
+    with pytest.raises(BundleError, match=r"M\.machine: not written: it is there already"):
         write_bundle(changed, folder)
     assert read_bundle(folder) == AB
     write_bundle(changed, folder, replace=True)
