@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from .environment import Attendant
     from .seat import Seat
 
-__all__ = ["Call", "Watchdog", "running_call", "stop_by_signal"]
+__all__ = ["RunningCall", "Watchdog", "running_call", "stop_by_signal"]
 
 _BEAT_S = 0.25  # between two statuses of a machine that hangs
 _PATIENCE_S = 0.5  # after a signal, until a call that still runs is reported
 _RUNTIME = os.path.dirname(os.path.dirname(__file__))
 
 
-class Call(NamedTuple):
+class RunningCall(NamedTuple):
     """A call of a machine's code that is running in a ringlet."""
 
     frame: FrameType
@@ -41,12 +41,12 @@ class Call(NamedTuple):
     where: str
     """Machine, state and section, file and line."""
 
-    def is_same(self, other: Call | None) -> bool:
+    def is_same(self, other: RunningCall | None) -> bool:
         """Return whether the other is the same call, seen at another time."""
         return other is not None and self.frame is other.frame and self.step == other.step
 
 
-def running_call(thread: int) -> Call | None:
+def running_call(thread: int) -> RunningCall | None:
     """Return the call of a machine's code that a thread runs now, the innermost one; else None."""
     frame = sys._current_frames().get(thread)
     inner: FrameType | None = None  # the last of the machine's own frames on the way out
@@ -65,7 +65,7 @@ def running_call(thread: int) -> Call | None:
     where = f"machine {seat.name}, state {name}, {step} ({_line(inner)})"
     if innermost is not inner and not innermost.f_code.co_filename.startswith(_RUNTIME):
         where += f", at {_line(innermost)}"
-    return Call(frame, frame.f_lasti, seat, where)
+    return RunningCall(frame, frame.f_lasti, seat, where)
 
 
 def _line(frame: FrameType) -> str:
@@ -101,7 +101,7 @@ class Watchdog:
         self._thread.join()
 
     def _watch(self) -> None:
-        latest: Call | None = None
+        latest: RunningCall | None = None
         since_s = beat_s = 0.0
         hangs = False
         pause_s = min(self._limit_s / 4, 0.05)
@@ -126,7 +126,7 @@ class Watchdog:
                 self._attendant.publish_hang(call.seat.name)
 
 
-def report_hang(arrangement: Arrangement, call: Call, seconds: float) -> None:
+def report_hang(arrangement: Arrangement, call: RunningCall, seconds: float) -> None:
     """Log where a machine hangs and post its safe values; not by way of a journal.
 
     A journal keeps what machines do by themselves, and this is not.
