@@ -25,7 +25,9 @@ __all__ = ["SILENT_NS", "RecordedHistory"]
 SILENT_NS: Final = round(SILENT_S * 1e9)
 _READ_NS: Final = 10_000_000  # of reading at a time, or more for one chunk
 _MOST_CHANGES: Final = 50_000  # of a machine
-_RELEVANT: Final = (b'"event":"RoundEnd"', b'"event":"Eval"', b'"event":"End"', b'"event":"Lost"')
+_RELEVANT: Final = tuple(
+    b'"event":"%s"' % kind for kind in (b"RoundEnd", b"Eval", b"Failed", b"End", b"Lost")
+)
 _KIND_BYTES: Final = 24  # at the beginning of an entry, which contain its kind
 
 
@@ -37,6 +39,7 @@ class _RecordedTrack(Track):
         self.process = 0
         self.latest_ns = 0
         self.fired = "", 0  # the state and number of a transition since the last round
+        self.failed = False  # whether its code has raised and it was not resumed since
 
     def add(self, change: Change) -> None:
         """Add a change; after too many, the states are unknown."""
@@ -64,9 +67,10 @@ class _RecordedTrack(Track):
         self.latest_ns = max(self.latest_ns, now_ns)
         source, number = self.fired if not suspended else ("", 0)
         self.fired = "", 0
+        self.failed = self.failed and suspended
         last = self.changes[-1] if self.changes else Change(0, "", False)
-        if (state, suspended) != (last.state, last.suspended):
-            self.add(Change(now_ns, state, suspended, source, number))
+        if (state, suspended, self.failed) != (last.state, last.suspended, last.failed):
+            self.add(Change(now_ns, state, suspended, source, number, failed=self.failed))
 
 
 class RecordedHistory:
@@ -128,6 +132,8 @@ class RecordedHistory:
                 track.fired = entry["state"], entry["transition"]
                 if not track.changes:  # it has left its first state before its first round was over
                     track.add(Change(now_ns, entry["state"], False))
+            case {"event": "Failed", "machine": machine}:
+                self._of(journal, machine).failed = True
             case {"event": "RoundEnd", "machines": machines}:
                 for name, *status in machines:
                     track = self._of(journal, name)

@@ -134,6 +134,7 @@ class FrameEncoder:
         return {
             "condition": condition_of(status, silent_s) if live else "ended",
             "error": status.error,
+            "error_state": status.error_state,
             "state": status.state,
             "suspended": status.suspended,
             "pending": status.pending,

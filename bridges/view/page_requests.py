@@ -85,11 +85,13 @@ def perform(
             slot = board.find(request.slot)
             count = board.add_message(slot, parse_message(slot, bytes(request.message)))
             return f"message {count} of {request.slot}"
-        if Directory(board).find(request.machine).request(request.action) is Status.ERROR:
+        machine = Directory(board).find(request.machine)
+        if machine.request(request.action) is Status.ERROR:
             raise RequestError(f"{request.machine} is about to restart; try again after that")
     except (WhiteboardError, FsmError) as error:
         raise RequestError(str(error)) from error
-    return f"{request.machine}: asked to {request.action}"
+    failure = f"; it had failed: {machine.status.error}" if machine.status.failed else ""
+    return f"{request.machine}: asked to {request.action}{failure}"
 
 
 def _move(request: Seek | Play, source: PageSource) -> str:

@@ -22,11 +22,11 @@ __all__ = ["Change", "PageSource", "Player", "Snapshot"]
 
 
 class Change(NamedTuple):
-    """A machine has changed its state, or was suspended or resumed.
+    """A machine has changed its state, has failed, or was suspended or resumed.
 
     `state` is empty while the machine is not running or its state is unknown. `source` and
     `transition` are the state and number of the transition taken, if known. `skipped`: states in
-    between were too short to be seen.
+    between were too short to be seen. `failed`: it is suspended because its code has raised.
     """
 
     stamp_ns: int
@@ -35,6 +35,7 @@ class Change(NamedTuple):
     source: str = ""
     transition: int = 0
     skipped: bool = False
+    failed: bool = False
 
 
 class Snapshot(NamedTuple):

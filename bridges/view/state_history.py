@@ -30,11 +30,12 @@ class Track:
         # A status before the first turn in a state has no time of entry; the next one of it has.
         again = 0 < self._entered_ns != status.entered_ns > 0
         self._entered_ns = status.entered_ns
-        if again or (status.state, status.suspended) != (last.state, last.suspended):
+        now = status.state, status.suspended, status.failed
+        if again or now != (last.state, last.suspended, last.failed):
             began_ns = sample.stamp_ns - round(status.in_state_s * 1e9)
             skipped = bool(status.source and last.state) and status.source != last.state
             way = status.source, status.transition, skipped
-            self.add(Change(began_ns, status.state, status.suspended, *way))
+            self.add(Change(began_ns, status.state, status.suspended, *way, status.failed))
 
     def add(self, change: Change) -> None:
         """Add a change; its stamp is made later than the one before."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from .arrangement import Arrangement
     from .environment import Environment, Post, Read
+    from .errors import ExecutionError
     from .freshness import AgedRead
     from .machine import Machine
 
@@ -38,7 +39,7 @@ class Arrival(NamedTuple):
 class Failure(NamedTuple):
     """What code of a machine has raised, and when, by the arrangement's clock."""
 
-    error: Exception
+    error: ExecutionError
     time_ns: int
 
 

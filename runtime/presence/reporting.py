@@ -271,5 +271,6 @@ class Presence:
             failed=latest.failure is not None,
             hung=bool(latest.hang),
             error=latest.hang or ("" if latest.failure is None else one_line(latest.failure.error)),
+            error_state="" if latest.failure is None else latest.failure.error.state,
             error_s=0.0 if latest.failure is None else (now_ns - latest.failure.time_ns) / 1e9,
         )

@@ -63,9 +63,9 @@ class MachineStatus(Message):
     request that takes effect at its next ringlet; `obeyed` is the count of the latest request
     seen. The process has id `pid` on `host`, and started `born` clock ticks after boot.
     After its code has raised, the machine is `failed` until it is resumed or restarted: `error`
-    describes it in one line, with section, file and line, and `error_s` is how many seconds before
-    the message's stamp that was. While its code is `hung`, a watchdog publishes the status, and
-    `error` is where that is.
+    describes it in one line, with section, file and line, `error_state` is the state whose code
+    that was, and `error_s` is how many seconds before the message's stamp. While its code is
+    `hung`, a watchdog publishes the status, and `error` is where that is.
     """
 
     state: str = ""
@@ -84,6 +84,7 @@ class MachineStatus(Message):
     host: str = ""
     failed: bool = False
     error: str = ""
+    error_state: str = ""
     error_s: float = 0.0
     hung: bool = False
 

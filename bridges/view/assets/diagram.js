@@ -93,16 +93,18 @@ export class Diagram {
     this.fit();
   }
 
-  // Highlights the current state and, of a suspended machine, the state to which it will resume.
-  light(state, condition, held = null) {
-    const seen = this.states.has(state) ? state : held;
+  // Highlights the current state and, of a suspended machine, the state to which it will resume;
+  // of a failed one, the state whose code has raised an exception.
+  light(state, condition, held = null, failed = null) {
+    const seen = failed ?? (this.states.has(state) ? state : held);
     if (seen !== this.current) {
       this.current = seen;
       if (this.isFollowing) this.centre();
     }
     for (const [name, element] of this.states) {
       element.classList.toggle("current", name === state && condition !== "ended");
-      element.classList.toggle("held", name === held);
+      element.classList.toggle("held", name === held && name !== failed);
+      element.classList.toggle("failed", name === failed);
       element.classList.toggle("silent", name === state && condition === "silent");
     }
   }

@@ -44,6 +44,7 @@ class Card {
       onclick: () => this.setLarge(!this.isLarge),
     }, icon("M9.5 2.5h4v4M13.5 2.5l-5 5M6.5 13.5h-4v-4M2.5 13.5l5-5"));
     this.control = make("div", { class: "control" });
+    this.error = make("p", { class: "error", role: "status", hidden: true });
     this.canvas = make("canvas", { class: "timeline", role: "img", "aria-label": `States of ${name} over time` });
     this.timeline = new Timeline(this.canvas, (state) => this.indexOf(state));
     this.place = make("div", { class: "place" }, make("p", { class: "waiting" }, "…"));
@@ -71,6 +72,7 @@ class Card {
         this.large,
       ),
       this.canvas,
+      this.error,
       make(
         "div",
         { class: "inside" },
@@ -200,6 +202,8 @@ class Card {
     setText(this.condition, pending && condition !== "ended" ? `${condition}, ${pending} …` : condition);
     setData(this.condition, "is", condition);
     setData(this.element, "condition", condition);
+    this.error.hidden = !machine.error;
+    setText(this.error, machine.error);
     const overruns = machine.overruns ? ` · ${number(machine.overruns)} overruns` : "";
     setText(this.facts, `${number(machine.ringlets)} ringlets${overruns} · process ${machine.pid}`);
     this.light(machine);
@@ -216,7 +220,8 @@ class Card {
     const changes = this.panel.model.history.get(this.name) ?? [];
     const past = this.panel.span === null ? changes : changes.slice(0, firstAfter(changes, this.panel.model.now));
     const before = machine.suspended && past.findLast(([, state, suspended]) => state && !suspended);
-    this.diagram?.light(this.stateOf(machine), machine.condition, before ? before[1] : null);
+    const failed = machine.condition === "failed" ? machine.error_state : null;
+    this.diagram?.light(this.stateOf(machine), machine.condition, before ? before[1] : null, failed);
   }
 
   // A recording has the events of machines, too, which contain each state, however short.

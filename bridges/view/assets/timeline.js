@@ -38,7 +38,8 @@ export class Timeline {
     while (i > 0 && changes[i][0] > from) i -= 1;
     const gaps = [];
     for (; i < changes.length; i += 1) {
-      const [begins, state, suspended, , , skipped] = changes[i];
+      const [begins, state, suspended, , , skipped, failed] = changes[i];
+      const mark = failed ? "problem" : "suspended";
       const ends = changes[i + 1]?.[0] ?? (span === null ? now : known);
       if (begins > to) break;
       if (!state || ends < from) continue;
@@ -46,17 +47,18 @@ export class Timeline {
       const width = Math.max(1, Math.min(wide, x(ends)) - left);
       const tone = hue(this.stateIndex(state));
       drawing.fillStyle = suspended
-        ? color("suspended-soft")
+        ? color(`${mark}-soft`)
         : `hsl(${tone} ${dark ? "42% 30%" : "62% 84%"})`;
       drawing.fillRect(left, 0, width, high);
-      drawing.fillStyle = suspended ? color("suspended") : `hsl(${tone} ${dark ? "55% 55%" : "55% 45%"})`;
+      drawing.fillStyle = suspended ? color(mark) : `hsl(${tone} ${dark ? "55% 55%" : "55% 45%"})`;
       drawing.fillRect(left, high - 3, width, 3);
       if (width > 3) drawing.clearRect(left + width - 1, 0, 1, high);
       if (width > drawing.measureText(state).width + 12) {
         drawing.fillStyle = dark ? "#eef3f7" : "#1b2a33";
         drawing.fillText(state, left + 6, high / 2 - 1);
       }
-      this.bands.push([left, left + width, state, ends - begins, suspended, skipped]);
+      const how = failed ? " (failed)" : suspended ? " (suspended)" : "";
+      this.bands.push([left, left + width, `${state}${how}`, ends - begins, skipped]);
       if (skipped && begins >= from && left - (gaps.at(-1) ?? -NOTCH) >= NOTCH) gaps.push(left);
     }
     // A notch at the top marks states that were too short to be seen.
@@ -78,8 +80,8 @@ export class Timeline {
     const at = event.offsetX;
     const band = this.bands.find(([left, right]) => left <= at && at <= right);
     this.canvas.title = band
-      ? `${band[2]}${band[4] ? " (suspended)" : ""}, ${duration(band[3])}` +
-        (band[5] ? "; states before it were too short to be seen" : "")
+      ? `${band[2]}, ${duration(band[3])}` +
+        (band[4] ? "; states before it were too short to be seen" : "")
       : "";
   }
 }

@@ -97,5 +97,6 @@ def _plain(board: str, machine: RemoteMachine) -> dict[str, object]:
         "pid": status.pid,
         "host": status.host,
         "error": status.error,
+        "error_state": status.error_state,
         "error_s": round(status.error_s + machine.silent_s, 3) if status.failed else None,
     }

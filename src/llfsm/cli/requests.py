@@ -81,10 +81,10 @@ def _command(action: Action, text: str) -> click.Command:
     @board_option
     def command(machine: str, board: str) -> None:
         with Whiteboard(board, create=False) as wb:
-            failure = Directory(wb).find(machine).status.error
+            status = Directory(wb).find(machine).status
+            if status.failed:
+                click.echo(f"{machine} had failed: {status.error}")
             state = carry_out(wb, machine, action)
-        if failure:
-            click.echo(f"{machine} had failed: {failure}")
         click.echo(f"{machine} {_OUTCOMES[action].text}" + (f" in {state}" if state else ""))
 
     return command

@@ -244,6 +244,62 @@ def test_with_events_every_state_is_known_however_short(file: Path) -> None:
     assert source.player.known_ns == source.player.span_ns[1]
 
 
+class Breaks(Machine):
+    """Fail when it is resumed for the first time, and not when it is resumed again."""
+
+    tries: int = 0
+    a = State()
+    b = State()
+    a.to(b, after_ms=50)
+
+    @b.on_entry
+    def _(self) -> None:
+        raise ValueError("no plan")
+
+
+@pytest.mark.parametrize("events", [True, False])
+def test_a_failure_is_in_the_history_until_the_machine_is_resumed(file: Path, events: bool) -> None:
+    clock, written, board = ManualClock(), [], Whiteboard.local()
+    slot, condition = status_slot("Breaks"), {}
+    with RecordingWriter(file, {}) as writer:
+        clock.advance(ns=writer.begin_ns)
+        environment = JournalledEnvironment(LiveEnvironment(board, clock), Journal(written.append))
+        arrangement = Arrangement([Breaks], environment=environment, on_error="suspend")
+        presence, count = Presence(arrangement, board, clock=clock), 0
+        for number in range(40):
+            if number == 20:
+                arrangement.restart("Breaks")
+            clock.advance(ms=10)
+            arrangement.round()
+            presence.look(idle=True)
+            sample = board[slot].sample()
+            if sample is not None and sample.count != count:
+                count = sample.count
+                writer.add(slot, sample._replace(stamp_ns=clock.now_ns()))
+                condition[clock.now_ns()] = sample.message
+        arrangement.end()
+        if events:
+            entries = [entry for data in written for entry in entries_of(data)]
+            keep_journal(writer, entries, process=os.getpid())
+    source = RecordedSource(file)
+    while source.player.known_ns < source.player.span_ns[1]:
+        source.history()
+    changes = [(c.state, c.suspended, c.failed) for c in source.history()["Breaks"]]
+    failed = ("Suspended", True, True)
+    seen = [("a", False, False), failed, ("a", False, False), failed]
+    assert [change for change in changes if change[0] not in ("", "b")] == seen
+    for now_ns, status in condition.items():  # a moment after it was published
+        source.player.seek(now_ns + 1)
+        shown = source.snapshot().samples[slot.name].message
+        assert (shown.failed, shown.error, shown.error_state) == (
+            status.failed,
+            status.error,
+            status.error_state,
+        )
+    assert "machine Breaks, state b, OnEntry: ValueError: no plan" in shown.error
+    assert shown.error_state == "b"
+
+
 def test_without_events_what_was_too_short_is_marked(file: Path) -> None:
     changes = hasty(file, events=False).history()["Hasty"]
     states = [change.state for change in changes if change.state]

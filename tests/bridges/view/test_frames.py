@@ -122,7 +122,7 @@ def test_in_trouble_what_was_there_stays() -> None:
     assert frame.keys() == {"now", "trouble"}
 
 
-def test_a_machine_is_running_suspended_silent_or_ended() -> None:
+def test_a_machine_is_running_suspended_failed_hung_silent_or_ended() -> None:
     source = Fake()
     encoder = FrameEncoder(source)
     name = status_slot("M").name
@@ -130,10 +130,15 @@ def test_a_machine_is_running_suspended_silent_or_ended() -> None:
     def condition(now_s: float, status: MachineStatus) -> Any:
         sample = Sample(status, round(now_s * 10) + 1, 0, 1)
         frame = _frame(encoder, _snapshot({name: sample}, round(now_s * 1e9)))
-        return frame["machines"]["M"]["condition"]
+        machine = frame["machines"]["M"]
+        assert (machine["error"], machine["error_state"]) == (status.error, status.error_state)
+        return machine["condition"]
 
     assert condition(0, MachineStatus("a")) == "running"
     assert condition(0.1, MachineStatus("a", suspended=True)) == "suspended"
+    failed = MachineStatus("s", suspended=True, failed=True, error="a, OnEntry", error_state="a")
+    assert condition(0.2, failed) == "failed"
+    assert condition(0.3, MachineStatus("a", hung=True, error="a, OnEntry")) == "hung"
     assert condition(1.5, MachineStatus("a")) == "silent"
     source.live = False
     assert condition(1.6, MachineStatus("a")) == "ended"
@@ -147,4 +152,4 @@ def test_history_is_sent_once_in_order_even_if_its_beginning_was_forgotten() -> 
     assert [c[1] for c in _frame(encoder, snapshot)["history"]["M"]] == ["a", "b"]
     assert _frame(encoder, snapshot) is None
     source.changes["M"] = [Change(2, "b", False), Change(3, "c", True)]
-    assert _frame(encoder, snapshot)["history"] == {"M": [[3e-9, "c", True, "", 0, False]]}
+    assert _frame(encoder, snapshot)["history"] == {"M": [[3e-9, "c", True, "", 0, False, False]]}

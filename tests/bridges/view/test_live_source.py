@@ -119,6 +119,22 @@ def test_the_history_is_of_the_states_that_were_seen() -> None:
     assert stamps == sorted(set(stamps))
 
 
+def test_a_failure_is_a_change_of_the_history_and_ends_with_a_resume() -> None:
+    history = StateHistory()
+    name = status_slot("M").name
+    suspended = MachineStatus("rest", suspended=True)
+    failed = MachineStatus("rest", suspended=True, failed=True, error="a, OnEntry")
+    for number, status in enumerate([suspended, failed, failed, MachineStatus("a"), failed], 1):
+        now_ns = number * 100_000_000
+        history.add({name: Sample(status, number, now_ns, 1)}, now_ns, lambda _: True)
+    assert [(c.state, c.failed) for c in history.changes["M"]] == [
+        ("rest", False),
+        ("rest", True),
+        ("a", False),
+        ("rest", True),
+    ]
+
+
 def test_a_page_that_never_answers_is_sent_two_frames_and_then_the_newest(
     board: str, start: Callable[..., Any]
 ) -> None:
@@ -204,7 +220,7 @@ def test_states_that_were_not_seen_are_marked_as_skipped() -> None:
     assert note("d", "c", 4) == ("d", True)
     assert len(history.changes["M"]) == 3
     assert note("d", "e", 6, transition=2) == ("d", True)  # and back again
-    assert history.changes["M"][-1][3:] == ("e", 2, True)
+    assert history.changes["M"][-1][3:6] == ("e", 2, True)
     assert note("a", "", 0) == ("a", False)  # restarted, and no turn there yet
     assert note("a", "", 7) == ("a", False)
     assert len(history.changes["M"]) == 5
