@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
 import threading
@@ -11,6 +10,7 @@ from typing import Generic
 
 import pytest
 
+from free_ports import free_endpoint
 from llfsm.whiteboard import Board, BoundSlot, Sample, Whiteboard
 from llfsm.whiteboard.message import M
 from llfsm.whiteboard.messages.llfsm import BELL, Bell
@@ -58,8 +58,7 @@ def open_board(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[OpenB
 @contextmanager
 def mirrored(directory: Path) -> Iterator[str]:
     """Mirror a board in that folder from a thread; yield where it listens."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = free_endpoint()
     settings = Settings(listen=(endpoint,))
     with Whiteboard("board", directory=directory) as board, daemon(board, settings) as mirror:
         thread = threading.Thread(target=mirror.run)

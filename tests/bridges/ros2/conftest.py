@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
-import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -12,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from free_ports import free_endpoint, free_port
 from llfsm.bridges.ros2.graph import Endpoint, Graph
 from llfsm.bridges.ros2.rclpy_transport.topics import RclpyPublisher
 from llfsm.bridges.ros2.transport import Notice, Transport
@@ -151,17 +151,10 @@ def fake_rclpy(monkeypatch: pytest.MonkeyPatch, types: TypeLibrary) -> None:
         monkeypatch.setitem(sys.modules, name, module)
 
 
-@pytest.fixture
-def free_port() -> int:
-    """Return a TCP port on which nobody listens."""
-    return _free_port()
-
-
+@pytest.fixture(name="free_port")
 def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
+    """Return a TCP port on which nobody listens."""
+    return free_port()
 
 
 @pytest.fixture(scope="session")
@@ -169,7 +162,7 @@ def router() -> Iterator[str]:
     """Run a router in this process; return its endpoint."""
     from llfsm.bridges.ros2.router import open_router
 
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    endpoint = free_endpoint()
     session = open_router([endpoint])
     yield endpoint
     session.close()

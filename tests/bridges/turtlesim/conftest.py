@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import socket
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from free_ports import free_endpoint
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.transport import (
@@ -162,9 +162,7 @@ def router() -> Iterator[str]:
     """Run a router in this process; return its endpoint."""
     from llfsm.bridges.ros2.router import open_router
 
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = free_endpoint()
     session = open_router([endpoint])
     yield endpoint
     session.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from free_ports import free_endpoint
 from llfsm.runtime import Arrangement, Machine, State, UnknownMachineError
 from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import Whiteboard
@@ -29,8 +29,7 @@ class Worker(Machine):
 @pytest.fixture
 def boards(tmp_path: Path) -> Iterator[list[Whiteboard]]:
     """Two boards, mirrored."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = free_endpoint()
     made = []
     with ExitStack() as stack:
         for name, settings in (

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -12,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from free_ports import free_endpoint
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from programs import program
 
@@ -29,11 +29,6 @@ def number_slot(name: str = "number", capacity: int = 1024) -> Slot[Number]:
 
 
 NUMBER = number_slot()
-
-
-def free_endpoint(address: str = "127.0.0.1", protocol: str = "tcp") -> str:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return f"{protocol}/{address}:{free.getsockname()[1]}"
 
 
 class Host:
