@@ -7,7 +7,6 @@ import os
 import re
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -21,6 +20,7 @@ import pytest
 
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
+from free_ports import free_port
 from waiting import PATIENCE_S
 
 pytestmark = pytest.mark.timeout(300)
@@ -34,7 +34,8 @@ COMPILERS = {
     "cpp": [*shlex.split(os.environ.get("CXX", "c++")), "-std=c++17"],
 }
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
-QUERY = re.compile(r"llfsm (ps|whiteboard (get|list|status))\b")
+# What can be done again: queries, and runs of a few seconds, which may be too short to begin with.
+QUERY = re.compile(r"llfsm (ps|whiteboard (get|list|status))\b|timeout ")
 HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
 FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -68,12 +69,6 @@ def board() -> Iterator[str]:
                 os.kill(int(process.name), signal.SIGKILL)
 
 
-def free_port() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return str(probe.getsockname()[1])
-
-
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> None:
     """Run a document's blocks in order, in one folder.
@@ -89,7 +84,7 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
         "COLUMNS": "100",
         "ROS_DOMAIN_ID": "0",  # the reader's may be another
     }
-    port = free_port()
+    port = str(free_port())
     for number, block in enumerate(blocks(document)):
         text = block.text.replace(PORT, port)
         if block.language == "python":
@@ -110,7 +105,7 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
 
 
 def type_in(command: str, expected: str, folder: Path, environment: dict[str, str]) -> None:
-    """Run a command and compare its output; repeat a query, as a reader would, until it agrees."""
+    """Run a command and compare its output; repeat it, if that can be done, until it agrees."""
     status = int("Error:" in expected)
     pattern = expected.replace("[", "[[]").replace("...", "*") or "*"
     deadline = time.monotonic() + (PATIENCE_S if QUERY.match(command) else 0)
