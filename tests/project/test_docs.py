@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import pytest
 
+from free_ports import free_port
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
 from free_ports import free_port
