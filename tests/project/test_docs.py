@@ -21,7 +21,6 @@ import pytest
 from free_ports import free_port
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
-from free_ports import free_port
 from waiting import PATIENCE_S
 
 pytestmark = pytest.mark.timeout(300)
