@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .slots import Sample
 
-__all__ = ["born", "host_name", "lives", "writer_lives"]
+__all__ = ["born", "host_name", "lives", "pid_namespace", "writer_lives"]
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
@@ -20,6 +20,15 @@ _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 def host_name() -> str:
     """Return the name of this host."""
     return socket.gethostname()
+
+
+@cache
+def pid_namespace() -> int:
+    """Return the number of the PID namespace in which this process looks up other processes."""
+    try:
+        return os.stat("/proc/self/ns/pid").st_ino
+    except OSError:  # not Linux
+        return 0
 
 
 def born(pid: int) -> int:

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from llfsm.runtime import Clock, MonotonicClock
 from llfsm.whiteboard import Board, BoundSlot, Message
-from llfsm.whiteboard.messages.llfsm import BELL, VIEWER, request_slot
+from llfsm.whiteboard.messages.llfsm import BELL, VIEWER, WILLS, request_slot
 
 from .errors import RecordingFileError
 from .reader import RecordedMessage, RecordedSlot, Recording
@@ -40,8 +40,8 @@ class BoardReplay:
     """Post the messages of a recording to a board, in the order in which they were recorded.
 
     With `patterns`, only slots that match one of them are replayed; without, all but the slots of
-    requests to machines. Raise :class:`.SlotTypeError` if the board has a slot with messages of
-    another type.
+    requests to machines. Last wills are never replayed. Raise :class:`.SlotTypeError` if the board
+    has a slot with messages of another type.
     """
 
     def __init__(self, recording: Recording, board: Board, patterns: Sequence[str] = ()):
@@ -122,6 +122,8 @@ class BoardReplay:
 
 
 def _wanted(name: str, patterns: Sequence[str]) -> bool:
+    if name.startswith(WILLS):  # a guard would execute it
+        return False
     if patterns:
         return any(fnmatchcase(name, pattern) for pattern in patterns)
     return not any(fnmatchcase(name, pattern) for pattern in _REQUESTS)

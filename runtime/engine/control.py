@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .clock import Clock
 from .environment import Environment
@@ -12,7 +12,7 @@ from .roster import Roster
 from .seat import Arrival, Failure, Seat
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board
+    from llfsm.whiteboard import Board, Message, Slot
 
 __all__ = ["Control"]
 
@@ -123,6 +123,10 @@ class Control:
     def hang(self, name: str) -> str:
         """Return where code of a machine hangs, as a watchdog has found; "" if it does not."""
         return self._roster.find(name).hang
+
+    def safe_values(self, name: str) -> list[tuple[Slot[Any], Message]]:
+        """Return what is posted when code of a machine fails: slots of the board, and messages."""
+        return self._roster.find(name).safe_values()
 
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""

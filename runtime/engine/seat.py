@@ -282,6 +282,14 @@ class Seat:
                     post = board[self._slot(actuator)].add
                 self._post_safe(name, post, message)
 
+    def safe_values(self) -> list[tuple[Slot[Any], Message]]:
+        """Return the slots and the messages of the actuators that have one `at_failure`."""
+        return [
+            (self._slot(actuator), actuator.at_failure)
+            for actuator in type(self.machine).table.actuators.values()
+            if actuator.at_failure is not None
+        ]
+
     def _close_actuators(self) -> None:
         """Let nothing be posted any more, such as by a thread that a section has started."""
         for name, actuator in type(self.machine).table.actuators.items():

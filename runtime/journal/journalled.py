@@ -131,6 +131,7 @@ class JournalledEnvironment(Environment):
 
     def loaded(self, machine: str, path: str) -> None:
         """Keep that a machine was loaded from outside."""
+        self._inner.loaded(machine, path)
         if self.journal.outside:
             self.journal.add(("Loaded", machine, path))
 

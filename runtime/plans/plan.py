@@ -58,7 +58,10 @@ class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Machines in their order, and the schedule of their turns, as for `Arrangement`."""
+    """Machines in their order, and the schedule of their turns, as for `Arrangement`.
+
+    `will_after_ms` is as for `LiveEnvironment`.
+    """
 
     machines: tuple[PlannedMachine, ...] = msgspec.field(name="machine", default=())
     board: str | None = None
@@ -67,6 +70,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     unload_accepting: bool = True
     on_error: Literal["stop", "suspend"] = "stop"
     watchdog_ms: Positive | None = None
+    will_after_ms: Annotated[int, msgspec.Meta(ge=500, le=_LONGEST_US)] | None = None
 
     def timetable(self, names: Iterable[str]) -> Timetable | None:
         """Return the timetable for machines of these names, None if none has a period.

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from ..engine.environment import Attendant, BoardEnvironment
+from ..engine.errors import OptionError
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from ..engine.clock import Clock
     from ..journal.handover import Handover
     from .remote import Directory, RemoteMachine
+    from .reporting import Presence
 
 __all__ = ["LiveEnvironment"]
 
@@ -22,13 +24,25 @@ class LiveEnvironment(BoardEnvironment):
     """A whiteboard on which other processes see the machines, control them, and run their own.
 
     `handover` is the journal's way to a recorder, if the machines are recorded from their start.
+    Guards execute the last wills of the machines if the process dies; with `will_after_ms` also if
+    it publishes no status for so long, as when it is stopped or hangs. The least is 500, as
+    statuses are published four times a second.
     """
 
     def __init__(
-        self, whiteboard: Board, clock: Clock | None = None, *, handover: Handover | None = None
+        self,
+        whiteboard: Board,
+        clock: Clock | None = None,
+        *,
+        handover: Handover | None = None,
+        will_after_ms: int | None = None,
     ):
+        if will_after_ms is not None and will_after_ms < 500:
+            raise OptionError(f"will_after_ms is {will_after_ms}; it must be 500 or more")
         super().__init__(whiteboard, clock)
         self._handover = handover
+        self._will_after_ms = will_after_ms or 0
+        self._presence: Presence | None = None
         self._directory: Directory | None = None
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
@@ -37,7 +51,15 @@ class LiveEnvironment(BoardEnvironment):
             return None
         from .reporting import Presence  # here, as it brings the whiteboard's messages
 
-        return Presence(arrangement, self.whiteboard, self._handover, self.clock)
+        self._presence = Presence(
+            arrangement, self.whiteboard, self._handover, self.clock, self._will_after_ms
+        )
+        return self._presence
+
+    def loaded(self, machine: str, path: str) -> None:
+        """Leave the machine's last will before its first turn."""
+        if self._presence is not None:
+            self._presence.add(machine)
 
     def elsewhere(self, name: str, known: Iterable[str]) -> RemoteMachine:
         """Return the machine of that name that another process runs on this whiteboard."""

@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardError
 from llfsm.whiteboard.liveness import born, host_name
@@ -26,9 +26,10 @@ from ..engine.machine import Machine
 from ..journal.handover import Handover, Reporter
 from .description import definition_of, variables_of
 from .remote import is_live
+from .will import Will
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, BoundSlot
+    from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 
     from ..engine.arrangement import Arrangement
     from ..engine.clock import Clock
@@ -57,10 +58,19 @@ class _Published(NamedTuple):
 class _Entry:
     """The slots of one machine. The machine of another process may have its name there."""
 
-    def __init__(self, board: Board, name: str, machine: Machine):
+    def __init__(
+        self,
+        board: Board,
+        name: str,
+        machine: Machine,
+        safe_values: list[tuple[Slot[Any], Message]],
+        silent_ms: int,
+    ):
         self._board = board
         self._name = name
         self._machine = machine
+        self._safe_values = safe_values
+        self._silent_ms = silent_ms
         self._take()
 
     def _take(self) -> None:
@@ -73,6 +83,10 @@ class _Entry:
                 break
             number += 1
             names = f"{self._name}.{number}"
+        self._will = None
+        if self._safe_values:
+            self._will = Will(self._board, names, self._safe_values, self._silent_ms)
+            self._will.leave()
         self._requests: BoundSlot[MachineRequest] = self._board[request_slot(names)]
         self.obeyed = self._requests.count  # those were for an earlier process
         self._count = 0
@@ -94,12 +108,17 @@ class _Entry:
         if type(self._machine).table.variables:
             self._board[self._variables].add(variables_of(self._machine))
 
-    def keep_name(self) -> None:
-        """Claim another name if another process has claimed this one at the same moment."""
+    def keep(self) -> None:
+        """Keep the name, or claim another one if another process claimed it at the same moment.
+
+        Leave the last will again if a guard has executed it.
+        """
         if self._count and self._slot.count != self._count:
             sample = self._slot.sample()
             if sample is not None and is_live(sample):
                 self._take()
+        if self._will is not None:
+            self._will.keep()
 
     def post(self, published: _Published, status: MachineStatus, now_ns: int) -> None:
         """Post the status."""
@@ -116,6 +135,8 @@ class _Entry:
 
     def leave(self) -> None:
         """Post that the machine is gone."""
+        if self._will is not None:
+            self._will.withdraw()
         if self.published is not None and self._slot.count == self._count:
             self._slot.add(MachineStatus(self.published.state, loaded=False))
 
@@ -133,8 +154,10 @@ class Presence:
         board: Board,
         handover: Handover | None = None,
         clock: Clock | None = None,
+        will_after_ms: int = 0,
     ) -> None:
         self._arrangement = arrangement
+        self._will_after_ms = will_after_ms
         self._now = (clock or arrangement.clock).now_ns
         self._board = board
         self._pid = os.getpid()
@@ -169,6 +192,12 @@ class Presence:
             if rung != self._rung:
                 self._rung = rung
                 self._obey_all()
+
+    def add(self, name: str) -> None:
+        """Claim the slots of a machine that was loaded."""
+        if self._works:
+            with self._lock, self._tolerating_the_board():
+                self._add(name)
 
     def publish_hang(self, name: str) -> None:
         """Post the status of a machine whose code hangs; called by the watchdog's thread."""
@@ -219,9 +248,7 @@ class Presence:
             left.discard(standing.machine)
             entry = self._entries.get(standing.machine)
             if entry is None:
-                entry = self._entries[standing.machine] = _Entry(
-                    self._board, standing.machine, self._arrangement.machine(standing.machine)
-                )
+                entry = self._add(standing.machine)
             arrival = self._arrangement.arrival(standing.machine)
             latest = _Published(
                 standing.state,
@@ -233,12 +260,22 @@ class Presence:
                 self._arrangement.hang(standing.machine),
             )
             if latest != entry.published or now_ns - entry.beat_ns >= _BEAT_NS:
-                entry.keep_name()
+                entry.keep()
                 latest = latest._replace(obeyed=entry.obeyed)
                 entry.post(latest, self._status(standing.machine, latest, arrival, now_ns), now_ns)
         for name in left:
             self._entries.pop(name).leave()
         self._post_variables(now_ns)
+
+    def _add(self, name: str) -> _Entry:
+        entry = self._entries[name] = _Entry(
+            self._board,
+            name,
+            self._arrangement.machine(name),
+            self._arrangement.safe_values(name),
+            self._will_after_ms,
+        )
+        return entry
 
     def _post_variables(self, now_ns: int) -> None:
         if self._viewer.count != self._viewed:

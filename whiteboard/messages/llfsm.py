@@ -18,6 +18,8 @@ __all__ = [
     "REQUESTS",
     "VARIABLES",
     "VIEWER",
+    "WILLS",
+    "WILL_BELL",
     "Action",
     "Bell",
     "DefinedBox",
@@ -25,6 +27,7 @@ __all__ = [
     "DefinedState",
     "DefinedTransition",
     "JournalPart",
+    "LastWill",
     "MachineDefinition",
     "MachineRequest",
     "MachineStatus",
@@ -33,6 +36,7 @@ __all__ = [
     "PeerStatus",
     "Recorder",
     "Refusal",
+    "SafeValue",
     "VariableValue",
     "Viewer",
     "definition_slot",
@@ -40,12 +44,14 @@ __all__ = [
     "request_slot",
     "status_slot",
     "variables_slot",
+    "will_slot",
 ]
 
 MACHINES = "llfsm/machine/"
 DEFINITIONS = "llfsm/definition/"
 VARIABLES = "llfsm/variables/"
 REQUESTS = "llfsm/request/"
+WILLS = "llfsm/will/"
 JOURNALS = "llfsm/journal/"
 """Slots that carry bytes from arrangements to a recorder; tools do not show or record them."""
 
@@ -163,6 +169,36 @@ class MachineVariables(Message):
     variables: tuple[VariableValue, ...]
 
 
+class SafeValue(Message):
+    """An encoded message, and the slot to which it is posted."""
+
+    slot: str
+    data: bytes
+
+
+class LastWill(Message):
+    """What guards post if the process of a machine dies without an end.
+
+    The machine runs in process `pid` of `host`, which started `born` clock ticks after boot and
+    whose id is one of the PID namespace `namespace`. If that publishes no status for `silent_ms`,
+    it counts as dead; with 0, it never does so long as it exists. A will that was "executed" was
+    so by process `executor`.
+    """
+
+    pid: int
+    born: int
+    host: str
+    namespace: int
+    values: tuple[SafeValue, ...]
+    silent_ms: int = 0
+    state: Literal["left", "withdrawn", "executed"] = "left"
+    executor: int = 0
+
+
+WILL_BELL = Slot("llfsm/wills", Bell)
+"""Notifies guards that a machine has left a last will."""
+
+
 class Viewer(Message):
     """Requests that variables be published for the next two seconds, for viewer process `pid`."""
 
@@ -239,6 +275,7 @@ class MirrorStatus(Message):
     held_back: int = 0  # messages of slots that arrive too often; the newest enters later
     peers: tuple[PeerStatus, ...] = ()
     refused: tuple[Refusal, ...] = ()
+    partition_s: float = 3.0  # a host that was silent for so long counts as dead
 
 
 MIRROR = Slot("llfsm/mirror", MirrorStatus, capacity=1 << 16)
@@ -266,6 +303,12 @@ def definition_slot(machine: str) -> Slot[MachineDefinition]:
 def variables_slot(machine: str) -> Slot[MachineVariables]:
     """Return the slot for a machine's variables."""
     return Slot(VARIABLES + _legal(machine), MachineVariables, 16 << 10)
+
+
+@lru_cache(maxsize=4096)
+def will_slot(machine: str) -> Slot[LastWill]:
+    """Return the slot for a machine's last will."""
+    return Slot(WILLS + _legal(machine), LastWill, 8 << 10)
 
 
 @lru_cache(maxsize=4096)

@@ -393,4 +393,5 @@ class Exchange:
                 held_back=totals.held_back,
                 peers=tuple(peer.status(now_ns) for peer in self._peers)[:_MAX_LISTED],
                 refused=self._refusals.report()[:_MAX_LISTED],
+                partition_s=self._settings.guard.partition_s,
             )

@@ -11,13 +11,20 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER
+from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER, WILL_BELL
 
-__all__ = ["DEFAULT_ENDPOINT", "Settings", "matcher"]
+__all__ = ["DEFAULT_ENDPOINT", "GuardSettings", "Settings", "matcher"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # Zenoh's port, which a router of ROS uses, too
 
 _Rate = Annotated[float, Meta(gt=0, le=10_000)]
+
+
+class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """When the guards of a board execute the last wills of other hosts' machines."""
+
+    partition_s: Annotated[float, Meta(ge=0.5, le=86_400)] = 3.0
+    """Seconds: a machine that publishes no status for so long counts as dead."""
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -40,6 +47,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """The same for slots by glob; the first match counts."""
     largest: Annotated[int, Meta(ge=1, le=1 << 30)] = 1 << 26
     """Bytes: slots of a larger capacity do not enter."""
+    guard: GuardSettings = GuardSettings()
     zenoh: str | None = None
     """A configuration file for Zenoh, in JSON5: TLS, access control, queues."""
 
@@ -61,7 +69,7 @@ def matcher(globs: tuple[str, ...]) -> Callable[[str], bool]:
     Slots about the board itself, or for a recorder on this host, never match.
     """
     pattern = re.compile("|".join(map(translate, globs)) or r"(?!)")
-    private = {BELL.name, MIRROR.name, RECORDER.name}
+    private = {BELL.name, MIRROR.name, RECORDER.name, WILL_BELL.name}
 
     @lru_cache(maxsize=8192)
     def matches(slot: str) -> bool:

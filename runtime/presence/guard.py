@@ -1,0 +1,249 @@
+"""Guards: they execute the last wills of machines whose processes died without an end."""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+import threading
+import time
+from contextlib import closing, suppress
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+import msgspec
+
+from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError
+from llfsm.whiteboard.board_files import DIRECTORY
+from llfsm.whiteboard.errors import BoardClosedError, SlotError
+from llfsm.whiteboard.liveness import lives
+from llfsm.whiteboard.messages.llfsm import (
+    MIRROR,
+    WILL_BELL,
+    WILLS,
+    LastWill,
+    status_slot,
+    will_slot,
+)
+
+from .will import execute, is_local, reserve
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Board, BoundSlot, Sample
+
+__all__ = ["Guard", "GuardThread"]
+
+_LOOK_S = 0.05  # between two looks for new wills and silent processes; a death is seen at once
+_LIST_S = 1.0  # between two searches for wills that have rung no bell here: those of other hosts
+_OPEN_S = 0.3  # between two attempts to open a board that is not there
+
+_log = logging.getLogger("llfsm.guard")
+
+
+class _Death(NamedTuple):
+    """Why a process counts as dead."""
+
+    why: str
+    silent_ns: int = 0
+    """For how long it must have been silent; 0 if it does not exist."""
+
+
+class _Watched:
+    """A machine's slot for its last will, and the process that has left the latest."""
+
+    def __init__(self, machine: str, slot: BoundSlot[LastWill]):
+        self.machine = machine
+        self.slot = slot
+        self.sample: Sample[LastWill] | None = None
+        self.pidfd: int | None = None
+        self.died = False
+        self.failed: dict[str, str] = {}
+        self.retry_s = 0.0
+        """When to try again to post what could not be posted."""
+
+    @property
+    def will(self) -> LastWill | None:
+        """The will, while there is something to execute."""
+        return None if self.sample is None else self.sample.message
+
+
+class Guard:
+    """Watch the last wills on a board, and execute those of processes that have died."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._bell = board[WILL_BELL]
+        self._rung = -1
+        self._list_s = 0.0
+        self._poll = select.poll()
+        self._watched: dict[str, _Watched] = {}  # by name of the slot
+        self._by_pidfd: dict[int, _Watched] = {}
+
+    def look(self) -> None:
+        """Find new wills, and execute those of dead processes."""
+        now_s = time.monotonic()
+        rung = self._bell.count
+        if rung != self._rung or now_s >= self._list_s:
+            self._rung, self._list_s = rung, now_s + _LIST_S
+            self._list()
+        for watched in self._watched.values():
+            self._read(watched)
+            death = self._death(watched)
+            if death is not None and now_s >= watched.retry_s:
+                watched.retry_s = now_s + _LIST_S
+                self._execute(watched, death)
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until a process that has left a will dies, or the time has passed."""
+        for pidfd, _ in self._poll.poll(timeout_s * 1e3):
+            self._by_pidfd[pidfd].died = True
+            self._poll.unregister(pidfd)
+
+    def close(self) -> None:
+        """Release the processes."""
+        for watched in self._watched.values():
+            self._release(watched)
+
+    def _list(self) -> None:
+        for info in self._board.slots():
+            if info.name.startswith(WILLS) and info.name not in self._watched:
+                machine = info.name.removeprefix(WILLS)
+                with suppress(SlotError):  # not a will, whatever its name
+                    slot = self._board[will_slot(machine)]
+                    self._watched[info.name] = _Watched(machine, slot)
+
+    def _read(self, watched: _Watched) -> None:
+        """Read the will, and watch its process if it is a new one."""
+        try:
+            sample = watched.slot.sample()
+        except MessageError:  # another process may write anything
+            sample = None
+        if sample is not None and sample.message.state != "left":
+            sample = None
+        before = watched.sample
+        if sample is before or (sample and before and sample.count == before.count):
+            return
+        self._release(watched)
+        watched.sample = sample
+        if sample is not None:
+            watched.died = is_local(sample.message) and not self._open(watched, sample.message)
+            reserve(self._board, sample.message)
+            with suppress(WhiteboardError):  # for the mark that it was executed
+                watched.slot.add_after(sample.message, 0)
+
+    def _open(self, watched: _Watched, will: LastWill) -> bool:
+        """Watch the will's process; return whether it lives."""
+        with suppress(OSError):  # no such process, or too many files
+            watched.pidfd = os.pidfd_open(will.pid)
+            self._by_pidfd[watched.pidfd] = watched
+            self._poll.register(watched.pidfd, select.POLLIN)
+        return lives(will.pid, will.born)  # looked up now, as ids are used again
+
+    def _release(self, watched: _Watched) -> None:
+        if watched.pidfd is not None:
+            with suppress(KeyError):  # it has died
+                self._poll.unregister(watched.pidfd)
+            del self._by_pidfd[watched.pidfd]
+            os.close(watched.pidfd)
+        watched.pidfd, watched.died = None, False
+        watched.failed, watched.retry_s = {}, 0.0
+
+    def _death(self, watched: _Watched) -> _Death | None:
+        """Return why the process counts as dead; None if it does not."""
+        will = watched.will
+        if will is None:
+            return None
+        local = is_local(will)
+        if watched.died or (local and not watched.pidfd and not lives(will.pid, will.born)):
+            return _Death("died without an end")
+        limit_s = will.silent_ms / 1e3 if local else self._partition_s()
+        silent_s = self._silent_s(watched.machine, will) if limit_s else 0.0
+        if silent_s <= limit_s or not silent_s:
+            return None
+        host = "" if local else f"of host {will.host} "
+        return _Death(f"{host}was silent for {silent_s:.1f} s", int(limit_s * 1e9))
+
+    def _partition_s(self) -> float:
+        """Return after how long a silent host counts as dead; 0 for never, without a daemon."""
+        with suppress(WhiteboardError):
+            status = self._board[MIRROR].get()
+            return 0.0 if status is None else status.partition_s
+        return 0.0
+
+    def _silent_s(self, machine: str, will: LastWill) -> float:
+        """Return how long ago the process published a status; 0 if it never has."""
+        with suppress(WhiteboardError):
+            sample = self._board[status_slot(machine)].sample()
+            if sample is not None:
+                status = sample.message
+                if (status.pid, status.born, status.host) == (will.pid, will.born, will.host):
+                    return (time.monotonic_ns() - sample.stamp_ns) / 1e9
+        return 0.0
+
+    def _execute(self, watched: _Watched, death: _Death) -> None:
+        sample = watched.sample
+        if sample is None or watched.slot.count != sample.count:  # withdrawn before the death
+            return
+        outcome = execute(
+            self._board, sample, silent_ns=death.silent_ns, is_commanded=self._is_commanded
+        )
+        what = f"{watched.machine}: its process {sample.message.pid} {death.why}"
+        if outcome.posted:
+            _log.warning("%s; posted its safe values to %s", what, ", ".join(outcome.posted))
+        if outcome.failed and outcome.failed != watched.failed:
+            watched.failed = outcome.failed
+            _log.error("%s; its safe values cannot be posted: %s", what, outcome.failed)
+        if outcome.failed or outcome.deferred:
+            return
+        executed = msgspec.structs.replace(sample.message, state="executed", executor=os.getpid())
+        with suppress(WhiteboardError):  # it was executed all the same
+            watched.slot.add_after(executed, sample.count)
+
+    def _is_commanded(self, slot: str) -> bool:
+        """Return whether a process that lives has a last will for the slot, so may post to it."""
+        return any(
+            slot in {value.slot for value in watched.will.values}
+            for watched in self._watched.values()
+            if watched.will is not None and self._death(watched) is None
+        )
+
+
+class GuardThread:
+    """Guard a board of this host in a thread, within a ``with`` block.
+
+    The board may be made later, and removed and made again.
+    """
+
+    def __init__(self, name: str, directory: str | os.PathLike[str] = DIRECTORY) -> None:
+        self._name = name
+        self._directory = directory
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="guard", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        problem = ""
+        while not self._over.is_set():
+            try:
+                with Whiteboard(self._name, directory=self._directory, create=False) as board:
+                    self._guard(board)
+            except (BoardNotFoundError, BoardClosedError):
+                pass  # it is not there yet, or was removed
+            except Exception as error:  # a guard that ends guards nothing
+                if str(error) != problem:
+                    problem = str(error)
+                    _log.exception("the whiteboard %s cannot be guarded", self._name)
+            self._over.wait(_OPEN_S)
+
+    def _guard(self, board: Whiteboard) -> None:
+        with closing(Guard(board)) as guard:
+            _log.debug("guarding the whiteboard %s", self._name)
+            while board.alive and not self._over.is_set():
+                guard.look()
+                guard.wait(_LOOK_S)

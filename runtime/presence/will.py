@@ -1,0 +1,200 @@
+"""Last wills: what is posted for a machine whose process dies without an end.
+
+While a machine with safe values is loaded, those for a failure stand on the board as its last will.
+A machine that leaves withdraws it. If the process dies before, or falls silent, guards post them.
+
+A safe value is posted only in place of a message of the process that has died, by a
+compare-and-swap on the slot. After that the slot's latest message is another's. So, however many
+guards there are, one posts it, and none does so after another process has posted. No guard waits
+for another one, which may die, too.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import msgspec
+
+from llfsm.whiteboard.errors import MessageError, MessageTooLargeError, WhiteboardError
+from llfsm.whiteboard.liveness import born, host_name, lives, pid_namespace, writer_lives
+from llfsm.whiteboard.messages.llfsm import (
+    MIRROR,
+    WILL_BELL,
+    Bell,
+    LastWill,
+    SafeValue,
+    will_slot,
+)
+from llfsm.whiteboard.slots import Sample
+
+from ..engine.failure import logger
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Board, BoundSlot, Message, Slot
+
+__all__ = ["Executed", "Will", "execute", "is_local", "reserve"]
+
+_NEVER = 1 << 48  # no slot's count
+
+
+class Will:
+    """The last will of a loaded machine."""
+
+    def __init__(
+        self, board: Board, machine: str, values: list[tuple[Slot[Any], Message]], silent_ms: int
+    ):
+        self._board = board
+        self._machine = machine
+        self._slot = board[will_slot(machine)]
+        pid = os.getpid()
+        self._will = LastWill(
+            pid,
+            born(pid),
+            host_name(),
+            pid_namespace(),
+            tuple(SafeValue(slot.name, slot.encoder.encode(message)) for slot, message in values),
+            silent_ms,
+        )
+        self._count = 0
+
+    def leave(self) -> None:
+        """Post it. A dead predecessor's, which this replaces, is executed before."""
+        with suppress(MessageError):
+            before = self._slot.sample()
+            if before is not None and before.message.state == "left" and _is_gone(before.message):
+                execute(self._board, before)
+        try:
+            self._count = self._slot.add(self._will)
+        except MessageTooLargeError as error:
+            logger().warning("%s has no last will: %s", self._machine, error)
+        self._board.add_message(WILL_BELL, Bell(self._machine))
+
+    def keep(self) -> None:
+        """Leave it again if a guard has executed it, because this process seemed dead."""
+        if not self._count or self._slot.count == self._count:
+            return
+        sample = self._slot.sample()
+        if sample is None or not self._is_mine(sample.message):
+            return  # another machine's of this name: one of both gets another one
+        if sample.message.state == "executed":
+            logger().warning(
+                "the last will of %s was executed by process %d, as this process was silent; "
+                "it goes on",
+                self._machine,
+                sample.message.executor,
+            )
+        self.leave()
+
+    def withdraw(self) -> None:
+        """Post that there is nothing to execute."""
+        withdrawn = msgspec.structs.replace(self._will, values=(), state="withdrawn")
+        if self._count:
+            self._slot.add_after(withdrawn, self._count)
+
+    def _is_mine(self, will: LastWill) -> bool:
+        return (will.pid, will.born, will.host) == (
+            self._will.pid,
+            self._will.born,
+            self._will.host,
+        )
+
+
+class Executed(NamedTuple):
+    """What has become of a will's safe values, by names of slots."""
+
+    posted: list[str]
+    deferred: list[str]
+    """Where a message is too new for a process that is silent."""
+    failed: dict[str, str]
+    """Why a value cannot be posted."""
+
+
+def execute(
+    board: Board,
+    sample: Sample[LastWill],
+    *,
+    silent_ns: int = 0,
+    is_commanded: Callable[[str], bool] = lambda _: False,
+) -> Executed:
+    """Post a will's safe values where the latest message is of the process that left it.
+
+    If that process is only silent, not dead, its messages must be `silent_ns` old: a newer one is
+    a sign of life. For a process of another host, whose messages the daemon adds like all others
+    from there, `is_commanded` returns whether another process that lives commands a slot.
+    """
+    outcome = Executed([], [], {})
+    for value in sample.message.values:
+        try:
+            posted = _post(board, sample, value, silent_ns, is_commanded)
+            if posted is None:
+                outcome.deferred.append(value.slot)
+            elif posted:
+                outcome.posted.append(value.slot)
+        except (WhiteboardError, msgspec.MsgspecError, ValueError) as error:
+            outcome.failed[value.slot] = str(error)  # the others must go out all the same
+    return outcome
+
+
+def reserve(board: Board, will: LastWill) -> None:
+    """Reserve what executing a will takes, so that it works on a board that is full by then."""
+    for value in will.values:
+        with suppress(WhiteboardError, msgspec.MsgspecError, ValueError):
+            bound, message = _bind(board, value)
+            bound.add_after(message, _NEVER)
+
+
+def is_local(will: LastWill) -> bool:
+    """Return whether this process can look up the one that left the will."""
+    return will.host == host_name() and will.namespace == pid_namespace()
+
+
+def _is_gone(will: LastWill) -> bool:
+    return not (is_local(will) and lives(will.pid, will.born))
+
+
+def _bind(board: Board, value: SafeValue) -> tuple[BoundSlot[Any], Message]:
+    slot = board.find(value.slot)
+    return board[slot], slot.decoder.decode(value.data)
+
+
+def _post(
+    board: Board,
+    sample: Sample[LastWill],
+    value: SafeValue,
+    silent_ns: int,
+    is_commanded: Callable[[str], bool],
+) -> bool | None:
+    """Return whether the value was posted; None if the latest message is too new."""
+    bound, message = _bind(board, value)
+    while True:
+        encoded = bound.encoded()
+        if encoded is None or encoded[0] == value.data:
+            return False
+        latest = Sample[Any](*encoded)
+        if sample.writer == sample.message.pid:
+            if not _is_by(latest, sample.message):
+                return False
+        elif not _is_mirrored(board, latest, sample.writer) or is_commanded(value.slot):
+            return False
+        if time.monotonic_ns() - latest.stamp_ns < silent_ns:
+            return None
+        if bound.add_after(message, latest.count):
+            return True
+
+
+def _is_by(latest: Sample[Any], will: LastWill) -> bool:
+    """Return whether a message is of the process that left the will."""
+    return latest.writer == will.pid and (
+        lives(will.pid, will.born) or not writer_lives(latest)  # ids are used again
+    )
+
+
+def _is_mirrored(board: Board, latest: Sample[Any], daemon: int) -> bool:
+    """Return whether a message is from another host; `daemon` has added one that was."""
+    status = board[MIRROR].get()
+    known = (daemon, 0 if status is None else status.pid)
+    return latest.writer in known or not writer_lives(latest)
