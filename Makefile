@@ -30,7 +30,7 @@ help:
 	@echo "make check     types, style, C warnings"
 	@echo "make bench     measure us and the peers in one run"
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
-	@echo "               processes are, ten topics at 1 kHz, three hosts: twenty minutes"
+	@echo "               processes are, ten topics at 1 kHz, three hosts, killed machines: half an hour"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make clean     remove .venv and what was built"
 
@@ -83,6 +83,7 @@ soak: $(VENV)/.ready-test
 	$(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
 	$(BIN)/python tests/soak/relays.py
 	$(BIN)/python tests/soak/hosts.py
+	$(BIN)/python tests/soak/guard.py
 
 # One stamp a set of extras; each is made again when what it depends on changes.
 $(VENV)/.ready: EXTRAS = draw,ros,hosts,record,view

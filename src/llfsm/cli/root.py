@@ -45,6 +45,10 @@ _COMMANDS = {
     "record": ("llfsm.cli.record:record", "Record a whiteboard to a file."),
     "replay": ("llfsm.cli.replay:replay", "Replay a recording to a whiteboard."),
     "rerun": ("llfsm.cli.rerun:rerun", "Run machines again on the inputs of a recording."),
+    "guard": (
+        "llfsm.cli.guard:guard",
+        "Post the safe values of machines whose processes die.",
+    ),
     "top": ("llfsm.cli.top:top", "Show a whiteboard and its machines in the terminal."),
     "whiteboard": (
         "llfsm.cli.whiteboard.group:whiteboard",

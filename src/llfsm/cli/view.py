@@ -10,12 +10,14 @@ import socket
 import sys
 import threading
 import webbrowser
+from contextlib import ExitStack
 from pathlib import Path
 from types import FrameType
 
 import click
 
 from llfsm.bridges.view.page_source import PageSource
+from llfsm.runtime.presence.guard import GuardThread
 
 from .options import board_option, end_with_input, until_eof_option
 
@@ -72,7 +74,10 @@ def view(
     if until_eof:
         end_with_input()
     source = _source(recording, board)
-    serve(source, host=host, port=port, open_page=not no_open, control=control, token=token)
+    with ExitStack() as stack:
+        if recording is None:
+            stack.enter_context(GuardThread(board))
+        serve(source, host=host, port=port, open_page=not no_open, control=control, token=token)
 
 
 def _source(recording: Path | None, board: str) -> PageSource:

@@ -22,6 +22,7 @@ from llfsm.bridges.gusimplewhiteboard.relay_configuration import (
 )
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import Whiteboard
 
 __all__ = ["gusimplewhiteboard"]
@@ -87,7 +88,11 @@ def gusimplewhiteboard(
 
 def _relay(config: RelayConfiguration) -> None:
     asked, period_s = threading.Event(), config.period_ms / 1000
-    with closing(GuWhiteboard(config.file)) as foreign, Whiteboard(config.board) as board:
+    with (
+        closing(GuWhiteboard(config.file)) as foreign,
+        Whiteboard(config.board) as board,
+        GuardThread(board.name),
+    ):
         relays = [
             Relay(foreign, configured.number, board, *configured.resolve(), configured.direction)
             for configured in config.relays

@@ -13,6 +13,7 @@ import click
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.errors import DomainIdError
 from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import SlotTypeError, Whiteboard
 
 from ..options import end_with_input
@@ -50,6 +51,7 @@ def _run(configured: Configured, options: BridgeOptions) -> None:
             stack.callback(board.remove)
         bridge = Bridge(plan, board, transport)
         stack.callback(bridge.close)
+        stack.enter_context(GuardThread(board.name))
         if options.until_eof:
             end_with_input()
         where = f"ROS domain {transport.domain}, whiteboard {board.name}"

@@ -82,6 +82,13 @@ __all__ = ["run"]
     help="Report code of a machine that runs longer than MS milliseconds; post its safe values.",
 )
 @click.option(
+    "--will-after",
+    "will_after_ms",
+    metavar="MS",
+    type=click.IntRange(500),
+    help="Let guards post the safe values also if this process is silent for MS milliseconds.",
+)
+@click.option(
     "--record",
     "recording",
     metavar="FILE",
@@ -105,6 +112,7 @@ def run(
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
     watchdog_ms: int | None,
+    will_after_ms: int | None,
     recording: Path | None,
     board: str,
     until_eof: bool,
@@ -126,7 +134,9 @@ def run(
     if nonstop and recording is not None:
         raise click.UsageError("--record keeps one run, -n may start several: leave out one")
     resolved = parse_arguments(machines, table, suspended, preloaded)
-    plan = _with_options(resolved.plan, keep, idle_us, period_us, on_error, watchdog_ms)
+    plan = _with_options(
+        resolved.plan, keep, idle_us, period_us, on_error, watchdog_ms, will_after_ms
+    )
     _log()
     with (
         Whiteboard(_board(plan, board)) as wb,
@@ -170,6 +180,7 @@ def _with_options(
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
     watchdog_ms: int | None,
+    will_after_ms: int | None,
 ) -> Plan:
     """Return the plan with the options of the command line, which override it."""
     if period_us is not None and any(machine.period_us for machine in plan.machines):
@@ -181,6 +192,7 @@ def _with_options(
         period_us=period_us or plan.period_us,
         on_error=on_error or plan.on_error,
         watchdog_ms=watchdog_ms or plan.watchdog_ms,
+        will_after_ms=will_after_ms or plan.will_after_ms,
     )
 
 

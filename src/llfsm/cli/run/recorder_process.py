@@ -52,7 +52,7 @@ def recorded(
         with _recorder(file, board, patience_s):
             yield _recorded_environment(board, plan, limit, patience_s)
         return
-    environment: Environment = LiveEnvironment(board)
+    environment: Environment = LiveEnvironment(board, will_after_ms=plan.will_after_ms)
     if recorder is not None and not forks:
         try:
             environment = _recorded_environment(board, plan, limit, patience_s)
@@ -69,7 +69,8 @@ def _recorded_environment(
         raise click.ClickException("the recorder does not record machines, nothing was run")
     handover = Handover(board, recorder, whole=True, limit=limit, patience_s=patience_s)
     handover.journal.add(("Plan", plan, str(Path.cwd())))
-    return JournalledEnvironment(LiveEnvironment(board, handover=handover), handover.journal)
+    live = LiveEnvironment(board, handover=handover, will_after_ms=plan.will_after_ms)
+    return JournalledEnvironment(live, handover.journal)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ import msgspec
 
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.runtime.plans.toml_files import read_toml
+from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
 from llfsm.whiteboard.mirror.settings import DEFAULT_ENDPOINT, Settings
@@ -67,6 +68,7 @@ def daemon(board: str, directory: str, config: Path | None, **flags: object) -> 
             log.report = mirror.refuse
         with stop_on_signals(lambda _: mirror.stop()):
             where = ", ".join(mirror.listens) or "nowhere"
+            stack.enter_context(GuardThread(board, directory))
             click.echo(f"mirroring {board}, listening on {where}")
             mirror.run(status_publisher(wb))
         if not wb.alive:

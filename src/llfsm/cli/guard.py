@@ -1,0 +1,38 @@
+"""``llfsm guard``: execute the last wills of machines whose processes died."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+
+import click
+
+from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.runtime.presence.guard import GuardThread
+
+from .options import board_option, directory_option, end_with_input, until_eof_option
+
+__all__ = ["guard"]
+
+
+@click.command()
+@board_option
+@directory_option
+@until_eof_option
+def guard(board: str, directory: str, until_eof: bool) -> None:
+    """Post the safe values of machines whose processes die without an end, until Ctrl-C.
+
+    Bridges, `llfsm whiteboard daemon` and `llfsm view` do so, too; one guard is enough, and of
+    several only one posts. The whiteboard may be created later, removed and created again.
+
+    \b
+    llfsm guard -b robot
+    """
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    logging.getLogger("llfsm.guard").setLevel(logging.DEBUG)  # which whiteboard is guarded, too
+    asked = threading.Event()
+    with stop_on_signals(lambda _: asked.set()), GuardThread(board, directory):
+        if until_eof:
+            end_with_input()
+        asked.wait()
