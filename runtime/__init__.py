@@ -9,6 +9,7 @@ from .engine.arrangement import Arrangement
 from .engine.clock import Clock, ManualClock, MonotonicClock
 from .engine.errors import (
     ActuatorClosedError,
+    ActuatorTakenError,
     ArrangementEndedError,
     BundleError,
     ClockError,
@@ -45,6 +46,7 @@ __all__ = [
     "REQUIRED",
     "Actuator",
     "ActuatorClosedError",
+    "ActuatorTakenError",
     "Arrangement",
     "ArrangementEndedError",
     "BundleError",

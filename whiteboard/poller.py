@@ -16,13 +16,25 @@ import msgspec
 from .board import Board, BoundSlot, SlotInfo
 from .errors import BoardClosedError, MessageTypeError, WhiteboardError
 from .message import Message, type_from_schema
-from .messages.llfsm import DEFINITIONS, JOURNALS, MACHINES, MachineDefinition, MachineStatus
+from .messages.llfsm import (
+    COMMANDERS,
+    DEFINITIONS,
+    JOURNALS,
+    MACHINES,
+    Commanders,
+    MachineDefinition,
+    MachineStatus,
+)
 from .schema import describe
 from .slots import Sample, Slot
 
 __all__ = ["BoardPoller", "PolledSlot", "class_of", "is_data"]
 
-_OURS: dict[str, type[Message]] = {MACHINES: MachineStatus, DEFINITIONS: MachineDefinition}
+_OURS: dict[str, type[Message]] = {
+    MACHINES: MachineStatus,
+    DEFINITIONS: MachineDefinition,
+    COMMANDERS: Commanders,
+}
 _SCHEMAS = {prefix: describe(cls) for prefix, cls in _OURS.items()}
 
 

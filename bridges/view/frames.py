@@ -6,13 +6,14 @@ Nothing is queued: a slow page gets fewer frames, each from the newest snapshot.
 from __future__ import annotations
 
 from bisect import bisect_right
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
+from llfsm.runtime.presence.commanders import described, is_contested
 from llfsm.runtime.presence.remote import condition_of
 from llfsm.whiteboard import Sample
-from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MACHINES, MachineStatus
+from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MACHINES, Commanders, MachineStatus
 
 from .page_source import Change, PageSource, Snapshot
 
@@ -34,6 +35,7 @@ class FrameEncoder:
         trouble    why there is nothing to show
         slots      [number, name, type, schema, capacity] of each new slot
         problems   why messages cannot be shown, by the slot's name
+        contested  sentences about slots that several machines command
         samples    [slot's number, count, stamp, writer, fields' values]; without count: removed
         machines   by name, see `_machine`; null: removed
         history    new `Change`s, by machine
@@ -68,6 +70,7 @@ class FrameEncoder:
             "known": None if player is None else self._seconds(player.known_ns),
             "trouble": snapshot.trouble,
             "problems": dict(snapshot.problems),
+            "contested": self._contested(snapshot),
         }
         frame |= {key: value for key, value in rest.items() if self._rest.get(key) != value}
         self._rest = rest
@@ -145,6 +148,24 @@ class FrameEncoder:
             "host": status.host,
             "definition": None if definition is None else definition.count,
         }
+
+    def _contested(self, snapshot: Snapshot) -> list[str]:
+        """Return sentences about slots that several machines command that are published."""
+        messages = [sample.message for sample in snapshot.samples.values()]
+        claims = [each for each in messages if isinstance(each, Commanders)]
+        if not any(is_contested(each.commanders) for each in claims):
+            return []
+        live = set()
+        for sample in snapshot.samples.values():
+            status: Any = sample.message
+            if isinstance(status, MachineStatus) and self._source.is_live(cast(Any, sample)):
+                live.add((status.host, status.pid, status.born))
+        sentences = []
+        for each in claims:
+            alive = [c for c in each.commanders if (c.host, c.pid, c.born) in live]
+            if is_contested(alive):
+                sentences.append(described(each.slot, alive))
+        return sentences
 
     def _new_history(self) -> dict[str, Any]:
         new = {}

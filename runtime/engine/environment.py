@@ -10,7 +10,7 @@ and posts on one. An environment that records, replays or scripts replaces or wr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from .clock import Clock, MonotonicClock
@@ -114,6 +114,13 @@ class Environment:
         """Return the function by which the actuator `name` of a machine posts to `slot`."""
         raise _no_whiteboard(machine, actuator.slot)
 
+    def claim(self, machine: str, slots: Mapping[str, bool]) -> Callable[[], None]:
+        """Note the slots to which a machine posts, by name, and whether each exclusively.
+
+        Return the function to call when it posts no more. Raise `LoadError`.
+        """
+        return _nothing
+
     def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
         """Return the machine of that name that another process runs.
 
@@ -175,6 +182,10 @@ class BoardEnvironment(Environment):
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return the slot's own `add`."""
         return self.whiteboard[slot].add
+
+
+def _nothing() -> None:
+    pass
 
 
 def _no_whiteboard(machine: str, slot: Slot[Any]) -> LoadError:

@@ -5,6 +5,7 @@ FsmError
 ├── BundleError              a bundle cannot be read, run or written: names file and line
 ├── ConfigurationError       an arrangement file or another configuration: names file and line
 ├── LoadError                a machine cannot be loaded as asked
+│   ├── ActuatorTakenError   another machine has a slot exclusively
 │   └── VariableError        no such machine variable, no value, or a value of another type
 ├── ScheduleError            a timetable contradicts itself
 ├── UnknownMachineError      no machine of that name (also a LookupError)
@@ -34,6 +35,7 @@ from llfsm.errors import LlfsmError
 
 __all__ = [
     "ActuatorClosedError",
+    "ActuatorTakenError",
     "ArrangementEndedError",
     "BundleError",
     "ClockError",
@@ -97,6 +99,10 @@ class ConfigurationError(FsmError):
 
 class LoadError(FsmError):
     """A machine cannot be loaded as asked."""
+
+
+class ActuatorTakenError(LoadError):
+    """A live machine posts exclusively to a slot that this one claims exclusively."""
 
 
 class VariableError(LoadError):

@@ -76,6 +76,7 @@ class Loader:
         index = roster.free_index(path)
         seat = Seat(machine, self._arrangement, index, name, path, slots or {})
         seat.connect(self._arrangement.environment)
+        seat.claim(self._arrangement.environment)
         machine._seat = seat
         self._classes[cls.__name__] = cls
         bind(seat, observed=bool(self._arrangement.observers))

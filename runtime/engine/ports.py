@@ -77,6 +77,9 @@ class Actuator(Generic[M]):
     takes effect, before its OnSuspend; `at_failure` when code of the machine raises; `at_end` once
     when the machine leaves its arrangement or the arrangement ends, however it ends. By default
     `at_failure` is `at_suspend`, and that is `at_end`; without any, nothing is posted.
+
+    With `exclusive`, no other machine on the board may have an exclusive actuator of the slot:
+    the second one is not loaded (`ActuatorTakenError`), whichever process runs it.
     """
 
     declared_once = True
@@ -88,8 +91,10 @@ class Actuator(Generic[M]):
         at_suspend: M | None = None,
         at_end: M | None = None,
         at_failure: M | None = None,
+        exclusive: bool = False,
     ):
         self.slot = slot
+        self.exclusive = exclusive
         self.at_end = at_end
         self.at_suspend = at_end if at_suspend is None else at_suspend
         self.at_failure = self.at_suspend if at_failure is None else at_failure

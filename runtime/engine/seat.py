@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from .binding import BoundState
@@ -52,6 +52,7 @@ class Seat:
 
     __slots__ = (
         "_aged",
+        "_release",
         "accepted",
         "arrangement",
         "current",
@@ -115,6 +116,7 @@ class Seat:
         self.doing: str | None = None  # the state whose section runs, while observed
         self.sensors: tuple[tuple[str, Read], ...] = ()
         self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
+        self._release: Callable[[], None] | None = None  # gives back the slots it posts to
         self.taken = True
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failure: Failure | None = None  # what its code has raised
@@ -226,6 +228,15 @@ class Seat:
         if self.first_round:
             self.now = environment.clock.now_ns
 
+    def claim(self, environment: Environment) -> None:
+        """Claim the slots to which the machine posts; raise `LoadError` if that is refused."""
+        slots: dict[str, bool] = {}
+        for actuator in type(self.machine).table.actuators.values():
+            name = self._slot(actuator).name
+            slots[name] = slots.get(name, False) or actuator.exclusive
+        if slots:
+            self._release = environment.claim(self.name, slots)
+
     def _reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
         slot, before = self._slot(sensor), self._aged.get(name)
         if before is None and sensor.max_age_ms is None and not sensor.since_start:
@@ -262,6 +273,8 @@ class Seat:
             self.taken = False
             self.post_safe("at_end")
             self._close_actuators()
+            if self._release is not None:
+                self._release()
 
     def fail(self, failure: Failure) -> None:
         """Note that code of the machine has raised, and post the `at_failure` messages."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from ..engine.environment import Attendant, BoardEnvironment
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..engine.arrangement import Arrangement
     from ..engine.clock import Clock
     from ..journal.handover import Handover
+    from .commanders import Claims
     from .remote import Directory, RemoteMachine
     from .reporting import Presence
 
@@ -44,6 +45,7 @@ class LiveEnvironment(BoardEnvironment):
         self._will_after_ms = will_after_ms or 0
         self._presence: Presence | None = None
         self._directory: Directory | None = None
+        self._claims: Claims | None = None
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
         """Return what publishes the machines' statuses; None if the whiteboard has gone."""
@@ -52,7 +54,12 @@ class LiveEnvironment(BoardEnvironment):
         from .reporting import Presence  # here, as it brings the whiteboard's messages
 
         self._presence = Presence(
-            arrangement, self.whiteboard, self._handover, self.clock, self._will_after_ms
+            arrangement,
+            self.whiteboard,
+            self._handover,
+            self.clock,
+            self._will_after_ms,
+            self._claimed(),
         )
         return self._presence
 
@@ -60,6 +67,17 @@ class LiveEnvironment(BoardEnvironment):
         """Leave the machine's last will before its first turn."""
         if self._presence is not None:
             self._presence.add(machine)
+
+    def claim(self, machine: str, slots: Mapping[str, bool]) -> Callable[[], None]:
+        """Claim the slots on the whiteboard, for other processes to see."""
+        return self._claimed().take(machine, slots)
+
+    def _claimed(self) -> Claims:
+        if self._claims is None:
+            from .commanders import Claims  # here, as it brings the whiteboard's messages
+
+            self._claims = Claims(self.whiteboard)
+        return self._claims
 
     def elsewhere(self, name: str, known: Iterable[str]) -> RemoteMachine:
         """Return the machine of that name that another process runs on this whiteboard."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,7 +13,9 @@ from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardEr
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
+    MACHINES,
     VIEWER,
+    Bell,
     MachineRequest,
     MachineStatus,
     definition_slot,
@@ -24,8 +27,9 @@ from llfsm.whiteboard.messages.llfsm import (
 from ..engine.failure import logger, one_line
 from ..engine.machine import Machine
 from ..journal.handover import Handover, Reporter
+from .commanders import Claims
 from .description import definition_of, variables_of
-from .remote import is_live
+from .remote import Directory, is_live
 from .will import Will
 
 if TYPE_CHECKING:
@@ -67,22 +71,25 @@ class _Entry:
         silent_ms: int,
     ):
         self._board = board
-        self._name = name
         self._machine = machine
         self._safe_values = safe_values
         self._silent_ms = silent_ms
+        self.name = self.published_name = name
+        self.namesake: MachineStatus | None = None  # of the live machine that has the name
         self._take()
 
     def _take(self) -> None:
         """Claim a name that no live machine has: `P`, else `P.0`, `P.1` …, as in an arrangement."""
-        names, number = self._name, -1
+        names, number = self.name, -1
         while True:
             self._slot = self._board[status_slot(names)]
             sample = self._slot.sample()
             if sample is None or not is_live(sample):
                 break
+            self.namesake = self.namesake or sample.message
             number += 1
-            names = f"{self._name}.{number}"
+            names = f"{self.name}.{number}"
+        self.published_name = names
         self._will = None
         if self._safe_values:
             self._will = Will(self._board, names, self._safe_values, self._silent_ms)
@@ -155,9 +162,11 @@ class Presence:
         handover: Handover | None = None,
         clock: Clock | None = None,
         will_after_ms: int = 0,
+        claims: Claims | None = None,
     ) -> None:
         self._arrangement = arrangement
         self._will_after_ms = will_after_ms
+        self._claims = claims or Claims(board)
         self._now = (clock or arrangement.clock).now_ns
         self._board = board
         self._pid = os.getpid()
@@ -165,6 +174,9 @@ class Presence:
         self._entries: dict[str, _Entry] = {}
         self._bell = board[BELL]
         self._rung = self._bell.count
+        self._has_rung = False  # since namesakes were looked for
+        self._namesakes: dict[str, str] = {}  # published names that were logged, by machine
+        self._logged: set[tuple[str, int]] = set()  # names and processes of others' namesakes
         self._viewer = board[VIEWER]
         self._viewed = self._viewer.count
         self._view_ends_ns = self._variables_due_ns = self._now()
@@ -183,6 +195,9 @@ class Presence:
             if self._works:
                 with self._lock, self._tolerating_the_board():
                     self._post(now_ns)
+                    self._claims.look()
+                    if self._has_rung:
+                        self._report_namesakes()
             self._reporter.look()
 
     def obey(self) -> None:
@@ -191,6 +206,7 @@ class Presence:
             rung = self._bell.count
             if rung != self._rung:
                 self._rung = rung
+                self._has_rung = True
                 self._obey_all()
 
     def add(self, name: str) -> None:
@@ -263,8 +279,11 @@ class Presence:
                 entry.keep()
                 latest = latest._replace(obeyed=entry.obeyed)
                 entry.post(latest, self._status(standing.machine, latest, arrival, now_ns), now_ns)
+                if entry.published_name != self._namesakes.get(entry.name, entry.name):
+                    self._report_name(entry)
         for name in left:
             self._entries.pop(name).leave()
+            self._namesakes.pop(name, None)
         self._post_variables(now_ns)
 
     def _add(self, name: str) -> _Entry:
@@ -276,6 +295,38 @@ class Presence:
             self._will_after_ms,
         )
         return entry
+
+    def _report_name(self, entry: _Entry) -> None:
+        """Log that a machine has another name on the board, and let the namesake look for it."""
+        self._namesakes[entry.name] = entry.published_name
+        if entry.namesake is not None:
+            logger().warning(
+                "%s runs a machine %s on this whiteboard, too; this one is published as %s",
+                _process(entry.namesake),
+                entry.name,
+                entry.published_name,
+            )
+        self._claims.rename(entry.name, entry.published_name)
+        self._bell.add(Bell(entry.name))
+
+    def _report_namesakes(self) -> None:
+        """Log, once each, machines of other processes that have the name of one of these."""
+        self._has_rung = False
+        for machine in Directory(self._board).machines():
+            status = machine.status
+            ours = (status.pid, status.host) == (self._pid, host_name())
+            number = re.search(r"\.\d+$", machine.name)
+            if ours or number is None or (machine.name, status.pid) in self._logged:
+                continue
+            name = machine.name[: number.start()]
+            if name in (status_slot(each).name.removeprefix(MACHINES) for each in self._entries):
+                self._logged.add((machine.name, status.pid))
+                logger().warning(
+                    "%s runs a machine %s on this whiteboard, too; it is published as %s",
+                    _process(status),
+                    name,
+                    machine.name,
+                )
 
     def _post_variables(self, now_ns: int) -> None:
         if self._viewer.count != self._viewed:
@@ -311,3 +362,8 @@ class Presence:
             error_state="" if latest.failure is None else latest.failure.error.state,
             error_s=0.0 if latest.failure is None else (now_ns - latest.failure.time_ns) / 1e9,
         )
+
+
+def _process(status: MachineStatus) -> str:
+    host = "" if status.host == host_name() else f" on {status.host}"
+    return f"process {status.pid}{host}"

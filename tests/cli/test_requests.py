@@ -16,7 +16,7 @@ from typing import Any
 import click
 import pytest
 
-from llfsm.cli.ps import machines_on
+from llfsm.cli.ps import listings
 from llfsm.cli.requests import carry_out
 from llfsm.runtime.presence.remote import SILENT_S, Directory
 from llfsm.whiteboard import Whiteboard
@@ -136,11 +136,9 @@ def test_ps_of_every_board(llfsm: Llfsm, board: str, running: subprocess.Popen[s
 def test_ps_of_every_board_although_one_goes_meanwhile(
     board: str, running: subprocess.Popen[str]
 ) -> None:
-    found = machines_on([f"{board}-not", board])
-    assert [(name, machine.name) for name, machine in found] == [
-        (board, "Stays"),
-        (board, "Stubborn"),
-    ]
+    [found] = listings([f"{board}-not", board])
+    assert found.board == board
+    assert [machine.name for machine in found.machines] == ["Stays", "Stubborn"]
 
 
 def test_ps_of_every_board_although_one_cannot_be_read(
@@ -149,11 +147,11 @@ def test_ps_of_every_board_although_one_cannot_be_read(
     broken = Path(f"/dev/shm/llfsm.{board}-broken")
     broken.write_bytes(b"no whiteboard")
     try:
-        found = machines_on([f"{board}-broken", board])
+        [found] = listings([f"{board}-broken", board])
     finally:
         broken.unlink()
     assert f"whiteboard '{board}-broken': " in capsys.readouterr().err
-    assert [machine.name for _, machine in found] == ["Stays", "Stubborn"]
+    assert [machine.name for machine in found.machines] == ["Stays", "Stubborn"]
 
 
 def test_ps_of_a_board_without_machines(llfsm: Llfsm, board: str) -> None:
@@ -215,6 +213,64 @@ def test_a_process_that_stands_still_is_silent(
     assert rows(llfsm, "-b", board)["Stays"]["silent_s"] > SILENT_S
     running.send_signal(signal.SIGCONT)
     wait_for(lambda: statuses() == {"running"}, "machines run again")
+
+
+# Commanders of one slot
+
+COMMANDERS = """
+from llfsm.runtime import Actuator, Machine, State
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Int32
+
+class Wall(Machine):
+    drive = Actuator(Slot("cmd_vel", Int32))
+    A = State()
+    A.to(A, when=lambda m: False)
+
+class Blind(Wall):
+    pass
+
+class Alone(Machine):
+    drive = Actuator(Slot("cmd_vel", Int32), exclusive=True)
+    A = State()
+    A.to(A, when=lambda m: False)
+"""
+
+
+def test_two_commanders_of_a_slot_are_shown(llfsm: Llfsm, board: str, tmp_path: Path) -> None:
+    (tmp_path / "commands.py").write_text(COMMANDERS)
+    first = llfsm.start("run", "commands:Wall", "mine:Stubborn", "-q", "-b", board)
+    with Whiteboard(board) as wb:
+        wait_for(lambda: wb[status_slot("Wall")].count, "the first is published")
+        assert "commanders" not in llfsm.run("ps", "-b", board).stdout
+        second = llfsm.start("run", "commands:Blind", "-q", "-b", board)
+        line = f"cmd_vel has two commanders: Wall (pid {first.pid}), Blind (pid {second.pid})\n"
+        assert wait_for_line(first, "commanders") == line
+        assert wait_for_line(second, "commanders") == line
+        wait_for(lambda: wb[status_slot("Blind")].count, "the second is published")
+    assert llfsm.run("ps", "-b", board).stdout.endswith(line)
+    assert llfsm.run("whiteboard", "list", board).stdout.endswith(line)
+    contested = {name: row["contested"] for name, row in rows(llfsm, "-b", board).items()}
+    assert contested == {"Wall": ["cmd_vel"], "Blind": ["cmd_vel"], "Stubborn": []}
+    second.kill()
+    second.wait()
+    assert "commanders" not in llfsm.run("ps", "-b", board).stdout
+    assert "commanders" not in llfsm.run("whiteboard", "list", board).stdout
+
+
+def test_a_second_exclusive_commander_does_not_start(
+    llfsm: Llfsm, board: str, tmp_path: Path
+) -> None:
+    (tmp_path / "commands.py").write_text(COMMANDERS)
+    first = llfsm.start("run", "commands:Alone", "-q", "-b", board)
+    with Whiteboard(board) as wb:
+        wait_for(lambda: wb[status_slot("Alone")].count, "the first is published")
+    done = llfsm.run("run", "commands:Alone", "-q", "-b", board)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        f"Error: Alone posts to 'cmd_vel' exclusively, but Alone (pid {first.pid}, exclusive) "
+        f"does, too; end that machine first\n"
+    )
 
 
 # Requests

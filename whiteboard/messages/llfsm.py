@@ -10,6 +10,7 @@ from ..slots import Slot
 
 __all__ = [
     "BELL",
+    "COMMANDERS",
     "DEFINITIONS",
     "JOURNALS",
     "MACHINES",
@@ -22,6 +23,8 @@ __all__ = [
     "WILL_BELL",
     "Action",
     "Bell",
+    "Commander",
+    "Commanders",
     "DefinedBox",
     "DefinedSection",
     "DefinedState",
@@ -39,6 +42,7 @@ __all__ = [
     "SafeValue",
     "VariableValue",
     "Viewer",
+    "commanders_slot",
     "definition_slot",
     "journal_slot",
     "request_slot",
@@ -52,10 +56,11 @@ DEFINITIONS = "llfsm/definition/"
 VARIABLES = "llfsm/variables/"
 REQUESTS = "llfsm/request/"
 WILLS = "llfsm/will/"
+COMMANDERS = "llfsm/commander/"
 JOURNALS = "llfsm/journal/"
 """Slots that carry bytes from arrangements to a recorder; tools do not show or record them."""
 
-_MAX_NAME = 230  # bytes of a machine's name that fit into a slot's name
+_MAX_NAME = 230  # bytes of another name that fit into a slot's name
 
 Action: TypeAlias = Literal["suspend", "resume", "restart", "stop"]
 
@@ -108,6 +113,28 @@ class Bell(Message):
 
 
 BELL = Slot("llfsm/bell", Bell)
+
+
+class Commander(Message):
+    """A machine that posts to a slot, and claims to be the only one if `exclusive`.
+
+    It is run by process `pid` on `host`, which started `born` clock ticks after boot; `number`
+    distinguishes the claims of that process.
+    """
+
+    machine: str
+    pid: int
+    born: int
+    host: str
+    number: int
+    exclusive: bool = False
+
+
+class Commanders(Message):
+    """The machines that post to `slot`; a process that has died may have left its own."""
+
+    slot: str
+    commanders: tuple[Commander, ...] = ()
 
 
 class DefinedSection(Message):
@@ -294,6 +321,12 @@ def request_slot(machine: str) -> Slot[MachineRequest]:
 
 
 @lru_cache(maxsize=4096)
+def commanders_slot(slot: str) -> Slot[Commanders]:
+    """Return the slot for the machines that post to a slot."""
+    return Slot(COMMANDERS + _legal(slot), Commanders, 4 << 10)
+
+
+@lru_cache(maxsize=4096)
 def definition_slot(machine: str) -> Slot[MachineDefinition]:
     """Return the slot for a machine's definition."""
     return Slot(DEFINITIONS + _legal(machine), MachineDefinition, 32 << 10)
@@ -317,9 +350,9 @@ def journal_slot(number: int) -> Slot[JournalPart]:
     return Slot(f"{JOURNALS}{number}", JournalPart, 128 << 10)
 
 
-def _legal(machine: str) -> str:
-    """Return a machine's name in a form that is valid in a slot's name."""
-    visible = re.sub(r"[\s\x00-\x1f\x7f]", "_", machine).encode("utf-8", "replace")
+def _legal(name: str) -> str:
+    """Return the name of a machine or slot in a form that is valid in another slot's name."""
+    visible = re.sub(r"[\s\x00-\x1f\x7f]", "_", name).encode("utf-8", "replace")
     if len(visible) > _MAX_NAME:  # a checksum keeps the names distinct
         visible = visible[: _MAX_NAME - 9] + b"~%08x" % crc32(visible)
     return visible.decode("utf-8", "ignore")

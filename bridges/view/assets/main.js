@@ -40,6 +40,7 @@ function take(frame) {
   const changed = model.apply(frame);
   for (const view of views) view.update(changed);
   if ("trouble" in frame) showTrouble(frame.trouble);
+  if ("contested" in frame) showContested(frame.contested);
   dirty = true;
 }
 
@@ -57,6 +58,11 @@ function showTrouble(text) {
   setText(place, text ? text[0].toUpperCase() + text.slice(1) : "");
   place.hidden = !text;
   document.body.classList.toggle("stale", Boolean(text));
+}
+
+function showContested(sentences) {
+  setText($("contested"), sentences.join("; "));
+  $("contested").hidden = !sentences.length;
 }
 
 const LINKS = {

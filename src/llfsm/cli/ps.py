@@ -4,16 +4,29 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import click
 
+from llfsm.runtime.presence.commanders import contested_slots, described
 from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard, WhiteboardError
+from llfsm.whiteboard.messages.llfsm import Commander
 from llfsm.whiteboard.shared import boards
 
 from .options import board_option
 
-__all__ = ["machines_on", "ps"]
+__all__ = ["listings", "ps"]
+
+
+class Listing(NamedTuple):
+    """What `ps` shows of one whiteboard."""
+
+    board: str
+    machines: list[RemoteMachine]
+    contested: dict[str, list[Commander]]
+    """The machines that command one slot, by slot, where there are several."""
+
 
 _HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID")
 
@@ -31,15 +44,14 @@ def ps(board: str, every: bool, as_json: bool) -> None:
     llfsm ps
     llfsm ps -a --json
     """
-    if every:
-        rows = machines_on(info.name for info in boards() if info.used)
-    else:
-        with Whiteboard(board, create=False) as wb:
-            rows = [(board, machine) for machine in Directory(wb).machines()]
+    used = (info.name for info in boards() if info.used)
+    found = listings(used) if every else [_listing(board)]
     if as_json:
-        for name, machine in rows:
-            click.echo(json.dumps(_plain(name, machine)))
+        for listing in found:
+            for machine in listing.machines:
+                click.echo(json.dumps(_plain(listing, machine)))
         return
+    rows = [(listing.board, machine) for listing in found for machine in listing.machines]
     lines: list[tuple[str, ...]] = [("WHITEBOARD", *_HEADS) if every else _HEADS]
     lines += [(name, *_row(machine)) if every else _row(machine) for name, machine in rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -50,10 +62,13 @@ def ps(board: str, every: bool, as_json: bool) -> None:
         if machine.status.error:
             how = "hangs in" if machine.status.hung else "failed:"
             click.echo(f"{machine.name} {how} {machine.status.error}")
+    for listing in found:
+        for slot, commanders in listing.contested.items():
+            click.echo(described(slot, commanders))
 
 
-def machines_on(names: Iterable[str]) -> list[tuple[str, RemoteMachine]]:
-    """Return the machines on whiteboards, each with the name of its whiteboard.
+def listings(names: Iterable[str]) -> list[Listing]:
+    """Return the machines on whiteboards.
 
     A whiteboard that no longer exists is skipped; one that cannot be read is reported on standard
     error.
@@ -61,13 +76,17 @@ def machines_on(names: Iterable[str]) -> list[tuple[str, RemoteMachine]]:
     found = []
     for name in names:
         try:
-            with Whiteboard(name, create=False) as wb:
-                found += [(name, machine) for machine in Directory(wb).machines()]
+            found.append(_listing(name))
         except BoardNotFoundError:
             continue
         except WhiteboardError as error:
             click.echo(f"whiteboard {name!r}: {error}", err=True)
     return found
+
+
+def _listing(name: str) -> Listing:
+    with Whiteboard(name, create=False) as wb:
+        return Listing(name, Directory(wb).machines(), contested_slots(wb))
 
 
 def _row(machine: RemoteMachine) -> tuple[str, ...]:
@@ -83,10 +102,10 @@ def _row(machine: RemoteMachine) -> tuple[str, ...]:
     )
 
 
-def _plain(board: str, machine: RemoteMachine) -> dict[str, object]:
+def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
     status = machine.status
     return {
-        "whiteboard": board,
+        "whiteboard": listing.board,
         "machine": machine.name,
         "state": status.state,
         "status": machine.condition,
@@ -99,4 +118,9 @@ def _plain(board: str, machine: RemoteMachine) -> dict[str, object]:
         "error": status.error,
         "error_state": status.error_state,
         "error_s": round(status.error_s + machine.silent_s, 3) if status.failed else None,
+        "contested": [
+            slot
+            for slot, commanders in listing.contested.items()
+            if (machine.name, status.pid) in ((each.machine, each.pid) for each in commanders)
+        ],
     }

@@ -13,7 +13,14 @@ from llfsm.bridges.view.frames import FrameEncoder
 from llfsm.bridges.view.page_source import Change, PageSource, Snapshot
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
-from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
+from llfsm.whiteboard.liveness import host_name
+from llfsm.whiteboard.messages.llfsm import (
+    Commander,
+    Commanders,
+    MachineStatus,
+    commanders_slot,
+    status_slot,
+)
 
 
 class Number(Message):
@@ -142,6 +149,25 @@ def test_a_machine_is_running_suspended_failed_hung_silent_or_ended() -> None:
     assert condition(1.5, MachineStatus("a")) == "silent"
     source.live = False
     assert condition(1.6, MachineStatus("a")) == "ended"
+
+
+def test_a_slot_with_several_commanders_is_reported_while_they_are_published() -> None:
+    source = Fake()
+    encoder = FrameEncoder(source)
+    both = [Commander(f"M{pid}", pid, 1, host_name(), 0) for pid in (5, 6)]
+    claims = {commanders_slot("cmd").name: Sample(Commanders("cmd", tuple(both)), 1, 0, 1)}
+    statuses = {
+        status_slot(each.machine).name: Sample(
+            MachineStatus("a", pid=each.pid, born=1, host=each.host), 1, 0, each.pid
+        )
+        for each in both
+    }
+    sentence = "cmd has two commanders: M5 (pid 5), M6 (pid 6)"
+    assert _frame(encoder, _snapshot(claims))["contested"] == []
+    assert _frame(encoder, _snapshot(claims | statuses))["contested"] == [sentence]
+    assert _frame(encoder, _snapshot(claims | statuses)) is None
+    source.live = False
+    assert _frame(encoder, _snapshot(claims | statuses))["contested"] == []
 
 
 def test_history_is_sent_once_in_order_even_if_its_beginning_was_forgotten() -> None:

@@ -190,6 +190,42 @@ def test_a_machine_that_fails_or_hangs_shows_where_and_may_be_resumed(
     assert seen.errors == []
 
 
+TWO = """
+from llfsm.runtime import Actuator, Machine, State
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Int32
+
+class Wall(Machine):
+    drive = Actuator(Slot("cmd_vel", Int32))
+    A = State()
+    A.to(A, when=lambda m: False)
+
+class Blind(Wall):
+    pass
+"""
+
+
+def test_two_processes_that_command_a_slot_are_shown_until_one_ends(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    (tmp_path / "two.py").write_text(TWO)
+    first = start("run", "two:Wall", "-q", "-b", board)
+    with Whiteboard(board) as wb:
+        wait_for(lambda: wb[status_slot("Wall")].count, "the first runs")
+    seen = visit(start(Server, board).address)
+    contested = seen.page.locator("#contested")
+    seen.page.wait_for_selector("[data-machine=Wall]")
+    expect(contested).to_be_hidden()
+    second = start("run", "two:Blind", "-q", "-b", board)
+    expect(contested).to_have_text(
+        f"cmd_vel has two commanders: Wall (pid {first.popen.pid}), Blind (pid {second.popen.pid})"
+    )
+    expect(seen.page.locator("#trouble")).to_be_hidden()
+    second.end()
+    expect(contested).to_be_hidden()
+    assert seen.errors == []
+
+
 def test_a_slot_opens_to_its_value_and_its_schema(
     board: str, start: Callable[..., Any], visit: Callable[..., Any]
 ) -> None:

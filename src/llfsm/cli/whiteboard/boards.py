@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from llfsm.runtime.presence.commanders import contested_slots, described
 from llfsm.whiteboard import BoardError, Message, Sample, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.message_text import message_class, parse_message
@@ -34,6 +35,8 @@ def list_(board: str | None) -> None:
             for slot in poller.slots.values():
                 status = f"cannot be read: {slot.problem}" if slot.problem else _age(slot.sample)
                 click.echo(f"{slot.name}  {slot.info.type_name}  {status}")
+            for name, commanders in contested_slots(wb).items():
+                click.echo(described(name, commanders))
         return
     for found in boards():
         click.echo(f"{found.name}  {'in use' if found.used else 'not in use'}")

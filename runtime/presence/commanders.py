@@ -1,0 +1,207 @@
+"""Which machines command a slot: claims on the board, so that no two do so unnoticed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from itertools import count
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from llfsm.whiteboard.errors import (
+    BoardClosedError,
+    MessageUnreadableError,
+    SlotError,
+    WhiteboardError,
+)
+from llfsm.whiteboard.liveness import born, host_name, lives
+from llfsm.whiteboard.messages.llfsm import COMMANDERS, Commander, Commanders, commanders_slot
+from llfsm.whiteboard.slots import Slot
+
+from ..engine.errors import ActuatorTakenError, LoadError
+from ..engine.failure import logger
+from .remote import Directory
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Board
+
+__all__ = ["Claims", "contested_slots", "described", "is_contested"]
+
+_numbers = count()  # they distinguish the claims of this process
+
+
+class Claims:
+    """The claims of an arrangement's machines to the slots that they post to.
+
+    They are written when a machine is loaded and removed when it ends. Those of a process that has
+    died do not count. All claims to a slot are one message that is replaced by compare-and-swap, so
+    of two processes that claim a slot exclusively at the same moment, one fails.
+    """
+
+    def __init__(self, board: Board):
+        self._board = board
+        self._slots: dict[str, _SlotClaims] = {}
+
+    def take(self, machine: str, slots: Mapping[str, bool]) -> Callable[[], None]:
+        """Claim each of `slots`, exclusively or not; return the function that gives them back.
+
+        Raise `ActuatorTakenError` if another live machine has one of them exclusively, too, and
+        `LoadError` if an exclusive claim cannot be written. Any other that cannot be is logged.
+        """
+        number = next(_numbers)
+
+        def release() -> None:
+            for claims in self._slots.values():
+                if number in claims.mine:
+                    claims.remove(number)
+
+        for slot, exclusive in slots.items():
+            pid = os.getpid()
+            mine = Commander(machine, pid, born(pid), host_name(), number, exclusive)
+            try:
+                if slot not in self._slots:
+                    self._slots[slot] = _SlotClaims(self._board, slot)
+                self._slots[slot].add(mine)
+            except LoadError:
+                release()
+                raise
+            except WhiteboardError as error:
+                if exclusive:
+                    release()
+                    what = f"{machine} cannot claim {slot!r} exclusively: {error}"
+                    raise LoadError(what) from error
+                logger().warning("other processes cannot see who posts to %r: %s", slot, error)
+        return release
+
+    def rename(self, machine: str, published: str) -> None:
+        """Change the name of a machine to the one by which other processes see it."""
+        for claims in self._slots.values():
+            claims.rename(machine, published)
+
+    def look(self) -> None:
+        """Log other machines that command the same slots, once each."""
+        for claims in self._slots.values():
+            claims.look()
+
+
+class _SlotClaims:
+    """The claims to one slot; `mine` are those of one arrangement, by number."""
+
+    def __init__(self, board: Board, slot: str):
+        self.mine: dict[int, Commander] = {}
+        self._board = board
+        self._slot = slot
+        self._bound = board[commanders_slot(slot)]
+        self._seen = 0  # the count of the claims when last looked at
+        self._reported: set[tuple[str, int, int]] = set()
+
+    def add(self, mine: Commander) -> None:
+        """Claim the slot; raise `ActuatorTakenError` if two claims would be exclusive."""
+        self._replace(None, mine, refuse=mine.exclusive)
+        self.mine[mine.number] = mine
+        self._report()
+
+    def remove(self, number: int) -> None:
+        """Give the slot back; log if that is not possible."""
+        mine = self.mine.pop(number)
+        try:
+            self._replace(mine, None)
+        except BoardClosedError:  # nothing is claimed there any more
+            pass
+        except WhiteboardError as error:
+            logger().warning("the claim to %r was not removed: %s", self._slot, error)
+
+    def rename(self, machine: str, published: str) -> None:
+        """Change the name of a machine."""
+        for number, mine in self.mine.items():
+            if mine.machine == machine:
+                self.mine[number] = msgspec.structs.replace(mine, machine=published)
+                self._replace(mine, self.mine[number])
+
+    def look(self) -> None:
+        """Report new commanders, and write claims again that were overwritten by a mirror's."""
+        if self._bound.count != self._seen:
+            latest = self._bound.get()
+            for mine in self.mine.values():
+                if latest is not None and mine not in latest.commanders:
+                    self._replace(None, mine)
+            self._report()
+
+    def _replace(self, old: Commander | None, new: Commander | None, refuse: bool = False) -> None:
+        """Replace a claim by another one, and drop those of machines that are gone."""
+        while True:
+            sample = self._bound.sample()
+            commanders = () if sample is None else sample.message.commanders
+            rest = [each for each in _alive(self._board, commanders) if each != old]
+            other = next((each for each in rest if each.exclusive), None)
+            if refuse and new is not None and other is not None:
+                raise ActuatorTakenError(
+                    f"{new.machine} posts to {self._slot!r} exclusively, but {_named(other)} "
+                    f"does, too; end that machine first"
+                )
+            claims = Commanders(self._slot, tuple(rest if new is None else [*rest, new]))
+            if self._bound.add_after(claims, 0 if sample is None else sample.count):
+                return
+
+    def _report(self) -> None:
+        self._seen = self._bound.count
+        claims = self._bound.get()
+        commanders = [] if claims is None else claims.commanders
+        if is_contested(commanders):  # or was, by some that have died
+            commanders = _alive(self._board, commanders)
+            known = {(each.host, each.pid, each.number) for each in commanders}
+            if is_contested(commanders) and known - self._reported:
+                self._reported |= known
+                logger().warning("%s", described(self._slot, commanders))
+
+
+def is_contested(commanders: Sequence[Commander]) -> bool:
+    """Return whether several processes command a slot, or one exclusively that is not alone."""
+    processes = {(each.host, each.pid) for each in commanders}
+    exclusive = any(each.exclusive for each in commanders)
+    return len(processes) > 1 or (exclusive and len(commanders) > 1)
+
+
+def contested_slots(board: Board) -> dict[str, list[Commander]]:
+    """Return the live machines that command a slot, by slot, where it is contested."""
+    found = {}
+    for info in board.slots():
+        if info.name.startswith(COMMANDERS):
+            with suppress(SlotError, MessageUnreadableError):  # not claims, whatever its name
+                claims = board[Slot(info.name, Commanders, info.capacity)].get()
+                if claims is not None and is_contested(claims.commanders):
+                    commanders = _alive(board, claims.commanders)
+                    if is_contested(commanders):
+                        found[claims.slot] = commanders
+    return found
+
+
+def described(slot: str, commanders: Sequence[Commander]) -> str:
+    """Return in a sentence which machines command a slot."""
+    number = {2: "two", 3: "three"}.get(len(commanders), len(commanders))
+    return f"{slot} has {number} commanders: {', '.join(map(_named, commanders))}"
+
+
+def _named(commander: Commander) -> str:
+    host = "" if commander.host == host_name() else f" on {commander.host}"
+    alone = ", exclusive" if commander.exclusive else ""
+    return f"{commander.machine} (pid {commander.pid}{host}{alone})"
+
+
+def _alive(board: Board, commanders: Iterable[Commander]) -> list[Commander]:
+    """Return those whose process lives; one of another host must publish machines here."""
+    here, elsewhere = host_name(), None
+    alive = []
+    for each in commanders:
+        if each.host == here:
+            if lives(each.pid, each.born):
+                alive.append(each)
+            continue
+        if elsewhere is None:
+            statuses = [machine.status for machine in Directory(board).machines()]
+            elsewhere = {(status.host, status.pid, status.born) for status in statuses}
+        if (each.host, each.pid, each.born) in elsewhere:
+            alive.append(each)
+    return alive
