@@ -25,6 +25,7 @@ from .errors import (
     SlotError,
     SlotNameError,
     SlotNotFoundError,
+    SlotRetiredError,
     SlotTypeError,
     WhiteboardError,
 )
@@ -57,6 +58,7 @@ __all__ = [
     "SlotInfo",
     "SlotNameError",
     "SlotNotFoundError",
+    "SlotRetiredError",
     "SlotTypeError",
     "Whiteboard",
     "WhiteboardError",

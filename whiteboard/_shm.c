@@ -19,6 +19,7 @@ typedef struct {
     PyObject *scratch;       /* a bytearray to encode into; NULL while a thread uses it */
     PyObject *message;       /* the latest message decoded */
     struct lwb_meta meta;    /* and its metadata */
+    char retired;            /* it adds no more */
 } Port;
 
 static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwargs)
@@ -93,6 +94,8 @@ static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
         return NULL;
     if (Py_TYPE(message) != self->type)
         return fail(WRONG_TYPE, self->name, PyTuple_Pack(2, self->type, message));
+    if (self->retired)
+        return fail(RETIRED, self->name, NULL);
     /* Taken, not borrowed: the encoder may let another thread run, which then makes its own. */
     PyObject *scratch = self->scratch;
     self->scratch = NULL;
@@ -287,6 +290,13 @@ static PyObject *port_capacity(Port *self, void *unused)
     return PyLong_FromUnsignedLongLong(self->slot.capacity);
 }
 
+static PyObject *port_retire(Port *self, PyObject *unused)
+{
+    (void)unused;
+    self->retired = 1;
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef port_methods[] = {
     {"add", (PyCFunction)port_add, METH_O, NULL},
     {"add_after", (PyCFunction)port_add_after, METH_VARARGS, NULL},
@@ -294,6 +304,7 @@ static PyMethodDef port_methods[] = {
     {"sample", (PyCFunction)port_sample, METH_NOARGS, NULL},
     {"encoded", (PyCFunction)port_encoded, METH_NOARGS, NULL},
     {"wait", (PyCFunction)(void (*)(void))port_wait, METH_VARARGS | METH_KEYWORDS, NULL},
+    {"retire", (PyCFunction)port_retire, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL}};
 
 static PyGetSetDef port_getset[] = {

@@ -99,6 +99,13 @@ class BoundSlot(ABC, Generic[M]):
         :class:`.BoardClosedError` if the board is closed or removed while waiting.
         """
 
+    @abstractmethod
+    def retire(self) -> None:
+        """Let this handle add no more: from now on that raises :class:`.SlotRetiredError`.
+
+        For a handle of one's own, of :meth:`Board.publisher`; others are shared.
+        """
+
     def on_add(self, callback: Callable[[int], None]) -> None:
         """Call a method with the count of each message, within the add, as long as it exists.
 
@@ -166,6 +173,10 @@ class Board(ABC):
         Raise :class:`.SlotTypeError` if it has another type on the board.
         """
         return self._bound[slot]
+
+    def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
+        """Bind a slot as ``board[slot]`` does, but to a new handle, which can be retired."""
+        return self._bind(slot)
 
     def add_message(self, slot: Slot[M], message: M) -> int:
         """Make ``message`` the slot's latest; see :meth:`BoundSlot.add`."""

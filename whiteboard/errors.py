@@ -16,6 +16,7 @@
     ├── SlotError                     one slot of a board
     │   ├── SlotNotFoundError              no slot of that name
     │   ├── SlotNameError                  an invalid name
+    │   ├── SlotRetiredError               a handle that adds no more
     │   └── SlotTypeError                  the slot holds messages of another type
     └── MessageError                  one message or its class
         ├── MessageTypeError               a class with a field that is not immutable
@@ -51,6 +52,7 @@ __all__ = [
     "SlotError",
     "SlotNameError",
     "SlotNotFoundError",
+    "SlotRetiredError",
     "SlotTypeError",
     "WhiteboardError",
 ]
@@ -110,6 +112,10 @@ class SlotNotFoundError(SlotError):
 
 class SlotNameError(SlotError, ValueError):
     """The name of a slot or a board is invalid."""
+
+
+class SlotRetiredError(SlotError):
+    """The handle was retired: its owner has ended and adds no more."""
 
 
 class SlotTypeError(SlotError, TypeError):
@@ -202,6 +208,8 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
     match status, detail:
         case -1, _:
             raise BoardClosedError(f"{where}: this whiteboard was closed")
+        case -6, _:
+            raise SlotRetiredError(f"slot {where!r}: this handle was retired and adds no more")
         case -5, _:
             raise BoardClosedError(f"{where}: this whiteboard was removed")
         case -2, (type() as wanted, message):

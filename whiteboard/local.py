@@ -10,7 +10,14 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from .board import Board, BoundSlot, SlotInfo
-from .errors import BoardClosedError, SlotNotFoundError, too_large, wrong_field, wrong_type
+from .errors import (
+    BoardClosedError,
+    SlotNotFoundError,
+    SlotRetiredError,
+    too_large,
+    wrong_field,
+    wrong_type,
+)
 from .message import M
 from .slots import Sample, Slot
 
@@ -45,6 +52,7 @@ class _LocalSlot(BoundSlot[M]):
         self._slot = slot
         self._cell = cell
         self._read: tuple[_Added, Sample[M]] | None = None
+        self._retired = False
 
     @property
     def count(self) -> int:
@@ -66,6 +74,8 @@ class _LocalSlot(BoundSlot[M]):
         slot = self._slot
         if type(message) is not slot.type:
             raise wrong_type(slot.name, slot.type, message)
+        if self._retired:
+            raise SlotRetiredError(f"slot {slot.name!r}: this handle was retired and adds no more")
         try:  # as in shared memory, so that a test finds the same errors as a robot
             data = slot.encoder.encode(message)
             message = slot.decoder.decode(data)
@@ -88,6 +98,9 @@ class _LocalSlot(BoundSlot[M]):
                     callback(added.number)
             self._board.changed.notify_all()
         return added.number
+
+    def retire(self) -> None:
+        self._retired = True
 
     def on_add(self, callback: Callable[[int], None]) -> None:
         self._cell.on_add.append(weakref.WeakMethod(callback))

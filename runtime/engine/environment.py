@@ -18,7 +18,7 @@ from .errors import LoadError, UnknownMachineError
 from .freshness import AgedRead, BoardAgedRead
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, Slot
+    from llfsm.whiteboard import Board, BoundSlot, Slot
 
     from .arrangement import Arrangement
     from .events import Status
@@ -137,6 +137,9 @@ class Environment:
     def loaded(self, machine: str, path: str) -> None:
         """Note that a machine was loaded."""
 
+    def unloaded(self, machine: str) -> None:
+        """Let nothing be posted for a machine any more: it has left its arrangement."""
+
     def may_stop(self, cause: str) -> bool:
         """Return whether a stop takes effect now; if not, `Arrangement.stop` is called later."""
         return True
@@ -150,6 +153,7 @@ class BoardEnvironment(Environment):
     def __init__(self, whiteboard: Board, clock: Clock | None = None):
         super().__init__(clock)
         self.whiteboard = whiteboard
+        self._publishers: dict[str, list[BoundSlot[Any]]] = {}  # of each machine
 
     @property
     def alive(self) -> bool:
@@ -180,8 +184,15 @@ class BoardEnvironment(Environment):
         return BoardAgedRead(sensor, self.whiteboard[slot], self.clock, start_count)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
-        """Return the slot's own `add`."""
-        return self.whiteboard[slot].add
+        """Return the `add` of a handle that is the machine's own."""
+        publisher = self.whiteboard.publisher(slot)
+        self._publishers.setdefault(machine, []).append(publisher)
+        return publisher.add
+
+    def unloaded(self, machine: str) -> None:
+        """Retire the machine's handles, which a thread of it may still hold."""
+        for publisher in self._publishers.pop(machine, ()):
+            publisher.retire()
 
 
 def _nothing() -> None:

@@ -273,6 +273,7 @@ class Seat:
             self.taken = False
             self.post_safe("at_end")
             self._close_actuators()
+            self.arrangement.environment.unloaded(self.name)
             if self._release is not None:
                 self._release()
 

@@ -139,6 +139,10 @@ class JournalledEnvironment(Environment):
         if self.journal.outside:
             self.journal.add(("Loaded", machine, path))
 
+    def unloaded(self, machine: str) -> None:
+        """Let nothing be posted for the machine in the other environment."""
+        self._inner.unloaded(machine)
+
     def may_stop(self, cause: str) -> bool:
         """Defer a stop that comes while code of a machine may be running."""
         if not self.journal.outside:

@@ -20,6 +20,7 @@ from llfsm.whiteboard import (
     BoundSlot,
     Message,
     Slot,
+    SlotRetiredError,
 )
 
 OpenBoard = Callable[[], Board]
@@ -245,3 +246,17 @@ def test_wait_asks_for_a_count_by_name(board: Board) -> None:
         board[POINT].wait()  # type: ignore[call-arg]
     with pytest.raises(TypeError):
         board[POINT].wait(after=0, timeout="1")  # type: ignore[arg-type]
+
+
+def test_a_publisher_that_was_retired_adds_no_more_and_hinders_nobody(board: Board) -> None:
+    shared, mine, other = board[POINT], board.publisher(POINT), board.publisher(POINT)
+    add = mine.add
+    assert (add(Point(1.0)), shared.add(Point(2.0)), other.add(Point(3.0))) == (1, 2, 3)
+    mine.retire()
+    mine.retire()
+    for retired in (add, mine.add, lambda message: mine.add_after(message, 3)):
+        with pytest.raises(SlotRetiredError, match="slot 'robot/point': this handle was retired"):
+            retired(Point(4.0))
+    assert mine.get() == Point(3.0)
+    assert (shared.add(Point(5.0)), other.add(Point(6.0))) == (4, 5)
+    assert mine.count == 5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ from llfsm.runtime import (
     Trace,
 )
 from llfsm.runtime.engine.events import Section
-from llfsm.whiteboard import Board, Slot, Whiteboard
+from llfsm.whiteboard import Board, Slot, SlotRetiredError, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
 
 DRIVE = Slot("drive", Int32)
@@ -208,7 +209,8 @@ def test_a_board_that_is_closed_hinders_no_other_safe_value(
     assert "the safe value of drive was not posted" in caplog.text
 
 
-def test_a_thread_of_a_section_cannot_post_after_the_end() -> None:
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_thread_of_a_section_cannot_post_after_the_end(tmp_path: Path, shared: bool) -> None:
     failures: list[Exception] = []
     go_on = threading.Event()
 
@@ -218,22 +220,26 @@ def test_a_thread_of_a_section_cannot_post_after_the_end() -> None:
 
         @here.on_entry
         def _(self) -> None:
+            kept = self.drive
+
             def late() -> None:
                 go_on.wait()
-                try:
-                    self.drive(GO)
-                except Exception as error:
-                    failures.append(error)
+                for post in (self.drive, kept):
+                    try:
+                        post(GO)
+                    except Exception as error:
+                        failures.append(error)
 
             self.thread = threading.Thread(target=late)
             self.thread.start()
 
-    board = Whiteboard.local()
+    board = Whiteboard(f"retired-{tmp_path.name}") if shared else Whiteboard.local()
     machine = Threaded()
     with Arrangement([machine], whiteboard=board) as arrangement:
         arrangement.round()
     go_on.set()
     machine.thread.join()
-    assert isinstance(failures[0], ActuatorClosedError)
+    assert [type(failure) for failure in failures] == [ActuatorClosedError, SlotRetiredError]
     assert "Threaded has ended and cannot post to 'drive'" in str(failures[0])
     assert board.get_message(DRIVE) == ENDED
+    board.remove()
