@@ -42,12 +42,13 @@ class Client:
         return self.ros.call(f"{NAME}/cancel_goal", "action_msgs/srv/CancelGoal", goal_info=info)
 
     def status(self, goal_id):
-        """Return the latest status that was published of a goal."""
-        return next(
+        """Return the latest status that was published of a goal; None if it is not there yet."""
+        found = (
             GoalStatus(each.status)
             for each in self.statuses[-1].status_list
             if each.goal_info.goal_id == goal_id
         )
+        return next(found, None)
 
 
 def fields(message):
