@@ -12,6 +12,7 @@ import msgspec
 
 from llfsm.whiteboard.errors import (
     BoardClosedError,
+    MessageTooLargeError,
     MessageUnreadableError,
     SlotError,
     WhiteboardError,
@@ -98,8 +99,16 @@ class _SlotClaims:
         self._reported: set[tuple[str, int, int]] = set()
 
     def add(self, mine: Commander) -> None:
-        """Claim the slot; raise `ActuatorTakenError` if two claims would be exclusive."""
-        self._replace(None, mine, refuse=mine.exclusive)
+        """Claim the slot; raise `ActuatorTakenError` if two claims would be exclusive.
+
+        Where so many are listed already that there is no room for one more, it is left out.
+        """
+        try:
+            self._replace(None, mine, refuse=mine.exclusive)
+        except MessageTooLargeError:
+            if mine.exclusive:
+                raise
+            return
         self.mine[mine.number] = mine
         self._report()
 
@@ -117,8 +126,10 @@ class _SlotClaims:
         """Change the name of a machine."""
         for number, mine in self.mine.items():
             if mine.machine == machine:
-                self.mine[number] = msgspec.structs.replace(mine, machine=published)
-                self._replace(mine, self.mine[number])
+                renamed = msgspec.structs.replace(mine, machine=published)
+                with suppress(MessageTooLargeError):
+                    self._replace(mine, renamed)
+                    self.mine[number] = renamed
 
     def look(self) -> None:
         """Report new commanders, and write claims again that were overwritten by a mirror's."""
@@ -126,7 +137,8 @@ class _SlotClaims:
             latest = self._bound.get()
             for mine in self.mine.values():
                 if latest is not None and mine not in latest.commanders:
-                    self._replace(None, mine)
+                    with suppress(MessageTooLargeError):
+                        self._replace(None, mine)
             self._report()
 
     def _replace(self, old: Commander | None, new: Commander | None, refuse: bool = False) -> None:
@@ -193,10 +205,14 @@ def _named(commander: Commander) -> str:
 def _alive(board: Board, commanders: Iterable[Commander]) -> list[Commander]:
     """Return those whose process lives; one of another host must publish machines here."""
     here, elsewhere = host_name(), None
+    found: dict[tuple[int, int], bool] = {}  # one process often runs many machines
     alive = []
     for each in commanders:
         if each.host == here:
-            if lives(each.pid, each.born):
+            process = each.pid, each.born
+            if process not in found:
+                found[process] = lives(*process)
+            if found[process]:
                 alive.append(each)
             continue
         if elsewhere is None:

@@ -368,6 +368,20 @@ def test_machines_of_one_arrangement_may_share_a_slot(caplog: pytest.LogCaptureF
     assert not caplog.records
 
 
+def test_more_machines_than_can_be_listed_may_share_a_slot(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    board = Whiteboard.local()
+    with Arrangement(500 * [Plain], whiteboard=board) as arrangement:
+        listed = commanders(board)
+        assert 20 < len(listed) < 500
+        with pytest.raises(LoadError, match="cannot claim 'cmd' exclusively"):
+            arrangement.load(Alone)
+        arrangement.run(max_rounds=2)
+    assert commanders(board) == []
+    assert not caplog.records
+
+
 def test_one_that_wants_to_be_alone_is_warned_of_another_in_its_arrangement(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
