@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from llfsm.runtime import Clock, MonotonicClock
 from llfsm.whiteboard import Board, BoundSlot, Message
-from llfsm.whiteboard.messages.llfsm import BELL, VIEWER, WILLS, request_slot
+from llfsm.whiteboard.messages.llfsm import BELL, COMMANDERS, VIEWER, WILLS, request_slot
 
 from .errors import RecordingFileError
 from .reader import RecordedMessage, RecordedSlot, Recording
@@ -40,8 +40,8 @@ class BoardReplay:
     """Post the messages of a recording to a board, in the order in which they were recorded.
 
     With `patterns`, only slots that match one of them are replayed; without, all but the slots of
-    requests to machines. Last wills are never replayed. Raise :class:`.SlotTypeError` if the board
-    has a slot with messages of another type.
+    requests to machines. Last wills and claims to slots are never replayed. Raise
+    :class:`.SlotTypeError` if the board has a slot with messages of another type.
     """
 
     def __init__(self, recording: Recording, board: Board, patterns: Sequence[str] = ()):
@@ -122,7 +122,8 @@ class BoardReplay:
 
 
 def _wanted(name: str, patterns: Sequence[str]) -> bool:
-    if name.startswith(WILLS):  # a guard would execute it
+    # A guard would execute a will, and claims would replace those of machines that live.
+    if name.startswith((WILLS, COMMANDERS)):
         return False
     if patterns:
         return any(fnmatchcase(name, pattern) for pattern in patterns)

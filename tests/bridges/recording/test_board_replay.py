@@ -17,7 +17,14 @@ from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.journal.entries import Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.whiteboard import Message, Sample, Slot, SlotTypeError, Whiteboard
-from llfsm.whiteboard.messages.llfsm import BELL, Bell, MachineRequest, request_slot
+from llfsm.whiteboard.messages.llfsm import (
+    BELL,
+    Bell,
+    Commanders,
+    MachineRequest,
+    commanders_slot,
+    request_slot,
+)
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.shared import boards
 
@@ -126,6 +133,15 @@ def test_live_machines_are_asked_for_nothing_unless_that_is_named(file: Path) ->
     spy = Spy()
     BoardReplay(recording, spy, ["llfsm/*"]).play(never, clock=ManualClock())
     assert [slot for _, slot, _ in spy.added] == [BELL.name, suspend.name]
+
+
+def test_claims_to_slots_are_not_made_again(file: Path) -> None:
+    claims = commanders_slot(READING.name)
+    recording = record(file, [(claims, Commanders(READING.name), 1), (READING, Reading(), 2)])
+    for patterns in ([], ["*"]):
+        spy = Spy()
+        BoardReplay(recording, spy, patterns).play(never, clock=ManualClock())
+        assert [slot for _, slot, _ in spy.added] == [READING.name]
 
 
 def test_only_slots_that_match_a_pattern(file: Path) -> None:
