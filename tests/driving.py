@@ -1,7 +1,7 @@
 """A machine that drives, and a program that runs it or writes what it reads, to be killed by tests.
 
-`driving.py BOARD ONCE WILL_AFTER_MS` runs the machine, `driving.py BOARD` posts the numbers on its
-standard input and prints a line after each.
+`driving.py DIRECTORY BOARD ONCE WILL_AFTER_MS` runs the machine, `driving.py DIRECTORY BOARD` posts
+the numbers on its standard input and prints a line after each.
 """
 
 from __future__ import annotations
@@ -64,6 +64,7 @@ class Runs:
             [
                 sys.executable,
                 __file__,
+                str(self._board.path.parent),
                 self._board.name,
                 str(int(once)),
                 str(will_after_ms or 0),
@@ -107,5 +108,6 @@ def drive(board: Whiteboard, once: str, will_after_ms: str) -> None:
 
 
 if __name__ == "__main__":
-    with Whiteboard(sys.argv[1]) as shared:
-        drive(shared, *sys.argv[2:]) if sys.argv[2:] else write(shared)
+    directory, name, *how = sys.argv[1:]
+    with Whiteboard(name, directory=directory) as shared:
+        drive(shared, *how) if how else write(shared)

@@ -14,13 +14,15 @@ import msgspec
 
 from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.board_files import DIRECTORY
-from llfsm.whiteboard.errors import BoardClosedError, SlotError
+from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, SlotError
 from llfsm.whiteboard.liveness import lives
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,
     WILL_BELL,
     WILLS,
+    Bell,
     LastWill,
+    MirrorStatus,
     status_slot,
     will_slot,
 )
@@ -71,7 +73,9 @@ class Guard:
 
     def __init__(self, board: Board) -> None:
         self._board = board
-        self._bell = board[WILL_BELL]
+        self._bell: BoundSlot[Bell] | None = None
+        with suppress(BoardFullError):
+            self._bell = board[WILL_BELL]
         self._rung = -1
         self._list_s = 0.0
         self._poll = select.poll()
@@ -81,7 +85,7 @@ class Guard:
     def look(self) -> None:
         """Find new wills, and execute those of dead processes."""
         now_s = time.monotonic()
-        rung = self._bell.count
+        rung = 0 if self._bell is None else self._bell.count
         if rung != self._rung or now_s >= self._list_s:
             self._rung, self._list_s = rung, now_s + _LIST_S
             self._list()
@@ -163,11 +167,11 @@ class Guard:
         return _Death(f"{host}was silent for {silent_s:.1f} s", int(limit_s * 1e9))
 
     def _partition_s(self) -> float:
-        """Return after how long a silent host counts as dead; 0 for never, without a daemon."""
+        """Return after how long a silent host counts as dead, as the daemon is configured."""
+        status = None
         with suppress(WhiteboardError):
             status = self._board[MIRROR].get()
-            return 0.0 if status is None else status.partition_s
-        return 0.0
+        return (status or MirrorStatus()).partition_s
 
     def _silent_s(self, machine: str, will: LastWill) -> float:
         """Return how long ago the process published a status; 0 if it never has."""
@@ -192,6 +196,8 @@ class Guard:
         if outcome.failed and outcome.failed != watched.failed:
             watched.failed = outcome.failed
             _log.error("%s; its safe values cannot be posted: %s", what, outcome.failed)
+        if outcome.deferred:
+            watched.retry_s = 0.0
         if outcome.failed or outcome.deferred:
             return
         executed = msgspec.structs.replace(sample.message, state="executed", executor=os.getpid())

@@ -19,7 +19,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from llfsm.whiteboard.errors import MessageError, MessageTooLargeError, WhiteboardError
+from llfsm.whiteboard.errors import (
+    BoardFullError,
+    MessageError,
+    MessageTooLargeError,
+    WhiteboardError,
+)
 from llfsm.whiteboard.liveness import born, host_name, lives, pid_namespace, writer_lives
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,
@@ -31,7 +36,7 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 from llfsm.whiteboard.slots import Sample
 
-from ..engine.failure import logger
+from ..engine.failure import logger, one_line
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Message, Slot
@@ -71,7 +76,8 @@ class Will:
             self._count = self._slot.add(self._will)
         except MessageTooLargeError as error:
             logger().warning("%s has no last will: %s", self._machine, error)
-        self._board.add_message(WILL_BELL, Bell(self._machine))
+        with suppress(BoardFullError):  # guards find it all the same, a second later
+            self._board.add_message(WILL_BELL, Bell(self._machine))
 
     def keep(self) -> None:
         """Leave it again if a guard has executed it, because this process seemed dead."""
@@ -135,7 +141,7 @@ def execute(
             elif posted:
                 outcome.posted.append(value.slot)
         except (WhiteboardError, msgspec.MsgspecError, ValueError) as error:
-            outcome.failed[value.slot] = str(error)  # the others must go out all the same
+            outcome.failed[value.slot] = one_line(error)  # the others must go out all the same
     return outcome
 
 
@@ -187,10 +193,10 @@ def _post(
 
 
 def _is_by(latest: Sample[Any], will: LastWill) -> bool:
-    """Return whether a message is of the process that left the will."""
-    return latest.writer == will.pid and (
-        lives(will.pid, will.born) or not writer_lives(latest)  # ids are used again
-    )
+    """Return whether a message is of the process that left the will, not of a later one."""
+    if latest.writer != will.pid:
+        return False
+    return not is_local(will) or lives(will.pid, will.born) or not writer_lives(latest)
 
 
 def _is_mirrored(board: Board, latest: Sample[Any], daemon: int) -> bool:

@@ -313,6 +313,31 @@ def test_how_long_a_process_may_be_silent_is_at_least_two_heartbeats() -> None:
         LiveEnvironment(Whiteboard.local(), will_after_ms=499)
 
 
+def test_a_process_that_cannot_be_looked_up_is_judged_by_its_statuses(
+    board: Whiteboard, guard: Guard
+) -> None:
+    """As one in a container that shares the board, whose process ids mean others here."""
+    board.add_message(MIRROR, MirrorStatus(pid=1, partition_s=0.5))
+    board.add_message(DRIVE, GO)  # by the pid of this process, which is another's there
+    left(board, os.getpid(), born=1, namespace=pid_namespace() + 1)
+    status = MachineStatus(pid=os.getpid(), born=1, host=host_name())
+    board.add_message(status_slot("Drives"), status)
+    guard.look()
+    assert board.get_message(DRIVE) == GO
+    wait_for(lambda: is_executed(board), "the will is executed", between=rounds(guard))
+    assert board.get_message(DRIVE) == SAFE
+
+
+def test_a_board_without_room_for_the_bell_is_guarded(board: Whiteboard) -> None:
+    _ = board[DRIVE]
+    left(board, 2**22 + 1, born=1)  # no process has such an id
+    with pytest.raises(BoardFullError):
+        fill(board)
+    with closing(Guard(board)) as guard:
+        guard.look()
+    assert is_executed(board)
+
+
 class Elsewhere:
     """A machine of another host, as this host's daemon, this process, adds its messages."""
 
@@ -360,7 +385,7 @@ class Writers:
         self.board = board
         self.processes = [
             subprocess.Popen(
-                [sys.executable, driving.__file__, board.name],
+                [sys.executable, driving.__file__, str(board.path.parent), board.name],
                 text=True,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
