@@ -158,11 +158,15 @@ def test_a_successor_of_the_same_name_executes_the_will_that_it_replaces(
     assert board[DRIVE].count == count + 2
 
 
-def test_a_clean_end_leaves_nothing_to_do(board: Whiteboard, runs: Runs, guard: Guard) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_clean_end_leaves_nothing_to_do(
+    board: Whiteboard, runs: Runs, guard: Guard, number: signal.Signals
+) -> None:
     process = runs.start()
     guard.look()
-    process.send_signal(signal.SIGTERM)
+    process.send_signal(number)
     process.wait()
+    assert board.get_message(LAMP) == OFF
     assert board.get_message(WILL).state == "withdrawn"
     counts = board[DRIVE].count, board[LAMP].count
     rounds(guard)()
