@@ -106,4 +106,4 @@ def record(
         board.poll(last=last)  # once more at the end, for what came meanwhile
         writer.flush_if_due()
         if not last:
-            time.sleep(_POLL_S)
+            time.sleep(_POLL_S)  # the pace of recording: see the head of this file

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from abc import ABC, abstractmethod
 from collections.abc import Container
 from typing import Any, Self
 
@@ -14,15 +15,16 @@ from .code import evaluate, parse, run
 from .model import Bundle, BundleState, Fragment
 from .names import MACHINE, Known, Meaning, is_mark, resolve, resolve_method, untranslated
 
-__all__ = ["LoadedScope", "Scope"]
+__all__ = ["CONTROLS", "LoadedScope", "Scope"]
 
-_CONTROLS = {
+CONTROLS = {
     name: Meaning(name, "what every machine has") for name in dir(Machine) if name[0] != "_"
 }
+"""The names that are known to the code of every machine."""
 _RESERVED = {*dir(Machine), "table"}
 
 
-class Scope:
+class Scope(ABC):
     """What is known to a machine's code, or to that of one of its states.
 
     This holds the rules of what may be declared, and under which names. A subclass decides what a
@@ -32,7 +34,7 @@ class Scope:
 
     def __init__(self, included: Container[str], *, within: Scope | None = None, prefix: str = ""):
         self.included = included
-        self.names: dict[str, Meaning] = dict(_CONTROLS if within is None else within.names)
+        self.names: dict[str, Meaning] = dict(CONTROLS if within is None else within.names)
         self.prefix = prefix
 
     # What a subclass does
@@ -46,21 +48,21 @@ class Scope:
         tree = parse(fragment)
         return tree.body[ast.get_docstring(tree, clean=False) is not None :]
 
+    @abstractmethod
     def include(self, fragment: Fragment) -> set[str]:
         """Take over the names of an include and return them."""
-        raise NotImplementedError
 
+    @abstractmethod
     def variable(self, name: str, node: ast.AnnAssign, fragment: Fragment) -> None:
         """Take over a declared variable."""
-        raise NotImplementedError
 
+    @abstractmethod
     def port(self, name: str, node: ast.Assign, fragment: Fragment) -> str:
         """Take over a declared port and return what to call its kind."""
-        raise NotImplementedError
 
+    @abstractmethod
     def function(self, node: ast.FunctionDef, fragment: Fragment) -> None:
         """Take over a function of the machine; all of them have their names by now."""
-        raise NotImplementedError
 
     # The rules
 
@@ -188,5 +190,5 @@ class LoadedScope(Scope):
     def _resolved(self, node: ast.stmt, fragment: Fragment) -> dict[str, Any]:
         """Return what a declaration may name, having checked that it names nothing else."""
         values = self.module | self._values
-        resolve(node, fragment, Known(_CONTROLS, values), running=False)
+        resolve(node, fragment, Known(CONTROLS, values), running=False)
         return values

@@ -26,7 +26,7 @@ from ..bundles.names import (
     untranslated,
 )  # fmt: skip
 from ..bundles.read import Reader
-from ..bundles.scope import Scope
+from ..bundles.scope import CONTROLS, Scope
 from ..engine.errors import BundleError, DefinitionError, UnreachableStateWarning
 from ..engine.machine import Machine
 from .rules import findings_of
@@ -34,7 +34,6 @@ from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, P
 
 __all__ = ["check_bundle"]
 
-_CONTROLS = Scope(()).names
 _ALWAYS_KNOWN = frozenset(
     (*dir(builtins), *vars(ModuleType("")), "__builtins__", "__class__", "__file__")
 )
@@ -276,7 +275,7 @@ class _Checker:
 
     def warn_of_parameters(self, tree: ast.AST, fragment: Fragment) -> None:
         for node in ast.walk(tree):
-            if isinstance(node, ast.arg) and node.arg in _CONTROLS:
+            if isinstance(node, ast.arg) and node.arg in CONTROLS:
                 text = f"the parameter {node.arg!r} hides what every machine has"
                 self.findings.append(Finding(fragment.source, node.lineno, "warning", text))
 

@@ -31,7 +31,7 @@ class MonotonicClock:
         """Block the thread until `deadline_ns`."""
         left = deadline_ns - time.monotonic_ns()
         if left > 0:
-            time.sleep(left / 1e9)
+            time.sleep(left / 1e9)  # this is what a clock's sleep is
 
 
 class ManualClock:

@@ -87,7 +87,7 @@ class Bridge:
         """
         until = time.monotonic() + at_most
         while time.monotonic() < until and self._commanded():
-            time.sleep(_LOOK_S)
+            time.sleep(_LOOK_S)  # nothing signals the end of another user's or parent's process
 
     def _commanded(self) -> bool:
         if not self._board.alive:

@@ -33,6 +33,7 @@ class PackageError(LlfsmError):
 _WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[^A-Za-z0-9]+")
 _TAKEN = {"launch", "launch_ros", "llfsm", "setup", *keyword.kwlist, *sys.stdlib_module_names}
 
+# What only the owner of the package knows is marked as `ros2 pkg create` marks it.
 _FILES = {
     "package.xml": """\
 <?xml version="1.0"?>

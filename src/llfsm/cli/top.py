@@ -45,7 +45,7 @@ def top(board: str, once: bool) -> None:
         watcher = Watcher(wb)
         if once or not sys.stdout.isatty():
             watcher.slots()
-            time.sleep(_COUNTING_S)
+            time.sleep(_COUNTING_S)  # a rate needs two looks, this far apart
             if sys.stdout.isatty():
                 Console(highlight=False).print(_screen(watcher, board))
             else:
