@@ -114,12 +114,11 @@ class Environment:
         """Return the function by which the actuator `name` of a machine posts to `slot`."""
         raise _no_whiteboard(machine, actuator.slot)
 
-    def claim(self, machine: str, slots: Mapping[str, bool]) -> Callable[[], None]:
+    def claim(self, machine: str, slots: Mapping[str, bool]) -> None:
         """Note the slots to which a machine posts, by name, and whether each exclusively.
 
-        Return the function to call when it posts no more. Raise `LoadError`.
+        They are its own until it is `unloaded`. Raise `LoadError`.
         """
-        return _nothing
 
     def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
         """Return the machine of that name that another process runs.
@@ -193,10 +192,6 @@ class BoardEnvironment(Environment):
         """Retire the machine's handles, which a thread of it may still hold."""
         for publisher in self._publishers.pop(machine, ()):
             publisher.retire()
-
-
-def _nothing() -> None:
-    pass
 
 
 def _no_whiteboard(machine: str, slot: Slot[Any]) -> LoadError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from .binding import BoundState
@@ -52,7 +52,6 @@ class Seat:
 
     __slots__ = (
         "_aged",
-        "_release",
         "accepted",
         "arrangement",
         "current",
@@ -116,7 +115,6 @@ class Seat:
         self.doing: str | None = None  # the state whose section runs, while observed
         self.sensors: tuple[tuple[str, Read], ...] = ()
         self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
-        self._release: Callable[[], None] | None = None  # gives back the slots it posts to
         self.taken = True
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failure: Failure | None = None  # what its code has raised
@@ -235,7 +233,7 @@ class Seat:
             name = self._slot(actuator).name
             slots[name] = slots.get(name, False) or actuator.exclusive
         if slots:
-            self._release = environment.claim(self.name, slots)
+            environment.claim(self.name, slots)
 
     def _reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
         slot, before = self._slot(sensor), self._aged.get(name)
@@ -274,8 +272,6 @@ class Seat:
             self.post_safe("at_end")
             self._close_actuators()
             self.arrangement.environment.unloaded(self.name)
-            if self._release is not None:
-                self._release()
 
     def fail(self, failure: Failure) -> None:
         """Note that code of the machine has raised, and post the `at_failure` messages."""

@@ -7,7 +7,7 @@ for the journal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from ..engine.clock import Clock
@@ -116,9 +116,9 @@ class JournalledEnvironment(Environment):
 
         return post_and_keep
 
-    def claim(self, machine: str, slots: Mapping[str, bool]) -> Callable[[], None]:
+    def claim(self, machine: str, slots: Mapping[str, bool]) -> None:
         """Claim the slots in the other environment."""
-        return self._inner.claim(machine, slots)
+        self._inner.claim(machine, slots)
 
     def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
         """Return a machine of another process whose answers are kept."""

@@ -46,6 +46,7 @@ class LiveEnvironment(BoardEnvironment):
         self._presence: Presence | None = None
         self._directory: Directory | None = None
         self._claims: Claims | None = None
+        self._releases: dict[str, Callable[[], None]] = {}  # of each machine's claims
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
         """Return what publishes the machines' statuses; None if the whiteboard has gone."""
@@ -68,9 +69,16 @@ class LiveEnvironment(BoardEnvironment):
         if self._presence is not None:
             self._presence.add(machine)
 
-    def claim(self, machine: str, slots: Mapping[str, bool]) -> Callable[[], None]:
+    def claim(self, machine: str, slots: Mapping[str, bool]) -> None:
         """Claim the slots on the whiteboard, for other processes to see."""
-        return self._claimed().take(machine, slots)
+        self._releases[machine] = self._claimed().take(machine, slots)
+
+    def unloaded(self, machine: str) -> None:
+        """Retire the machine's handles, and give back the slots that it claimed."""
+        super().unloaded(machine)
+        release = self._releases.pop(machine, None)
+        if release is not None:
+            release()
 
     def _claimed(self) -> Claims:
         if self._claims is None:
