@@ -251,24 +251,25 @@ export class Board {
     const words = $("board-filter").value.toLowerCase().split(/\s+/).filter(Boolean);
     const all = [...this.rows.values()].sort((a, b) => byName(a.slot.name, b.slot.name));
     const shown = all.filter((row) => words.every((word) => row.words.includes(word)));
+    const isOwn = (row) => row.slot.name.startsWith(OWN); // their group has a number of its own
     const groups = [[], [], []];
     for (const row of shown) {
       const pinned = this.pins.has(row.slot.name);
       setData(row.element, "pinned", String(pinned));
       row.pin.setAttribute("aria-pressed", String(pinned));
-      groups[pinned ? 0 : row.slot.name.startsWith(OWN) ? 2 : 1].push(row);
+      groups[pinned ? 0 : isOwn(row) ? 2 : 1].push(row);
     }
     groups.forEach((rows, i) => place(this.groups[i], rows.map((row) => row.element)));
     this.own.hidden = !groups[2].length;
     if (words.length) this.own.open = groups[2].length > 0 && !groups[1].length;
     setText(this.own.querySelector(".number"), String(groups[2].length));
     this.shown = groups.flat();
-    const total = all.length;
-    setText($("board-number"), words.length ? `${shown.length} of ${total}` : String(total));
+    const [found, total] = [shown, all].map((rows) => rows.filter((row) => !isOwn(row)).length);
+    setText($("board-number"), words.length ? `${found} of ${total}` : String(total));
     const empty = $("board-empty");
     empty.hidden = shown.length > 0;
     $("rows").hidden = !shown.length;
-    setText(empty, total ? "No slot has these words in its name or type." : "No slots on this board yet.");
+    setText(empty, all.length ? "No slot has these words in its name or type." : "No slots on this board yet.");
     if (!this.shown.includes(this.focused)) this.focusOn(this.shown[0] ?? null);
   }
 

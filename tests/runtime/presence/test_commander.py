@@ -376,7 +376,7 @@ def test_more_machines_than_can_be_listed_may_share_a_slot(
         listed = commanders(board)
         assert 20 < len(listed) < 500
         with pytest.raises(LoadError, match="cannot claim 'cmd' exclusively"):
-            arrangement.load(Alone)
+            arrangement.load(Alone, name="AsLongAsTheOthers")
         arrangement.run(max_rounds=2)
     assert commanders(board) == []
     assert not caplog.records
