@@ -29,9 +29,10 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable
 from typing import NoReturn
 
-from llfsm.errors import LlfsmError
+from llfsm.errors import LlfsmError, did_you_mean
 
 __all__ = [
     "BoardClosedError",
@@ -56,6 +57,9 @@ __all__ = [
     "SlotTypeError",
     "WhiteboardError",
 ]
+
+
+_OWN = "llfsm/"  # slots in which llfsm's processes find each other
 
 
 class WhiteboardError(LlfsmError):
@@ -107,7 +111,14 @@ class SlotError(WhiteboardError):
 
 
 class SlotNotFoundError(SlotError):
-    """The board has no slot of that name."""
+    """The board has no slot of that name; the message lists those it has, without llfsm's own."""
+
+    def __init__(self, board: str, name: str, slots: Iterable[str]):
+        known = [each for each in slots if not each.startswith(_OWN)]
+        super().__init__(
+            f"board {board!r} has no slot {name!r}; its slots: {', '.join(known) or 'none'}"
+            f"{did_you_mean(name, known)}"
+        )
 
 
 class SlotNameError(SlotError, ValueError):

@@ -164,7 +164,7 @@ class LocalBoard(Board):
         """Return the slot of that name, with the class of its first use."""
         self.check_open()
         if name not in self._cells:
-            raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}")
+            raise SlotNotFoundError(self.name, name, self._cells)
         return self._cells[name].slot
 
     def watcher(self) -> Callable[[float], list[str]]:

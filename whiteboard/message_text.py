@@ -7,7 +7,7 @@ import json
 
 import msgspec
 
-from .errors import MessageFieldError, SlotNotFoundError, name_fields
+from .errors import MessageFieldError, MessageTypeError, name_fields
 from .message import Message
 from .schema import from_plain
 from .slots import Slot
@@ -32,7 +32,7 @@ def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
 def message_class(name: str) -> type[Message]:
     """Return the class ``package.module:Class``, or a shipped type as ``geometry_msgs/Twist``.
 
-    Raise :class:`.SlotNotFoundError`.
+    Raise :class:`.MessageTypeError`.
     """
     module, colon, attribute = name.partition(":")
     if not colon:
@@ -42,7 +42,7 @@ def message_class(name: str) -> type[Message]:
     try:
         found = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError, TypeError) as error:  # as of ".a:B"
-        raise SlotNotFoundError(f"no message type {name!r}: {error}") from error
+        raise MessageTypeError(f"no message type {name!r}: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Message)):
-        raise SlotNotFoundError(f"{name!r} is not a Message class")
+        raise MessageTypeError(f"{name!r} is not a Message class")
     return found

@@ -112,11 +112,11 @@ class Whiteboard(Board):
         For tools that do not have the slot's own class. Raise :class:`.SlotNotFoundError`, or
         :class:`.MessageTypeError` if its schema is invalid.
         """
-        for info in self.slots():
+        slots = self.slots()
+        for info in slots:
             if info.name == name:
                 return info.slot()
-        names = ", ".join(info.name for info in self.slots()) or "none"
-        raise SlotNotFoundError(f"board {self.name!r} has no slot {name!r}; its slots: {names}")
+        raise SlotNotFoundError(self.name, name, [info.name for info in slots])
 
     def watcher(self) -> Callable[[float], list[str]]:
         """Return a function that waits until any slot has a new message."""

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-from llfsm.errors import LlfsmError
+from llfsm.errors import LlfsmError, did_you_mean
 
 __all__ = [
     "ActuatorClosedError",
@@ -133,7 +133,8 @@ class UnknownMachineError(FsmError, LookupError):
         if self.elsewhere:
             names += f"; run by other processes: {', '.join(self.elsewhere)}"
         which = f"machine at index {name}" if isinstance(name, int) else f"machine {name!r}"
-        super().__init__(f"no {which}; {where}: {names}")
+        near = "" if isinstance(name, int) else did_you_mean(name, (*self.known, *self.elsewhere))
+        super().__init__(f"no {which}; {where}: {names}{near}")
 
 
 class NotLoadedError(FsmError):

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from types import new_class
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, Unpack, cast, dataclass_transform
 
+from llfsm.errors import did_you_mean
+
 from .errors import DefinitionError, NotLoadedError, VariableError
 from .events import Call, Status
 from .state import ClassBody, State
@@ -102,9 +104,10 @@ class Machine(metaclass=MachineType):
         self._seat: Seat = cast("Seat", _NoSeat(cls.__name__))
         unknown = variables.keys() - cls.table.variables.keys()
         if unknown:
-            names = ", ".join(cls.table.variables) or "none"
+            name, known = min(unknown), cls.table.variables
             raise VariableError(
-                f"{cls.__qualname__} has no variable {min(unknown)!r}; it has: {names}"
+                f"{cls.__qualname__} has no variable {name!r}; it has: "
+                f"{', '.join(known) or 'none'}{did_you_mean(name, known)}"
             )
         for name, variable in cls.table.variables.items():
             if name in variables:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from llfsm.errors import did_you_mean
+
 from .binding import BoundState
 from .errors import LoadError, SensorNameError
 from .events import Request, Standing, Status
@@ -215,7 +217,10 @@ class Seat:
         for slot in self.renamed:
             if slot not in table.slots:
                 names = ", ".join(table.slots) or "none"
-                raise LoadError(f"{self.name} uses no slot {slot!r}; it uses: {names}")
+                raise LoadError(
+                    f"{self.name} uses no slot {slot!r}; it uses: {names}"
+                    f"{did_you_mean(slot, table.slots)}"
+                )
         self.sensors = tuple(
             (name, self._reader(environment, name, sensor))
             for name, sensor in table.sensors.items()
@@ -250,7 +255,10 @@ class Seat:
             table = type(self.machine).table
             if name not in table.sensors:
                 known = ", ".join(table.sensors) or "none"
-                raise SensorNameError(f"{self.name} has no sensor {name!r}; it has: {known}")
+                raise SensorNameError(
+                    f"{self.name} has no sensor {name!r}; it has: {known}"
+                    f"{did_you_mean(name, table.sensors)}"
+                )
             environment, sensor = self.arrangement.environment, table.sensors[name]
             slot = self._slot(sensor)
             aged = self._aged[name] = environment.read_aged(self.name, name, sensor, slot)

@@ -123,7 +123,7 @@ class State:
     def _section(self, section: str, code: S) -> S:
         state = self._open(sys._getframe(2))
         if section in state._given:
-            raise DefinitionError(f"state {self.name!r}: {section} is given twice")
+            raise DefinitionError(f"state {_name(self)!r}: {section} is given twice")
         _check_code(self, section, code)
         state._given.add(section)
         state.sections[section] = code
@@ -160,10 +160,10 @@ class Transition:
     ):
         if not isinstance(target, State):
             raise DefinitionError(
-                f"state {source.name!r}: a transition leads to a State, not to {target!r}"
+                f"state {_name(source)!r}: a transition leads to a State, not to {target!r}"
             )
         if after_ms is not None and after is not None:
-            raise DefinitionError(f"state {source.name!r}: give after_ms or after, not both")
+            raise DefinitionError(f"state {_name(source)!r}: give after_ms or after, not both")
         self.source = source
         self.target = target
         self.guard: Guard | None = None
@@ -177,7 +177,7 @@ class Transition:
     def __call__(self, guard: G) -> G:
         """Require `guard` too."""
         if self.guard is not None:
-            raise DefinitionError(f"state {self.source.name!r}: {self!r} has two guards")
+            raise DefinitionError(f"state {_name(self.source)!r}: {self!r} has two guards")
         _check_code(self.source, "a guard", guard)
         self.guard = guard
         return guard
@@ -225,15 +225,29 @@ class Transition:
 def _check_code(state: State, what: str, code: object) -> None:
     """Refuse anything but a function, and functions that do nothing when called."""
     flags = getattr(getattr(code, "__code__", None), "co_flags", 0)
-    if not callable(code) or flags & DEFERRED:
-        raise DefinitionError(
-            f"state {state.name!r}: {what} must be a plain function of the machine, not {code!r}"
-        )
+    if callable(code) and not flags & DEFERRED:
+        return
+    given = repr(code)
+    if flags & DEFERRED:
+        given = f"{getattr(code, '__name__', given)!r}, which is async or yields"
+    raise DefinitionError(
+        f"state {_name(state)!r}: {what} must be a plain function of the machine, not {given}"
+    )
+
+
+def _name(state: State) -> str:
+    """Return a state's name for an error, also while the body of its class is being executed."""
+    frame: FrameType | None = sys._getframe()
+    while frame is not None and not state.name:
+        if isinstance(frame.f_locals, ClassBody):
+            return next((name for name, value in frame.f_locals.items() if value is state), "")
+        frame = frame.f_back
+    return state.name
 
 
 def _time(source: State, value: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
         raise DefinitionError(
-            f"state {source.name!r}: a transition waits for a time of 0 or more, not {value!r}"
+            f"state {_name(source)!r}: a transition waits for a time of 0 or more, not {value!r}"
         )
     return value

@@ -3,8 +3,24 @@
 Each package draws its own tree at the head of its `errors` module.
 """
 
-__all__ = ["LlfsmError"]
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+__all__ = ["LlfsmError", "did_you_mean"]
 
 
 class LlfsmError(Exception):
     """The root of every error that llfsm raises."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return "; did you mean 'x' or 'y'?" for at most three similar names, "" if none is similar.
+
+    Case does not count. Error messages end with it.
+    """
+    from difflib import get_close_matches  # only an error needs it
+
+    names = {each.casefold(): each for each in known}
+    near = [repr(names[each]) for each in get_close_matches(name.casefold(), names, cutoff=0.65)]
+    return f"; did you mean {' or '.join(near)}?" if near else ""

@@ -99,4 +99,4 @@ def test_a_command_is_imported_when_it_is_called() -> None:
 
 @pytest.mark.parametrize("group", [(), ("bridge",)])
 def test_no_such_command(group: tuple[str, ...]) -> None:
-    assert "Error: No such command 'none'." in modules_after(*group, "none")[0]
+    assert "Error: no command 'none'" in modules_after(*group, "none")[0]

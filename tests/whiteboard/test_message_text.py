@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from llfsm.whiteboard import Message, MessageFieldError, Slot, SlotNotFoundError
+from llfsm.whiteboard import Message, MessageFieldError, MessageTypeError, Slot
 from llfsm.whiteboard.message_text import message_class, parse_message
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.turtlesim import Pose
@@ -73,11 +73,11 @@ def test_a_type_is_found_by_its_ros_name_or_its_place(name: str, found: type[Mes
     ],
 )  # fmt: skip
 def test_an_unknown_type_is_refused(name: str) -> None:
-    with pytest.raises(SlotNotFoundError, match="no message type"):
+    with pytest.raises(MessageTypeError, match="no message type"):
         message_class(name)
 
 
 @pytest.mark.parametrize("name", ["json:JSONDecoder", "json:loads", "geometry_msgs/Annotated"])
 def test_another_object_is_not_a_type(name: str) -> None:
-    with pytest.raises(SlotNotFoundError, match="is not a Message class"):
+    with pytest.raises(MessageTypeError, match="is not a Message class"):
         message_class(name)

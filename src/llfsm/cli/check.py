@@ -18,7 +18,7 @@ __all__ = ["check"]
 @click.command()
 @click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
 def check(machines: tuple[str, ...]) -> None:
-    """Check each MACHINE: one that ships, package.module:Class, or a .machine bundle.
+    """Check each MACHINE: one that ships, patrol.py:Patrol, or a .machine bundle.
 
     Print a line for each finding: FILE:LINE: error or warning: what is wrong. The exit status is 1
     if there is an error. Sections and expressions are read, never run.

@@ -42,7 +42,7 @@ _SUFFIXES = {
     help="Show the states' code or only their names; by default as in the machine's layout.",
 )
 def draw(machine: str, output: Path | None, form: str | None, sections: bool | None) -> None:
-    """Draw MACHINE: one that ships, package.module:Class, or a .machine bundle.
+    """Draw MACHINE: one that ships, patrol.py:Patrol, or a .machine bundle.
 
     A bundle may be of Python or C++; its code is not run. Its layout is kept; without one, states
     are laid out from the initial state down.

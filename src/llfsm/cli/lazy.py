@@ -12,6 +12,8 @@ from typing import Any
 
 import click
 
+from llfsm.errors import did_you_mean
+
 __all__ = ["LazyGroup"]
 
 
@@ -34,6 +36,15 @@ class LazyGroup(click.Group):
         command = getattr(importlib.import_module(module), attribute)
         assert isinstance(command, click.Command)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command of the arguments; the error for an unknown one names similar ones."""
+        name = args[0]
+        if name in self.table or name.startswith("-") or ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
+        raise click.UsageError(f"no command {name!r}{did_you_mean(name, self.table)}", ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table's short help of each command, without importing it."""

@@ -1,4 +1,4 @@
-"""Machines as a command line names them: ``RosPingPong``, ``package.module:Class``, a bundle."""
+"""Machines as a command line names them: ``RosPingPong``, ``patrol.py:Patrol``, a bundle."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import sys
 import traceback
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from types import ModuleType
 
 import click
 
 import llfsm
-from llfsm.errors import LlfsmError
+from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.bundles import SUFFIX, load_bundle
 from llfsm.runtime.engine.machine import Machine
 
@@ -19,6 +20,7 @@ __all__ = ["MachineImportError", "find_bundle", "find_machine", "search_modules_
 
 _HERE = (Path(),)
 _SHIPPED = "llfsm.machines"
+_PYTHON = ".py"
 _NOT_THEIRS = (*llfsm.__path__, "<frozen ", importlib.__file__)
 
 
@@ -30,6 +32,8 @@ class MachineImportError(LlfsmError):
 
     def __init__(self, cause: Exception, file: str, line: int):
         text = cause.msg if isinstance(cause, SyntaxError) else str(cause)
+        if isinstance(cause, AttributeError) and cause.name is not None:
+            text += did_you_mean(cause.name, dir(cause.obj))
         self.problem = f"{type(cause).__name__}: {text}"
         self.file = file
         self.line = line
@@ -51,32 +55,77 @@ def find_bundle(name: str, folders: Iterable[Path] = _HERE) -> Path | None:
 
 
 def find_machine(name: str, folders: Sequence[Path] = _HERE) -> type[Machine]:
-    """Return the class of a bundle, of ``package.module:Class``, or of a machine that ships.
+    """Return the class of a machine, however it is named.
 
-    Bundles and modules are searched in `folders`, by default the current one. Raise
-    ``click.UsageError`` if there is no such machine, `BundleError` if its bundle is wrong, and
-    `MachineImportError` if its module is.
+    `name` is one of the machines that ship, a bundle, ``package.module:Class``, or
+    ``folder/module.py:Class``. The class can be left out where a module has one machine, and
+    ``.py`` then, too. Bundles and modules are searched in `folders`, by default the current one.
+    Raise ``click.UsageError`` if there is no such machine, `BundleError` if its bundle is wrong,
+    and `MachineImportError` if its module is.
     """
     search_modules_in(folders)
     bundle = find_bundle(name, folders)
     if bundle is not None:
         return load_bundle(bundle)
-    module, colon, attribute = name.partition(":")
-    if not colon:
-        shipped = importlib.import_module(_SHIPPED)
-        if name not in shipped.__all__:
-            raise click.UsageError(
-                f"no machine {name!r}; those that ship: {', '.join(shipped.__all__)}; "
-                f"your own: package.module:Class, or a bundle, as path/to/Name{SUFFIX}"
-            )
-        module, attribute = _SHIPPED, name
-    imported = _import(module, name)
-    if not hasattr(imported, attribute):
-        raise click.UsageError(f"{name}: {module} has no {attribute!r}")
-    found = getattr(imported, attribute)
+    where, colon, attribute = name.partition(":")
+    shipped = importlib.import_module(_SHIPPED)
+    if not colon and name in shipped.__all__:
+        where, attribute = _SHIPPED, name
+    file = None if where == _SHIPPED else _module_file(where, folders)
+    if file is not None:
+        module = _import_file(file, name)
+    elif where.endswith(_PYTHON):
+        raise click.UsageError(f"{name}: there is no file {where}")
+    elif where and all(part.isidentifier() for part in where.split(".")) and (colon or attribute):
+        module = _import(where, name)
+    else:
+        raise _unknown(name, shipped.__all__, folders)
+    return _machine_in(module, attribute, name)
+
+
+def _module_file(text: str, folders: Iterable[Path]) -> Path | None:
+    """Return the file of a module that is named by its path, with or without ``.py``, or None."""
+    for folder in (each.absolute() for each in folders):
+        for name in (text, text + _PYTHON):
+            if name.endswith(_PYTHON) and (folder / name).is_file():
+                return (folder / name).resolve()
+    return None
+
+
+def _machine_in(module: ModuleType, attribute: str, name: str) -> type[Machine]:
+    """Return the machine `attribute` of a module, or the only one there is if none is named."""
+    machines = [each for each, value in vars(module).items() if _is_machine(value, module)]
+    there = ", ".join(machines) or "none"
+    if not attribute and len(machines) == 1:
+        attribute = machines[0]
+    elif not attribute:
+        raise click.UsageError(f"{name}: name one machine, as {name}:CLASS; there are: {there}")
+    if not hasattr(module, attribute):
+        raise click.UsageError(
+            f"{name}: {module.__name__} has no {attribute!r}; its machines: {there}"
+            f"{did_you_mean(attribute, machines)}"
+        )
+    found = getattr(module, attribute)
     if not (isinstance(found, type) and issubclass(found, Machine) and found is not Machine):
         raise click.UsageError(f"{name}: {found!r} is not a machine class")
     return found
+
+
+def _is_machine(value: object, module: ModuleType) -> bool:
+    """Return whether `value` is a machine class that `module` defines."""
+    is_machine = isinstance(value, type) and issubclass(value, Machine)
+    return is_machine and value.__module__ == module.__name__
+
+
+def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> click.UsageError:
+    """Return the error for a machine that is nowhere."""
+    bundles = {found.stem for folder in folders for found in folder.glob(f"*{SUFFIX}")}
+    modules = {found.stem for folder in folders for found in folder.glob(f"*{_PYTHON}")}
+    return click.UsageError(
+        f"no machine {name!r}; those that ship: {', '.join(shipped)}; "
+        f"your own: a module, as path/to/module.py:Class, or a bundle, as path/to/Name{SUFFIX}"
+        f"{did_you_mean(name, {*shipped, *bundles, *modules})}"
+    )
 
 
 def search_modules_in(folders: Iterable[Path] = _HERE) -> None:
@@ -86,14 +135,28 @@ def search_modules_in(folders: Iterable[Path] = _HERE) -> None:
             sys.path.insert(0, folder)
 
 
-def _import(module: str, name: str) -> object:
-    """Return the module of the machine `name`."""
-    if not all(part.isidentifier() for part in module.split(".")):
-        file = Path(module)
-        module = ".".join([*filter(str.isidentifier, file.parent.parts), file.stem])
+def _import_file(file: Path, name: str) -> ModuleType:
+    """Return the module of a file: found from the folder that holds its outermost package."""
+    root = file.parent
+    while (root / "__init__.py").is_file():
+        root = root.parent
+    parts = file.relative_to(root).with_suffix("").parts
+    if not all(part.isidentifier() for part in parts):
         raise click.UsageError(
-            f"{name}: name a module, not a file: {module}:{name.partition(':')[2]}"
+            f"{name}: {file.stem!r} cannot be imported; a module's name has letters, digits and _"
         )
+    search_modules_in([root])
+    module = _import(".".join(parts), name)
+    if Path(module.__file__ or "").resolve() != file:
+        raise click.UsageError(
+            f"{name}: another module is called {module.__name__}, too: "
+            f"{module.__file__ or 'one of Python'}; rename the file"
+        )
+    return module
+
+
+def _import(module: str, name: str) -> ModuleType:
+    """Return the module of the machine `name`."""
     try:
         return importlib.import_module(module)
     except Exception as error:  # of the module's own code, whatever it is

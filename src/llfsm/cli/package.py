@@ -134,7 +134,7 @@ def package(machine: str, output: Path) -> None:
     ros2 launch ros_ping_pong ros_ping_pong.launch.py
     """
     cls = find_machine(machine)
-    origin = find_bundle(machine) or (machine if ":" in machine else cls.table.path)
+    origin = find_bundle(machine) or cls.table.path
     target = write_package(cls.__name__, origin, output)
     click.echo(f"wrote {target}: ros2 run {target.name} {target.name}")
 

@@ -174,7 +174,7 @@ def test_a_machine_loads_others_with_slots_of_their_own():
             Adder,
             {"slots": {"herad": "x"}},
             LoadError,
-            "Adder uses no slot 'herad'; it uses: heard, shared, said$",
+            "Adder uses no slot 'herad'; it uses: heard, shared, said; did you mean 'heard'",
         ),
         (
             Adder,

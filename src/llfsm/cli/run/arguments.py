@@ -10,6 +10,7 @@ import click
 import msgspec
 from msgspec.structs import replace
 
+from llfsm.errors import did_you_mean
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.plans.dispatch import read_dispatch_table
@@ -44,7 +45,10 @@ class ResolvedPlan:
             name, _, what = place.partition(":")
             if name not in machines:
                 known = ", ".join(machines) or "none"
-                raise click.UsageError(f"{text!r}: no machine {name!r}; there are: {known}")
+                raise click.UsageError(
+                    f"{text!r}: no machine {name!r}; there are: {known}"
+                    f"{did_you_mean(name, machines)}"
+                )
             planned = machines[name]
             if planned.preload:
                 raise click.UsageError(
@@ -135,7 +139,9 @@ def _slot(text: str, name: str, cls: type[Machine], slot: str) -> str:
     known = cls.table.slots
     if slot not in known:
         names = ", ".join(known) or "none"
-        raise click.UsageError(f"{text!r}: {name} uses no slot {slot!r}; it uses: {names}")
+        raise click.UsageError(
+            f"{text!r}: {name} uses no slot {slot!r}; it uses: {names}{did_you_mean(slot, known)}"
+        )
     return slot
 
 
@@ -143,7 +149,10 @@ def _typed(text: str, name: str, cls: type[Machine], variable: str, value: str) 
     known = cls.table.variables
     if variable not in known:
         names = ", ".join(known) or "none"
-        raise click.UsageError(f"{text!r}: {name} has no variable {variable!r}; it has: {names}")
+        raise click.UsageError(
+            f"{text!r}: {name} has no variable {variable!r}; it has: {names}"
+            f"{did_you_mean(variable, known)}"
+        )
     try:
         return msgspec.convert(value, known[variable].type, strict=False)
     except msgspec.ValidationError as error:

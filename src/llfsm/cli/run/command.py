@@ -120,7 +120,7 @@ def run(
 ) -> None:
     """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
 
-    A machine is one that ships, package.module:Class, or the folder of a bundle; name=machine
+    A machine is one that ships, patrol.py:Patrol, or the folder of a bundle; name=machine
     gives it a name, name:variable=value sets a variable, name:slot:=other replaces a slot.
     Instead of machines, name an arrangement file (.toml).
 
