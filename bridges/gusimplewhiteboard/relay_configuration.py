@@ -10,7 +10,7 @@ import msgspec
 
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.plans.toml_files import read_toml
-from llfsm.whiteboard import Message, Slot, SlotNameError, SlotNotFoundError
+from llfsm.whiteboard import Message, MessageTypeError, Slot, SlotNameError
 from llfsm.whiteboard.message_text import message_class
 
 from .errors import LayoutError
@@ -20,7 +20,7 @@ from .relay import Direction
 
 __all__ = ["ConfiguredRelay", "RelayConfiguration", "check_configuration", "read_configuration"]
 
-_BLAMED = {LayoutError: "layout", SlotNotFoundError: "type", SlotNameError: "slot"}
+_BLAMED = {LayoutError: "layout", MessageTypeError: "type", SlotNameError: "slot"}
 
 
 class ConfiguredRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -40,8 +40,7 @@ class ConfiguredRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     def resolve(self) -> tuple[Slot[Message], MessageLayout]:
         """Return the slot and the layout; modules may be in the current folder.
 
-        Raise :class:`.SlotNameError`, :class:`.SlotNotFoundError` (of the type) or
-        :class:`.LayoutError`.
+        Raise :class:`.SlotNameError`, :class:`.MessageTypeError` or :class:`.LayoutError`.
         """
         if str(Path.cwd()) not in sys.path:
             sys.path.insert(0, str(Path.cwd()))
@@ -75,6 +74,6 @@ def check_configuration(configuration: RelayConfiguration) -> None:
     for index, relay in enumerate(configuration.relays):
         try:
             relay.resolve()
-        except (LayoutError, SlotNotFoundError, SlotNameError) as error:
+        except (LayoutError, MessageTypeError, SlotNameError) as error:
             key = _BLAMED[type(error)]
             raise ConfigurationError(str(error), ("relay", index, key)) from error
