@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import os
+import json
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from uuid import uuid4
+from typing import Any
 
 import pytest
 
-from llfsm.whiteboard import BoardNotFoundError, Whiteboard
-from llfsm.whiteboard.board_files import remove_board
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import status_slot
 from llfsm.whiteboard.shared import boards
+from own_boards import own_board
 from waiting import PATIENCE_S, wait_for
+
+MACHINES = Path(__file__).with_name("machines.py")
 
 
 class Llfsm:
@@ -65,11 +69,28 @@ def llfsm(tmp_path: Path) -> Iterator[Llfsm]:
 
 @pytest.fixture
 def board() -> Iterator[str]:
-    """Give a name that no other board has, and see that none is left."""
-    name = f"test-{os.getpid()}-{uuid4().hex[:8]}"
-    yield name
-    with suppress(BoardNotFoundError):
-        remove_board(name)
+    with own_board() as name:
+        yield name
+
+
+@pytest.fixture
+def running(llfsm: Llfsm, board: str) -> Iterator[subprocess.Popen[str]]:
+    """Start a process with Stays and Stubborn, both published on the board."""
+    process = llfsm.start("run", f"{MACHINES}:Stays", f"{MACHINES}:Stubborn", "-q", "-b", board)
+    wait_for_line(process, "Stays entered A")
+    with Whiteboard(board, create=False) as wb:
+        status = wb[status_slot("Stubborn")]
+        wait_for(lambda: status.get().ringlets, "its ringlets are published")
+    yield process
+    process.send_signal(signal.SIGCONT)
+
+
+def rows(llfsm: Llfsm, *arguments: str) -> dict[str, dict[str, Any]]:
+    """Return what `llfsm ps` prints of each machine."""
+    done = llfsm.run("ps", "--json", *arguments)
+    assert (done.returncode, done.stderr) == (0, "")
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    return {row["machine"]: row for row in found}
 
 
 def exists(board: str) -> bool:
@@ -103,6 +124,3 @@ def alive(pid: int) -> bool:
     with suppress(OSError):
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     return False
-
-
-__all__ = ["Llfsm", "Whiteboard", "alive", "children", "exists", "wait_for", "wait_for_line"]

@@ -15,12 +15,12 @@ from types import SimpleNamespace
 import pytest
 
 from llfsm.cli.demo.ros_graph import RosGraph
-from llfsm.whiteboard import Slot
+from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtlesim import Pose
 from waiting import PATIENCE_S, wait_for
 
-from .conftest import Llfsm, Whiteboard, alive, children, exists
+from .conftest import Llfsm, alive, children, exists
 from .conftest import wait_for_line as line_with
 
 CMD_VEL = Slot("turtle1/cmd_vel", Twist)

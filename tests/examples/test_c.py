@@ -8,17 +8,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
-from uuid import uuid4
 
 import pytest
 
-from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
-from llfsm.whiteboard.board_files import remove_board
+from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.messages.turtlesim import Pose
+from own_boards import own_board
 from waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
@@ -58,10 +56,8 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 @pytest.fixture
 def name() -> Iterator[str]:
     """Name a board; the examples end when it is removed."""
-    name = f"c-{os.getpid()}-{uuid4().hex[:8]}"
-    yield name
-    with suppress(BoardNotFoundError):
-        remove_board(name)
+    with own_board() as name:
+        yield name
 
 
 def test_the_schemas_are_those_of_python() -> None:

@@ -6,9 +6,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
-from uuid import uuid4
 
 import pytest
 from click.testing import CliRunner
@@ -20,20 +18,14 @@ from llfsm.bridges.view.frames import FrameEncoder
 from llfsm.bridges.view.live_source import LiveSource
 from llfsm.cli.root import main
 from llfsm.runtime.presence.remote import Directory
-from llfsm.whiteboard import (
-    BoardNotFoundError,
-    MessageTypeError,
-    Slot,
-    SlotTypeError,
-    Whiteboard,
-)
-from llfsm.whiteboard.board_files import remove_board
+from llfsm.whiteboard import MessageTypeError, Slot, SlotTypeError, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
 from llfsm.whiteboard.mirror.batches import Batch, decoder
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.store import Store
 from llfsm.whiteboard.mirror.version_log import NoVersionLog
+from own_boards import own_board
 
 ROOT = Path(__file__).parents[2]
 GOOD = Slot("good", Int32)
@@ -87,14 +79,11 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture
 def board(program: str) -> Iterator[Whiteboard]:
     """Return a board with all of these, and one that is good."""
-    name = f"bad-{os.getpid()}-{uuid4().hex[:8]}"
-    with Whiteboard(name) as board:
+    with own_board() as name, Whiteboard(name) as board:
         board.add_message(GOOD, Int32(data=7))
         texts = [text for slot, (schema, _) in SCHEMAS.items() for text in (slot, schema)]
         subprocess.run([program, board.path, *map(os.fsencode, texts)], check=True)
         yield board
-    with suppress(BoardNotFoundError):
-        remove_board(name)
 
 
 def shown(name: str) -> str:

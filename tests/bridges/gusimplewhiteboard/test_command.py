@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
-from uuid import uuid4
 
 import pytest
 
-from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
+from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.turtlesim import Pose
+from own_boards import own_board
 from waiting import PATIENCE_S, wait_for
 
 Native = Callable[..., str]
@@ -54,10 +52,8 @@ class CPose(ctypes.Structure):
 
 @pytest.fixture
 def board() -> Iterator[str]:
-    name = f"gu-{os.getpid()}-{uuid4().hex[:8]}"
-    yield name
-    with suppress(BoardNotFoundError):
-        remove_board(name)
+    with own_board() as name:
+        yield name
 
 
 def command(*arguments: object) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -10,7 +9,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import pytest
 from mcap.writer import Writer
@@ -20,6 +18,7 @@ from llfsm.bridges.recording.writer import ABOUT, RecordingWriter
 from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot, Whiteboard
 from llfsm.whiteboard.local import LocalBoard
+from own_boards import own_board
 from waiting import PATIENCE_S
 
 
@@ -40,9 +39,8 @@ OTHER = Slot("robot/other", Reading)
 
 @pytest.fixture
 def board() -> Iterator[Whiteboard]:
-    with Whiteboard(f"test-{os.getpid()}-{uuid4().hex[:8]}") as board:
+    with own_board() as name, Whiteboard(name) as board:
         yield board
-        board.remove()
 
 
 @pytest.fixture

@@ -8,20 +8,19 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import httpx
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 from websockets.sync.client import ClientConnection, connect
 
-from llfsm.whiteboard import BoardNotFoundError
-from llfsm.whiteboard.board_files import remove_board
+from own_boards import own_board
 from programs import program
 from waiting import PATIENCE_S
+
+expect.set_options(timeout=PATIENCE_S * 1000)
 
 
 class Process:
@@ -80,11 +79,8 @@ class Server(Process):
 
 @pytest.fixture
 def board() -> Iterator[str]:
-    """Give a name that no other board has, and see that none is left."""
-    name = f"view-{os.getpid()}-{uuid4().hex[:8]}"
-    yield name
-    with suppress(BoardNotFoundError):
-        remove_board(name)
+    with own_board() as name:
+        yield name
 
 
 @pytest.fixture

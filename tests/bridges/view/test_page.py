@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import expect
 
-from llfsm.bridges.recording.reader import Recording
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-from llfsm.whiteboard.messages.llfsm import MachineStatus, definition_slot, status_slot
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.messages.turtlesim import Pose
 from waiting import wait_for
@@ -22,8 +18,6 @@ from .conftest import Server
 
 pytestmark = pytest.mark.timeout(240)
 
-MACHINE = "[data-machine=RosPingPong]"
-
 
 class Reading(Message):
     stamp: int
@@ -31,199 +25,6 @@ class Reading(Message):
     name: str = ""
     parts: tuple[float, ...] = ()
     maybe: Bool | None = None
-
-
-def test_a_demo_is_alive_and_a_click_suspends_a_machine(
-    board: str, start: Callable[..., Any], visit: Callable[..., Any]
-) -> None:
-    start("turtlesim", "-b", board)
-    start("run", "RosBlindTurttleBot", "-q", "-b", board)
-    server = start(Server, board, "--control")
-    seen = visit(server.address)
-    page = seen.page
-    card = page.locator("[data-machine=RosBlindTurttleBot]")
-
-    # The state that is lit is the machine's, and the transition to it is lit with it.
-    page.wait_for_selector("[data-machine] .current[data-state=STRAIGHT]")
-    page.wait_for_selector("[data-machine] .fired[data-transition='STRAIGHT:0']")
-    page.wait_for_selector("[data-machine] .current[data-state=TURN_RIGHT]")
-    expect(card.locator(".variables")).to_contain_text("linear_x")
-
-    # The token is not left in the address, and a reload needs none.
-    assert "token" not in page.url
-    page.reload()
-
-    expect(card.locator(".pill")).to_have_text("running")
-    card.locator("[data-action=suspend]").click()
-    expect(card.locator(".pill")).to_have_text("suspended")
-    expect(card.locator(".current")).to_have_count(0)
-    expect(card.locator(".held")).to_have_count(1)
-    expect(card.locator("[data-action=suspend]")).to_be_disabled()
-    card.locator("[data-action=resume]").click()
-    expect(card.locator(".pill")).to_have_text("running")
-    expect(card.locator(".current")).to_have_count(1)
-
-    expect(page.locator("#field-where")).to_contain_text("turtle1 at (")
-    expect(page.locator("#field")).to_be_visible()
-    assert seen.errors == []
-
-
-def test_an_ended_machine_has_a_card_and_the_others_have_their_timelines(
-    board: str, start: Callable[..., Any], visit: Callable[..., Any]
-) -> None:
-    with Whiteboard(board) as wb:
-        wb.add_message(status_slot("Ended"), MachineStatus("somewhere", loaded=False))
-        start("run", "RosPingPong", "-q", "-b", board)
-        wait_for(lambda: wb[status_slot("RosPingPong")].count, "the machine runs")
-        seen = visit(start(Server, board).address)
-        page = seen.page
-        expect(page.locator("[data-machine=Ended] .pill")).to_have_text("ended")
-        expect(page.locator(f"{MACHINE} .pill")).to_have_text("running")
-        # Its colours are in the last pixels, which are now; the page draws them ten times a second.
-        seen.wait(
-            f"""() => {{
-                const canvas = document.querySelector("{MACHINE} .timeline");
-                const probe = new OffscreenCanvas(16, 8);
-                const drawing = probe.getContext("2d", {{ willReadFrequently: true }});
-                drawing.drawImage(canvas, 20 - canvas.width, 8 - canvas.height);
-                return drawing.getImageData(0, 0, 16, 8).data.some((value) => value > 0);
-            }}"""
-        )
-        assert seen.errors == []
-
-
-FRAGILE = """
-import time
-from pathlib import Path
-from llfsm.runtime import Machine, State
-
-class Fragile(Machine):
-    count: int = 0
-    PLAN = State()
-    DRIVE = State()
-    PLAN.to(DRIVE, after_ms=50)
-
-    @DRIVE.internal
-    def _(self):
-        if Path("broken").exists():
-            raise ValueError("no plan <b>at all</b>")
-        while Path("stuck").exists():
-            time.sleep(0.01)
-
-    DRIVE.to(DRIVE, when=lambda m: False)
-
-class Other(Machine):
-    A = State()
-    A.to(A, after_ms=1000)
-"""
-
-
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_a_machine_that_fails_or_hangs_shows_where_and_may_be_resumed(
-    board: str,
-    start: Callable[..., Any],
-    visit: Callable[..., Any],
-    tmp_path: Path,
-    theme: str,
-) -> None:
-    (tmp_path / "fragile.py").write_text(FRAGILE)
-    (tmp_path / "broken").touch()
-    options = ("--on-error", "suspend", "--watchdog", "100", "-q", "-b", board)
-    start("run", "fragile:Fragile", "fragile:Other", *options)
-    server = start(Server, board, "--control")
-    seen = visit(server.address, color_scheme=theme)
-    page = seen.page
-    card = page.locator("[data-machine=Fragile]")
-    error, pill = card.locator(".error"), card.locator(".pill")
-    plain = "getComputedStyle(document.querySelector('.error')).color"
-
-    def marked() -> Any:
-        """Return the colours of the error, the condition and the state that has failed or hangs."""
-        return page.evaluate(
-            """() => {
-                const card = document.querySelector("[data-machine=Fragile]");
-                const of = (what) => getComputedStyle(card.querySelector(what));
-                const stroke = of("[data-state=DRIVE] .box").stroke;
-                return [of(".error").color, of(".pill").color, stroke];
-            }"""
-        )
-
-    expect(pill).to_have_text("failed")
-    place = "machine Fragile, state DRIVE, Internal: ValueError: no plan <b>at all</b>"
-    expect(error).to_contain_text(place)
-    expect(error).to_contain_text("fragile.py:15")
-    expect(card.locator(".failed")).to_have_attribute("data-state", "DRIVE")
-    expect(card.locator(".held")).to_have_count(0)
-    wait_for(lambda: len(set(marked())) == 1, "all are of one colour")
-    problem = page.evaluate(plain)
-
-    # Both ways to go on are offered; one that fails again stays failed.
-    expect(card.locator("[data-action=suspend]")).to_be_disabled()
-    card.locator("[data-action=restart]").click()
-    expect(page.locator("#toasts")).to_contain_text(
-        "asked to restart; it had failed: machine Fragile"
-    )
-    with Whiteboard(board, create=False) as wb:
-        slot = wb[status_slot("Fragile")]
-
-        def failed_again() -> bool:
-            status = slot.get()
-            return status.obeyed > 0 and not status.pending and status.failed
-
-        wait_for(failed_again, "it has failed again")
-    expect(pill).to_have_text("failed")
-    (tmp_path / "broken").unlink()
-    card.locator("[data-action=resume]").click()
-    expect(pill).to_have_text("running")
-    expect(error).to_be_hidden()
-    expect(card.locator(".failed")).to_have_count(0)
-    expect(card.locator(".current")).to_have_attribute("data-state", "DRIVE")
-
-    (tmp_path / "stuck").touch()
-    expect(pill).to_have_text("hung")
-    expect(error).to_contain_text("fragile.py:17")
-    expect(card.locator(".current")).to_have_attribute("data-state", "DRIVE")
-    wait_for(lambda: set(marked()) == {problem}, "all are of the colour of problems")
-    (tmp_path / "stuck").unlink()
-    expect(pill).to_have_text("running")
-    expect(error).to_be_hidden()
-    assert seen.errors == []
-
-
-TWO = """
-from llfsm.runtime import Actuator, Machine, State
-from llfsm.whiteboard import Slot
-from llfsm.whiteboard.messages.std_msgs import Int32
-
-class Wall(Machine):
-    drive = Actuator(Slot("cmd_vel", Int32))
-    A = State()
-    A.to(A, when=lambda m: False)
-
-class Blind(Wall):
-    pass
-"""
-
-
-def test_two_processes_that_command_a_slot_are_shown_until_one_ends(
-    board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
-) -> None:
-    (tmp_path / "two.py").write_text(TWO)
-    first = start("run", "two:Wall", "-q", "-b", board)
-    with Whiteboard(board) as wb:
-        wait_for(lambda: wb[status_slot("Wall")].count, "the first runs")
-    seen = visit(start(Server, board).address)
-    contested = seen.page.locator("#contested")
-    seen.page.wait_for_selector("[data-machine=Wall]")
-    expect(contested).to_be_hidden()
-    second = start("run", "two:Blind", "-q", "-b", board)
-    expect(contested).to_have_text(
-        f"cmd_vel has two commanders: Wall (pid {first.popen.pid}), Blind (pid {second.popen.pid})"
-    )
-    expect(seen.page.locator("#trouble")).to_be_hidden()
-    second.end()
-    expect(contested).to_be_hidden()
-    assert seen.errors == []
 
 
 def test_a_slot_opens_to_its_value_and_its_schema(
@@ -279,47 +80,6 @@ def test_slots_are_filtered_and_pinned_with_the_keyboard(
         expect(page.locator(".group.pinned .slot")).to_have_count(1)
         page.keyboard.press("?")
         expect(page.locator("#keys")).to_be_visible()
-
-
-def test_a_machine_is_folded_found_and_filled_the_window_with(
-    board: str, start: Callable[..., Any], visit: Callable[..., Any]
-) -> None:
-    start("run", "RosPingPong", "-q", "-b", board)
-    page = visit(start(Server, board).address).page
-    card = page.locator(MACHINE)
-    diagram = card.locator(".diagram")
-    expect(diagram).to_be_visible()
-    card.locator(".fold").click()
-    expect(diagram).to_be_hidden()
-    page.keyboard.press("f")
-    expect(diagram).to_be_visible()
-
-    page.keyboard.press("m")
-    page.keyboard.type("count")
-    expect(card.locator(".found")).to_have_attribute("data-state", "WAIT_AND_COUNT")
-    page.keyboard.press("Control+a")
-    page.keyboard.type("nobody")
-    expect(page.locator("#machines-empty")).to_be_visible()
-    expect(card).to_be_hidden()
-    page.locator("#machines-search").fill("")
-    page.keyboard.press("Escape")
-
-    diagram.focus()
-    before = card.locator("svg[role=img]").get_attribute("viewBox")
-    page.keyboard.press("+")
-    assert card.locator("svg[role=img]").get_attribute("viewBox") != before
-    page.keyboard.press("ArrowLeft")
-    page.keyboard.press("0")
-    assert card.locator("svg[role=img]").get_attribute("viewBox") == before
-    page.keyboard.press("Enter")
-    box = card.bounding_box()
-    assert box is not None
-    assert box["width"] > 1200
-    page.keyboard.press("Escape")
-    expect(card).not_to_have_class("card large")
-
-    card.locator("button", has_text="Code").click()
-    expect(card.locator(".diagram .code").first).to_be_visible()
 
 
 def test_a_value_is_posted_with_a_form_made_of_the_schema(
@@ -397,81 +157,3 @@ def test_the_theme_is_the_systems_until_it_is_chosen(
     expect(root).to_have_attribute("data-theme", other)
     page.reload()
     expect(root).to_have_attribute("data-theme", other)
-
-
-def test_a_recording_has_a_slider_over_all_that_the_page_shows(
-    board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
-) -> None:
-    counter, definition = Slot("counter", Reading), definition_slot("RosPingPong")
-    start("run", "RosPingPong", "-q", "-b", board)
-    with Whiteboard(board) as wb:
-        wb.add_message(counter, Reading(0, 0.0))
-        status = wb[status_slot("RosPingPong")]
-        wait_for(lambda: status.count, "the machine runs")
-        record = start("record", "-o", "run.mcap", "-b", board)
-        record.line()
-        file, number = tmp_path / "run.mcap", 0
-        waited = wait_for(lambda: any(Recording(file).messages([definition.name])))
-        begin = time.monotonic()
-        while time.monotonic() - begin < 1 + 5 * waited:  # in most of it the machine is to be seen
-            number += 1
-            wb.add_message(counter, Reading(number, number / 2))
-            time.sleep(0.01)
-        record.end()
-    server = start(Server, board, str(file))
-    seen = visit(server.address)
-    page = seen.page
-    value = page.locator("[data-slot=counter] .short")
-    slider = page.locator("#slider")
-
-    def shown() -> int:
-        return int((value.text_content() or "stamp -1").split()[1])
-
-    def length() -> float:
-        return float(slider.get_attribute("max") or 0)
-
-    wait_for(lambda: length() > 1, "the slider has the length of the recording")
-    end = length()
-    slider.fill(str(end))
-    wait_for(lambda: shown() > number / 2, "the end was shown")
-    page.wait_for_selector(f"{MACHINE} [data-state]")
-    slider.fill(str(end / 4))
-    wait_for(lambda: 0 <= shown() < number / 2, "an early moment was shown")
-    expect(page.locator(f"{MACHINE} .current")).to_have_count(1)
-    expect(page.locator("#link")).to_have_text("recording")
-
-    early = shown()
-    page.locator("#play").click()
-    wait_for(lambda: shown() > early + 5, "it played")
-    page.wait_for_selector(f"{MACHINE} .fired")
-    assert seen.errors == []
-
-
-def test_of_two_ways_to_a_state_the_one_that_was_taken_is_lit(
-    board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
-) -> None:
-    (tmp_path / "twin.py").write_text(
-        "from llfsm.runtime import Machine, State\n"
-        "class Twin(Machine):\n"
-        "    a, b, c, rest = State(), State(), State(), State()\n"
-        "    a.to(rest, when=lambda m: m.after_ms(600))\n"
-        "    rest.to(b, when=lambda m: m.after_ms(10**9))\n"
-        "    rest.to(b, when=lambda m: m.after_ms(600))\n"
-        "    b.to(c)\n"
-        "    c.to(a)\n"
-    )
-    start("run", "twin:Twin", "-q", "-b", board)
-    page = visit(start(Server, board).address).page
-    page.wait_for_selector(".fired[data-transition='a:0']")
-    # b is too short to be seen: it has come from c, which is lit, and not from what was seen.
-    page.wait_for_selector(".fired[data-transition='c:0']")
-    assert page.locator("[data-transition='rest:0'].fired").count() == 0
-    changes = page.evaluate(
-        "new Promise((done) => { const socket = new WebSocket(`ws://${location.host}/live`);"
-        " const skipped = []; socket.onmessage = ({data}) => { const frame = JSON.parse(data);"
-        " for (const each of Object.values(frame.history ?? {}).flat()) skipped.push(each);"
-        ' if (skipped.length > 8) done(skipped); else socket.send(\'{"type": "seen"}\'); } })'
-    )
-    ways = {(state, source, number) for _, state, _, source, number, *_ in changes if source}
-    assert ways <= {("rest", "a", 0), ("b", "rest", 1), ("c", "b", 0), ("a", "c", 0)}
-    assert any(skipped for *_, skipped, _ in changes)

@@ -1,0 +1,150 @@
+"""Machines on the page in a real browser: their cards, diagrams and timelines show how they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import expect
+
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
+from waiting import wait_for
+
+from .conftest import Server
+
+pytestmark = pytest.mark.timeout(240)
+
+MACHINE = "[data-machine=RosPingPong]"
+
+
+def test_a_demo_is_alive_and_a_click_suspends_a_machine(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    start("turtlesim", "-b", board)
+    start("run", "RosBlindTurttleBot", "-q", "-b", board)
+    server = start(Server, board, "--control")
+    seen = visit(server.address)
+    page = seen.page
+    card = page.locator("[data-machine=RosBlindTurttleBot]")
+
+    # The state that is lit is the machine's, and the transition to it is lit with it.
+    page.wait_for_selector("[data-machine] .current[data-state=STRAIGHT]")
+    page.wait_for_selector("[data-machine] .fired[data-transition='STRAIGHT:0']")
+    page.wait_for_selector("[data-machine] .current[data-state=TURN_RIGHT]")
+    expect(card.locator(".variables")).to_contain_text("linear_x")
+
+    # The token is not left in the address, and a reload needs none.
+    assert "token" not in page.url
+    page.reload()
+
+    expect(card.locator(".pill")).to_have_text("running")
+    card.locator("[data-action=suspend]").click()
+    expect(card.locator(".pill")).to_have_text("suspended")
+    expect(card.locator(".current")).to_have_count(0)
+    expect(card.locator(".held")).to_have_count(1)
+    expect(card.locator("[data-action=suspend]")).to_be_disabled()
+    card.locator("[data-action=resume]").click()
+    expect(card.locator(".pill")).to_have_text("running")
+    expect(card.locator(".current")).to_have_count(1)
+
+    expect(page.locator("#field-where")).to_contain_text("turtle1 at (")
+    expect(page.locator("#field")).to_be_visible()
+    assert seen.errors == []
+
+
+def test_an_ended_machine_has_a_card_and_the_others_have_their_timelines(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(status_slot("Ended"), MachineStatus("somewhere", loaded=False))
+        start("run", "RosPingPong", "-q", "-b", board)
+        wait_for(lambda: wb[status_slot("RosPingPong")].count, "the machine runs")
+        seen = visit(start(Server, board).address)
+        page = seen.page
+        expect(page.locator("[data-machine=Ended] .pill")).to_have_text("ended")
+        expect(page.locator(f"{MACHINE} .pill")).to_have_text("running")
+        # Its colours are in the last pixels, which are now; the page draws them ten times a second.
+        seen.wait(
+            f"""() => {{
+                const canvas = document.querySelector("{MACHINE} .timeline");
+                const probe = new OffscreenCanvas(16, 8);
+                const drawing = probe.getContext("2d", {{ willReadFrequently: true }});
+                drawing.drawImage(canvas, 20 - canvas.width, 8 - canvas.height);
+                return drawing.getImageData(0, 0, 16, 8).data.some((value) => value > 0);
+            }}"""
+        )
+        assert seen.errors == []
+
+
+def test_a_machine_is_folded_found_and_filled_the_window_with(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    start("run", "RosPingPong", "-q", "-b", board)
+    page = visit(start(Server, board).address).page
+    card = page.locator(MACHINE)
+    diagram = card.locator(".diagram")
+    expect(diagram).to_be_visible()
+    card.locator(".fold").click()
+    expect(diagram).to_be_hidden()
+    page.keyboard.press("f")
+    expect(diagram).to_be_visible()
+
+    page.keyboard.press("m")
+    page.keyboard.type("count")
+    expect(card.locator(".found")).to_have_attribute("data-state", "WAIT_AND_COUNT")
+    page.keyboard.press("Control+a")
+    page.keyboard.type("nobody")
+    expect(page.locator("#machines-empty")).to_be_visible()
+    expect(card).to_be_hidden()
+    page.locator("#machines-search").fill("")
+    page.keyboard.press("Escape")
+
+    diagram.focus()
+    before = card.locator("svg[role=img]").get_attribute("viewBox")
+    page.keyboard.press("+")
+    assert card.locator("svg[role=img]").get_attribute("viewBox") != before
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("0")
+    assert card.locator("svg[role=img]").get_attribute("viewBox") == before
+    page.keyboard.press("Enter")
+    box = card.bounding_box()
+    assert box is not None
+    assert box["width"] > 1200
+    page.keyboard.press("Escape")
+    expect(card).not_to_have_class("card large")
+
+    card.locator("button", has_text="Code").click()
+    expect(card.locator(".diagram .code").first).to_be_visible()
+
+
+def test_of_two_ways_to_a_state_the_one_that_was_taken_is_lit(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    (tmp_path / "twin.py").write_text(
+        "from llfsm.runtime import Machine, State\n"
+        "class Twin(Machine):\n"
+        "    a, b, c, rest = State(), State(), State(), State()\n"
+        "    a.to(rest, when=lambda m: m.after_ms(600))\n"
+        "    rest.to(b, when=lambda m: m.after_ms(10**9))\n"
+        "    rest.to(b, when=lambda m: m.after_ms(600))\n"
+        "    b.to(c)\n"
+        "    c.to(a)\n"
+    )
+    start("run", "twin:Twin", "-q", "-b", board)
+    page = visit(start(Server, board).address).page
+    page.wait_for_selector(".fired[data-transition='a:0']")
+    # b is too short to be seen: it has come from c, which is lit, and not from what was seen.
+    page.wait_for_selector(".fired[data-transition='c:0']")
+    assert page.locator("[data-transition='rest:0'].fired").count() == 0
+    changes = page.evaluate(
+        "new Promise((done) => { const socket = new WebSocket(`ws://${location.host}/live`);"
+        " const skipped = []; socket.onmessage = ({data}) => { const frame = JSON.parse(data);"
+        " for (const each of Object.values(frame.history ?? {}).flat()) skipped.push(each);"
+        ' if (skipped.length > 8) done(skipped); else socket.send(\'{"type": "seen"}\'); } })'
+    )
+    ways = {(state, source, number) for _, state, _, source, number, *_ in changes if source}
+    assert ways <= {("rest", "a", 0), ("b", "rest", 1), ("c", "b", 0), ("a", "c", 0)}
+    assert any(skipped for *_, skipped, _ in changes)

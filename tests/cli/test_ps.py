@@ -1,0 +1,185 @@
+"""`llfsm ps`: machines of all processes, and slots that several of them command."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+import commanding
+from llfsm.cli.ps import listings
+from llfsm.runtime.presence.remote import SILENT_S, Directory
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import status_slot
+from waiting import wait_for
+
+from .conftest import MACHINES, Llfsm, rows, wait_for_line
+
+
+def test_ps_is_a_table(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    done = llfsm.run("ps", "-b", board)
+    assert (done.returncode, done.stderr) == (0, "")
+    head, *lines = [line.split() for line in done.stdout.splitlines()]
+    assert head == ["MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID"]
+    for line, name in zip(lines, ["Stays", "Stubborn"], strict=True):
+        assert line[:3] == [name, "A", "running"]
+        assert re.fullmatch(r"\d+\.\d s", " ".join(line[3:5]))
+        assert int(line[5]) > 0
+        assert line[6:] == ["0", str(running.pid)]
+
+
+def test_ps_is_json_for_programs(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    told = rows(llfsm, "-b", board)
+    assert list(told) == ["Stays", "Stubborn"]
+    row = told["Stays"]
+    assert row["in_state_s"] >= row["silent_s"] >= 0
+    assert row["ringlets"] > 0
+    assert {
+        key: row[key] for key in ("whiteboard", "state", "status", "overruns", "pid", "host")
+    } == {
+        "whiteboard": board,
+        "state": "A",
+        "status": "running",
+        "overruns": 0,
+        "pid": running.pid,
+        "host": socket.gethostname(),
+    }
+
+
+def test_ps_of_every_board(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    done = llfsm.run("ps", "-a")
+    assert done.returncode == 0
+    head, *lines = [line.split() for line in done.stdout.splitlines()]
+    assert head[:2] == ["WHITEBOARD", "MACHINE"]
+    assert [line[1] for line in lines if line[0] == board] == ["Stays", "Stubborn"]
+    told = [json.loads(line) for line in llfsm.run("ps", "-a", "--json").stdout.splitlines()]
+    assert [row["machine"] for row in told if row["whiteboard"] == board] == ["Stays", "Stubborn"]
+
+
+def test_ps_of_every_board_although_one_goes_meanwhile(
+    board: str, running: subprocess.Popen[str]
+) -> None:
+    [found] = listings([f"{board}-not", board])
+    assert found.board == board
+    assert [machine.name for machine in found.machines] == ["Stays", "Stubborn"]
+
+
+def test_ps_of_every_board_although_one_cannot_be_read(
+    board: str, running: subprocess.Popen[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = Path(f"/dev/shm/llfsm.{board}-broken")
+    broken.write_bytes(b"no whiteboard")
+    try:
+        [found] = listings([f"{board}-broken", board])
+    finally:
+        broken.unlink()
+    assert f"whiteboard '{board}-broken': " in capsys.readouterr().err
+    assert [machine.name for machine in found.machines] == ["Stays", "Stubborn"]
+
+
+def test_ps_of_a_board_without_machines(llfsm: Llfsm, board: str) -> None:
+    with Whiteboard(board):
+        assert rows(llfsm, "-b", board) == {}
+        assert len(llfsm.run("ps", "-b", board).stdout.splitlines()) == 1
+
+
+def test_machines_of_one_name_are_told_apart(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    second = llfsm.start("run", f"{MACHINES}:Stays", "-q", "-b", board)
+    wait_for_line(second, "Stays entered A")
+    told = {name: row["pid"] for name, row in rows(llfsm, "-b", board).items()}
+    assert told == {"Stays": running.pid, "Stays.0": second.pid, "Stubborn": running.pid}
+    assert llfsm.run("stop", "Stays.0", "-b", board).returncode == 0
+    assert second.wait() == 0
+    assert rows(llfsm, "-b", board)["Stays"]["pid"] == running.pid
+
+
+def test_what_is_over_is_not_listed(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    running.terminate()
+    assert running.wait() == 0
+    assert rows(llfsm, "-b", board) == {}
+
+
+def test_a_killed_process_is_gone_within_a_second(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    """Even if nobody has taken note of its death, so that its number is still in use."""
+    with Whiteboard(board, create=False) as wb:
+        slot = wb[status_slot("Stays")]
+        running.kill()
+        os.waitid(os.P_PID, running.pid, os.WEXITED | os.WNOWAIT)
+        last_ns, now_ns = slot.sample().stamp_ns, 0
+
+        def gone() -> bool:
+            nonlocal now_ns
+            now_ns = time.monotonic_ns()
+            return not Directory(wb).machines()
+
+        while not gone():
+            assert now_ns - last_ns < SILENT_S * 1e9
+            os.sched_yield()
+    assert rows(llfsm, "-b", board) == {}
+
+
+def test_a_process_that_stands_still_is_silent(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str]
+) -> None:
+    def statuses() -> set[str]:
+        return {row["status"] for row in rows(llfsm, "-b", board).values()}
+
+    assert statuses() == {"running"}
+    running.send_signal(signal.SIGSTOP)
+    wait_for(lambda: statuses() == {"silent"}, "machines are silent")
+    assert rows(llfsm, "-b", board)["Stays"]["silent_s"] > SILENT_S
+    running.send_signal(signal.SIGCONT)
+    wait_for(lambda: statuses() == {"running"}, "machines run again")
+
+
+def test_two_commanders_of_a_slot_are_shown(llfsm: Llfsm, board: str) -> None:
+    first = llfsm.start(
+        "run", f"{commanding.__file__}:Wall", f"{MACHINES}:Stubborn", "-q", "-b", board
+    )
+    with Whiteboard(board) as wb:
+        wait_for(lambda: wb[status_slot("Wall")].count, "the first is published")
+        assert "commanders" not in llfsm.run("ps", "-b", board).stdout
+        second = llfsm.start("run", f"{commanding.__file__}:Blind", "-q", "-b", board)
+        line = f"cmd has two commanders: Wall (pid {first.pid}), Blind (pid {second.pid})\n"
+        assert wait_for_line(first, "commanders") == line
+        assert wait_for_line(second, "commanders") == line
+        wait_for(lambda: wb[status_slot("Blind")].count, "the second is published")
+    assert llfsm.run("ps", "-b", board).stdout.endswith(line)
+    assert llfsm.run("whiteboard", "list", board).stdout.endswith(line)
+    contested = {name: row["contested"] for name, row in rows(llfsm, "-b", board).items()}
+    assert contested == {"Wall": ["cmd"], "Blind": ["cmd"], "Stubborn": []}
+    second.kill()
+    second.wait()
+    assert "commanders" not in llfsm.run("ps", "-b", board).stdout
+    assert "commanders" not in llfsm.run("whiteboard", "list", board).stdout
+
+
+def test_a_second_exclusive_commander_does_not_start(llfsm: Llfsm, board: str) -> None:
+    first = llfsm.start("run", f"{commanding.__file__}:Alone", "-q", "-b", board)
+    with Whiteboard(board) as wb:
+        wait_for(lambda: wb[status_slot("Alone")].count, "the first is published")
+    done = llfsm.run("run", f"{commanding.__file__}:Alone", "-q", "-b", board)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        f"Error: Alone posts to 'cmd' exclusively, but Alone (pid {first.pid}, exclusive) "
+        f"does, too; end that machine first\n"
+    )
+
+
+def test_ps_needs_a_board(llfsm: Llfsm, board: str) -> None:
+    done = llfsm.run("ps", "-b", board)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert f"{board}: no such whiteboard" in done.stderr
