@@ -93,6 +93,7 @@ $(VENV)/.ready-bench: EXTRAS = bench,draw,ros,hosts,view
 $(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-bench: $(SOURCES) $(VENV_MADE)
 	@sh .ci/prerequisites >/dev/null
 	@echo "installing llfsm[$(EXTRAS)] into $(VENV) ..."
+	@find runtime whiteboard -name '*.so' -delete # one by another name could be found first
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
 	@$(BIN)/python -c 'import llfsm.whiteboard._shm' || \
 	    { echo "the shared-memory extension was not built; see: $(BIN)/pip install -v -e ." >&2; exit 1; }
@@ -106,4 +107,5 @@ $(VENV)/.sees-system:
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build out src/llfsm.egg-info whiteboard/*.so
+	rm -rf $(VENV) build out src/llfsm.egg-info
+	find runtime whiteboard -name '*.so' -delete

@@ -4,6 +4,7 @@
 
 #include "llfsm_whiteboard.h"
 
+static PyTypeObject *board_type;
 static PyObject *raise_status; /* llfsm.whiteboard.errors: (status, errno, where, detail) */
 
 /* In addition to enum lwb_status. */
@@ -54,14 +55,14 @@ static PyObject *board_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
     int create;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "Up", names, &path, &create))
         return NULL;
-    Board *self = (Board *)type->tp_alloc(type, 0);
+    Board *self = (Board *)PyType_GenericAlloc(type, 0);
     if (!self)
         return NULL;
     self->board = (struct lwb_board){.fd = -1, .writer = -1};
     self->path = Py_NewRef(path);
     PyObject *bytes = NULL;
     if (PyUnicode_FSConverter(path, &bytes)) {
-        int status = lwb_open(&self->board, PyBytes_AS_STRING(bytes), create);
+        int status = lwb_open(&self->board, PyBytes_AsString(bytes), create);
         Py_DECREF(bytes);
         if (!status)
             return (PyObject *)self;
@@ -75,7 +76,9 @@ static void board_dealloc(Board *self)
 {
     lwb_close(&self->board);
     Py_XDECREF(self->path);
-    Py_TYPE(self)->tp_free((PyObject *)self);
+    PyTypeObject *type = Py_TYPE((PyObject *)self);
+    PyObject_Free(self);
+    Py_DECREF(type);
 }
 
 static bool is_open(Board *self, PyObject *where)
@@ -152,8 +155,10 @@ static PyObject *board_slots(Board *self, PyObject *unused)
         Py_XDECREF(item);
     }
     board_leave(self);
-    if (list && status != LWB_MISSING)
-        Py_SETREF(list, fail(status, self->path, NULL));
+    if (list && status != LWB_MISSING) {
+        fail(status, self->path, NULL);
+        Py_CLEAR(list);
+    }
     return list;
 }
 
@@ -172,12 +177,12 @@ static PyObject *board_watch(Board *self, PyObject *args)
     for (;;) {
         if (!is_open(self, self->path))
             return NULL;
-        if (PyByteArray_GET_SIZE(seen) != LWB_MAX_SLOTS * (Py_ssize_t)sizeof(uint64_t)) {
+        if (PyByteArray_Size(seen) != LWB_MAX_SLOTS * (Py_ssize_t)sizeof(uint64_t)) {
             PyErr_SetString(PyExc_ValueError, "watch() needs 8 bytes for each possible slot");
             return NULL;
         }
         lwb_atomic32 *watching = &lwb_head(&self->board)->watching;
-        uint64_t *words = (uint64_t *)(void *)PyByteArray_AS_STRING(seen);
+        uint64_t *words = (uint64_t *)(void *)PyByteArray_AsString(seen);
         uint32_t odd = 0;
         status = lwb_changed(&self->board, words, which, &number);
         clock_gettime(CLOCK_MONOTONIC, &now);
@@ -203,10 +208,8 @@ static PyObject *board_watch(Board *self, PyObject *args)
     PyObject *list = PyList_New(number);
     for (int i = 0; list && i < number; i++) {
         PyObject *index = PyLong_FromUnsignedLong(which[i]);
-        if (!index)
+        if (!index || PyList_SetItem(list, i, index))
             Py_CLEAR(list);
-        else
-            PyList_SET_ITEM(list, i, index);
     }
     return list;
 }
@@ -219,11 +222,15 @@ static PyMethodDef board_methods[] = {
     {"watch", (PyCFunction)board_watch, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL}};
 
-static PyTypeObject BoardType = {
-    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "llfsm.whiteboard._shm.Board",
-    .tp_basicsize = sizeof(Board),
-    .tp_flags = Py_TPFLAGS_DEFAULT,
-    .tp_new = board_new,
-    .tp_dealloc = (destructor)board_dealloc,
-    .tp_methods = board_methods,
+static PyType_Slot board_type_slots[] = {
+    {Py_tp_new, board_new},
+    {Py_tp_dealloc, board_dealloc},
+    {Py_tp_methods, board_methods},
+    {0, NULL}};
+
+static PyType_Spec board_spec = {
+    .name = "llfsm.whiteboard._shm.Board",
+    .basicsize = sizeof(Board),
+    .flags = Py_TPFLAGS_DEFAULT,
+    .slots = board_type_slots,
 };

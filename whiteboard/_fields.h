@@ -1,9 +1,8 @@
 /* A fast check that a message's fields have the types that its class declares. Each add checks
  * them, because a wrong value would fail in every reader, in other processes. The decoder is the
  * authority but costs more than the add; this check recognises obviously valid messages by a few
- * comparisons: msgspec keeps a Struct's fields at fixed offsets, given by member descriptors. */
+ * comparisons: msgspec keeps a Struct's fields at fixed places of the object. */
 #include <Python.h>
-#include <structmember.h>
 
 enum field_kind { FIELD_FLOAT, FIELD_INT, FIELD_BOOL, FIELD_STR, FIELD_BYTES, FIELD_MESSAGE,
                   FIELD_OTHER /* left to the decoder */ };
@@ -29,41 +28,61 @@ static inline void field_checks_free(struct field_checks *checks)
     *checks = (struct field_checks){0, NULL};
 }
 
+/* Return the offset at which instances of a type keep a field, or -1 with an exception. The limited
+ * API does not tell it, so we set the field of an `empty` instance to a new object, past the type's
+ * own refusal to change, and look where its address appears. */
+static inline Py_ssize_t field_place(PyObject *empty, const char *name)
+{
+    PyObject *size = PyObject_GetAttrString((PyObject *)Py_TYPE(empty), "__basicsize__");
+    PyObject *text = PyUnicode_FromString(name), *mark = PyList_New(0);
+    Py_ssize_t place = -1, end = size ? PyLong_AsSsize_t(size) : -1;
+    if (end >= 0 && text && mark && !PyObject_GenericSetAttr(empty, text, mark)) {
+        place = sizeof *empty;
+        while (place < end && *(PyObject **)((char *)empty + place) != mark)
+            place += sizeof mark;
+        if (place >= end) {
+            PyErr_Format(PyExc_TypeError, "%R keeps no field %s", Py_TYPE(empty), name);
+            place = -1;
+        }
+    }
+    Py_XDECREF(size);
+    Py_XDECREF(text);
+    Py_XDECREF(mark);
+    return place;
+}
+
 /* `fields`: a tuple of (name, kind, least, most, message type or None, its fields). Returns
  * 0, or -1 with an exception. */
 static inline int field_checks_init(struct field_checks *checks, PyTypeObject *type,
                                     PyObject *fields)
 {
-    Py_ssize_t count = PyTuple_GET_SIZE(fields);
+    Py_ssize_t count = PyTuple_Size(fields);
     checks->at = PyMem_Calloc((size_t)count + 1, sizeof *checks->at);
     if (!checks->at) {
         PyErr_NoMemory();
         return -1;
     }
+    PyObject *empty = PyType_GenericAlloc(type, 0);
+    if (!empty)
+        goto failed;
     for (Py_ssize_t i = 0; i < count; i++) {
         struct field_check *c = &checks->at[i];
         PyObject *inner_type, *inner;
         const char *name;
-        if (!PyArg_ParseTuple(PyTuple_GET_ITEM(fields, i), "siLLOO!", &name, &c->kind, &c->least,
+        if (!PyArg_ParseTuple(PyTuple_GetItem(fields, i), "siLLOO!", &name, &c->kind, &c->least,
                               &c->most, &inner_type, &PyTuple_Type, &inner))
             goto failed;
-        PyObject *member = PyObject_GetAttrString((PyObject *)type, name);
-        if (!member)
+        if ((c->place = field_place(empty, name)) < 0)
             goto failed;
-        if (!Py_IS_TYPE(member, &PyMemberDescr_Type)) {
-            Py_DECREF(member);
-            PyErr_Format(PyExc_TypeError, "%s.%s is not a field", type->tp_name, name);
-            goto failed;
-        }
-        c->place = ((PyMemberDescrObject *)member)->d_member->offset;
-        Py_DECREF(member);
         c->type = (PyTypeObject *)inner_type;
         checks->count = i + 1;
         if (c->kind == FIELD_MESSAGE && field_checks_init(&c->inner, c->type, inner))
             goto failed;
     }
+    Py_DECREF(empty);
     return 0;
 failed:
+    Py_XDECREF(empty);
     field_checks_free(checks);
     return -1;
 }

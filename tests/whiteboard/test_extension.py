@@ -1,11 +1,16 @@
-"""The extension agrees with its stub, and can be missing."""
+"""The extension agrees with its stub, is one for all Pythons, and can be missing."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Callable
 from pathlib import Path
+
+import pytest
+
+from llfsm.whiteboard import Message, _shm
 
 RunPython = Callable[..., str]
 
@@ -20,6 +25,29 @@ def test_the_stub_matches_the_extension() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.skipif(
+    bool(sysconfig.get_config_var("Py_GIL_DISABLED")), reason="has no stable interface"
+)
+def test_it_is_one_for_all_pythons() -> None:
+    assert Path(_shm.__file__).name == "_shm.abi3.so"
+
+
+class Loose(Message, dict=True):
+    """A class whose instances keep whatever they are given, but not all of it as fields."""
+
+    count: int = 0
+
+
+def test_a_field_without_a_place_is_refused(tmp_path: Path) -> None:
+    """Otherwise its check would read what is elsewhere in memory."""
+    core = _shm.Board(str(tmp_path / "board"), True)
+    fields = tuple((name, 1, 0, 9, None, ()) for name in ("count", "other"))
+    with pytest.raises(TypeError, match="Loose'> keeps no field other"):
+        _shm.Port(core, "a", "T", "{}", 1, 64, Loose, fields, lambda *_: None, lambda _: Loose())
+    with pytest.raises(AttributeError, match="no attribute 'count'"):
+        _shm.Port(core, "a", "T", "{}", 1, 64, Message, fields, lambda *_: None, lambda _: Loose())
 
 
 def test_without_the_extension_only_the_local_board_works(run_python: RunPython) -> None:
