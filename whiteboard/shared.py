@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 from msgspec import inspect as mi
@@ -15,7 +15,6 @@ from msgspec import inspect as mi
 from .board import Board, BoundSlot, SlotInfo
 from .board_files import DIRECTORY, board_files, board_path, default_name, remove_board
 from .errors import SchemaClash, SharedMemoryUnavailableError, SlotNotFoundError
-from .local import LocalBoard
 from .message import M, Message
 from .schema import Schema
 from .slots import Slot
@@ -27,6 +26,9 @@ except ImportError as error:  # no Linux, or no compiler when it was installed
 else:
     _MISSING = None
     BoundSlot.register(_shm.Port)
+
+if TYPE_CHECKING:
+    from .local import LocalBoard
 
 __all__ = ["BoardInfo", "Whiteboard", "boards"]
 
@@ -67,6 +69,8 @@ class Whiteboard(Board):
     @staticmethod
     def local(name: str = "local") -> LocalBoard:
         """Return a new, empty board for this process only, with the same interface."""
+        from .local import LocalBoard
+
         return LocalBoard(name)
 
     @staticmethod

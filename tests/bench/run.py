@@ -100,7 +100,7 @@ def _processes(pace: Pace) -> Iterator[Row]:
     ]
     yield Row("import llfsm.whiteboard", in_turns(meters, times), ADDED_MS, 60)
     meters = [process("llfsm", str(Path(python).with_name("llfsm")), "--help")]
-    yield Row("llfsm --help", in_turns(meters, times), ALONE_MS, 150)
+    yield Row("llfsm --help", in_turns(meters, times), ALONE_MS, 120)
     meters = [Meter("llfsm", "footprint.py", _footprint)]
     yield Row("memory: 100 slots, 4 machines", in_turns(meters, 3), ALONE_MIB, 40)
 
