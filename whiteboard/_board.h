@@ -162,6 +162,21 @@ static PyObject *board_slots(Board *self, PyObject *unused)
     return list;
 }
 
+/* Seconds of `seconds` left since `start`; not more than 0, or NaN, if none are. */
+static double seconds_left(const struct timespec *start, double seconds)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return seconds - (double)(now.tv_sec - start->tv_sec) -
+           (double)(now.tv_nsec - start->tv_nsec) * 1e-9;
+}
+
+/* The nanoseconds to sleep in one go with so many seconds left. */
+static uint64_t sleep_ns(double left)
+{
+    return !(left > 0) ? 0 : left > 1 ? 1000000000u : (uint64_t)(left * 1e9);
+}
+
 /* watch(words, timeout): returns the indices of the slots whose word differs from the one in
  * `words`, a bytearray, and updates it; waits for a change for at most `timeout` seconds. */
 static PyObject *board_watch(Board *self, PyObject *args)
@@ -172,7 +187,7 @@ static PyObject *board_watch(Board *self, PyObject *args)
     int number = 0, status;
     if (!PyArg_ParseTuple(args, "O!d", &PyByteArray_Type, &seen, &seconds))
         return NULL;
-    struct timespec start, now;
+    struct timespec start;
     clock_gettime(CLOCK_MONOTONIC, &start);
     for (;;) {
         if (!is_open(self, self->path))
@@ -185,9 +200,7 @@ static PyObject *board_watch(Board *self, PyObject *args)
         uint64_t *words = (uint64_t *)(void *)PyByteArray_AsString(seen);
         uint32_t odd = 0;
         status = lwb_changed(&self->board, words, which, &number);
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        double left = seconds - (double)(now.tv_sec - start.tv_sec) -
-                      (double)(now.tv_nsec - start.tv_nsec) * 1e-9;
+        double left = seconds_left(&start, seconds);
         bool over = !(left > 0);
         if (!status && !number && !over) {
             odd = lwb_announce(watching);
@@ -199,7 +212,7 @@ static PyObject *board_watch(Board *self, PyObject *args)
             break;
         self->users++;
         Py_BEGIN_ALLOW_THREADS
-        lwb_sleep(watching, odd, left > 1 ? 1000000000u : (uint64_t)(left * 1e9));
+        lwb_sleep(watching, odd, sleep_ns(left));
         Py_END_ALLOW_THREADS
         board_leave(self);
         if (PyErr_CheckSignals())
@@ -214,11 +227,21 @@ static PyObject *board_watch(Board *self, PyObject *args)
     return list;
 }
 
+/* Wake all that wait for several slots of the board, in any process, to look what else is new. */
+static PyObject *board_raise_alarm(Board *self, PyObject *unused)
+{
+    (void)unused;
+    if (!self->closed)
+        lwb_raise(lwb_alarm(&self->board), UINT32_MAX);
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef board_methods[] = {
     {"close", (PyCFunction)board_close, METH_NOARGS, NULL},
     {"linked", (PyCFunction)board_linked, METH_NOARGS, NULL},
     {"shared", (PyCFunction)board_shared, METH_NOARGS, NULL},
     {"slots", (PyCFunction)board_slots, METH_NOARGS, NULL},
+    {"raise_alarm", (PyCFunction)board_raise_alarm, METH_NOARGS, NULL},
     {"watch", (PyCFunction)board_watch, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL}};
 

@@ -21,6 +21,7 @@ typedef struct {
     PyObject *scratch;       /* a bytearray to encode into; NULL while a thread uses it */
     PyObject *message;       /* the latest message decoded */
     struct lwb_meta meta;    /* and its metadata */
+    uint64_t added;          /* the count of the last message that it has added */
     char retired;            /* it adds no more */
 } Port;
 
@@ -138,6 +139,8 @@ static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
     if (status && status != LWB_PASSED)
         return fail(status, self->name, Py_BuildValue("nK", (Py_ssize_t)length,
                                                       (unsigned long long)self->slot.capacity));
+    if (!status)
+        self->added = count;
     return PyLong_FromUnsignedLongLong(count);
 }
 
@@ -271,18 +274,15 @@ static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
     double seconds = timeout == Py_None ? HUGE_VAL : PyFloat_AsDouble(timeout);
     if (seconds == -1 && PyErr_Occurred())
         return NULL;
-    struct timespec start, now;
+    struct timespec start;
     clock_gettime(CLOCK_MONOTONIC, &start);
     while (is_open(self->board, self->name)) {
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        double left = seconds - (double)(now.tv_sec - start.tv_sec) -
-                      (double)(now.tv_nsec - start.tv_nsec) * 1e-9;
+        double left = seconds_left(&start, seconds);
         bool over = !(left > 0); /* NaN counts as over, too */
         int status;
         self->board->users++;
         Py_BEGIN_ALLOW_THREADS
-        status = lwb_wait(&self->slot, after, over ? 0 : left > 1 ? 1000000000u
-                                                       : (uint64_t)(left * 1e9));
+        status = lwb_wait(&self->slot, after, sleep_ns(left));
         Py_END_ALLOW_THREADS
         board_leave(self->board);
         if (PyErr_CheckSignals())
@@ -302,6 +302,12 @@ static PyObject *port_count(Port *self, void *unused)
     (void)unused;
     return is_open(self->board, self->name) ? PyLong_FromUnsignedLongLong(lwb_count(&self->slot))
                                             : NULL;
+}
+
+static PyObject *port_added(Port *self, void *unused)
+{
+    (void)unused;
+    return PyLong_FromUnsignedLongLong(self->added);
 }
 
 static PyObject *port_capacity(Port *self, void *unused)
@@ -329,6 +335,7 @@ static PyMethodDef port_methods[] = {
 
 static PyGetSetDef port_getset[] = {
     {"count", (getter)port_count, NULL, NULL, NULL},
+    {"added", (getter)port_added, NULL, NULL, NULL},
     {"capacity", (getter)port_capacity, NULL, NULL, NULL},
     {NULL, NULL, NULL, NULL, NULL}};
 
@@ -348,7 +355,13 @@ static PyType_Spec port_spec = {
     .slots = port_type_slots,
 };
 
-static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_shm", .m_size = -1};
+#include "_waiting.h"
+
+static PyMethodDef functions[] = {{"wait_any", wait_any, METH_VARARGS, NULL},
+                                  {NULL, NULL, 0, NULL}};
+
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_shm", .m_size = -1,
+                                    .m_methods = functions};
 
 static PyObject *look_up(const char *module_name, const char *name)
 {

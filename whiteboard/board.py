@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, Self
 
 from .errors import MessageTypeError
 from .message import M, type_from_schema
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .stream import Stream
     from .subscription import Subscription
 
-__all__ = ["Board", "BoundSlot", "SlotInfo"]
+__all__ = ["Board", "BoundSlot", "SlotInfo", "Waiter"]
 
 
 class SlotInfo(NamedTuple):
@@ -53,6 +53,11 @@ class BoundSlot(ABC, Generic[M]):
     @abstractmethod
     def count(self) -> int:
         """The number of messages added so far; each completed add increments it by one."""
+
+    @property
+    @abstractmethod
+    def added(self) -> int:
+        """The count of the last message that was added by this handle; 0 before the first."""
 
     @property
     @abstractmethod
@@ -148,6 +153,22 @@ class BoundSlot(ABC, Generic[M]):
         return Stream(self, after=after, backlog=backlog)
 
 
+class Waiter(Protocol):
+    """Waits for new messages in any of several slots; see :meth:`Board.waiter`."""
+
+    def wait(self, after: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
+        """Block until a slot has a message newer than its number; return all slots that have.
+
+        Return none after ``timeout`` seconds, and at a :meth:`wake`. Raise
+        :class:`.BoardClosedError` if the board is closed.
+        """
+        ...
+
+    def wake(self) -> None:
+        """Let the wait return, or the next one if none is under way; from any thread."""
+        ...
+
+
 class _Bound(dict[Slot[Any], BoundSlot[Any]]):
     """The bound slots; looking up a slot binds it."""
 
@@ -212,6 +233,14 @@ class Board(ABC):
 
         It returns the names of the slots with messages added since its last call, or none when the
         time has passed.
+        """
+
+    @abstractmethod
+    def waiter(self) -> Waiter:
+        """Return what waits, in one thread, for new messages in any of several slots.
+
+        The slots must be bound by this board. Messages in others do not wake it, and adding them
+        costs nothing more.
         """
 
     @property

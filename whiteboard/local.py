@@ -9,7 +9,7 @@ import weakref
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from .board import Board, BoundSlot, SlotInfo
+from .board import Board, BoundSlot, SlotInfo, Waiter
 from .errors import (
     BoardClosedError,
     SlotNotFoundError,
@@ -40,6 +40,7 @@ class _Cell:
         self.slot = slot
         self.latest: _Added | None = None
         self.on_add: list[weakref.WeakMethod[Callable[[int], None]]] = []
+        self.awaited_by: list[threading.Condition] = []  # of those that wait for several slots
 
     @property
     def count(self) -> int:
@@ -50,18 +51,23 @@ class _LocalSlot(BoundSlot[M]):
     def __init__(self, board: LocalBoard, slot: Slot[M], cell: _Cell) -> None:
         self._board = board
         self._slot = slot
-        self._cell = cell
+        self.cell = cell
         self._read: tuple[_Added, Sample[M]] | None = None
         self._retired = False
+        self._added = 0
+
+    @property
+    def added(self) -> int:
+        return self._added
 
     @property
     def count(self) -> int:
         self._board.check_open()
-        return self._cell.count
+        return self.cell.count
 
     @property
     def capacity(self) -> int:
-        return self._cell.slot.capacity
+        return self.cell.slot.capacity
 
     def add(self, message: M, /) -> int:
         return self._add(message, None)
@@ -84,26 +90,29 @@ class _LocalSlot(BoundSlot[M]):
         if len(data) > self.capacity:
             raise too_large(slot.name, len(data), self.capacity)
         with self._board.changed:
-            count = self._cell.count
+            count = self.cell.count
             if after is not None and after != count:
                 return 0
             added = _Added(data, count + 1, self._board.now_ns(), os.getpid())
             self._read = added, Sample(message, *added[1:])
-            self._cell.latest = added
-            for reference in self._cell.on_add[:]:
+            self.cell.latest = added
+            for reference in self.cell.on_add[:]:
                 callback = reference()
                 if callback is None:
-                    self._cell.on_add.remove(reference)
+                    self.cell.on_add.remove(reference)
                 else:
                     callback(added.number)
             self._board.changed.notify_all()
+            for waiter in self.cell.awaited_by:
+                waiter.notify_all()
+        self._added = added.number
         return added.number
 
     def retire(self) -> None:
         self._retired = True
 
     def on_add(self, callback: Callable[[int], None]) -> None:
-        self._cell.on_add.append(weakref.WeakMethod(callback))
+        self.cell.on_add.append(weakref.WeakMethod(callback))
 
     def get(self) -> M | None:
         sample = self.sample()
@@ -111,7 +120,7 @@ class _LocalSlot(BoundSlot[M]):
 
     def sample(self) -> Sample[M] | None:
         self._board.check_open()
-        latest, read = self._cell.latest, self._read
+        latest, read = self.cell.latest, self._read
         if latest is None:
             return None
         if read is None or read[0] is not latest:
@@ -121,7 +130,7 @@ class _LocalSlot(BoundSlot[M]):
 
     def encoded(self) -> tuple[bytes, int, int, int] | None:
         self._board.check_open()
-        return self._cell.latest
+        return self.cell.latest
 
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
         if timeout is not None:
@@ -137,7 +146,8 @@ class LocalBoard(Board):
     def __init__(self, name: str = "local", now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         super().__init__(name)
         self.now_ns = now_ns
-        self.changed = threading.Condition()
+        self.lock = threading.RLock()  # a signal's handler may wake the thread that it interrupts
+        self.changed = threading.Condition(self.lock)
         self._cells: dict[str, _Cell] = {}
         self._open = True
         self._wakes = 0
@@ -187,6 +197,10 @@ class LocalBoard(Board):
 
         return wait
 
+    def waiter(self) -> Waiter:
+        """Return what waits, in one thread, for new messages in any of several slots."""
+        return _LocalWaiter(self)
+
     def wake_watchers(self) -> None:
         """Let each watcher return, also without a new message."""
         with self.changed:
@@ -203,7 +217,40 @@ class LocalBoard(Board):
         self._open = False
         with self.changed:  # waiting threads look at it
             self.changed.notify_all()
+            for cell in self._cells.values():
+                for waiter in cell.awaited_by:
+                    waiter.notify_all()
 
     def remove(self) -> None:
         """Close the board."""
         self.close()
+
+
+class _LocalWaiter:
+    def __init__(self, board: LocalBoard) -> None:
+        self._board = board
+        self._woken = False
+        self._changed = threading.Condition(board.lock)
+
+    def wait(self, after: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
+        cells = [slot.cell for slot in after if isinstance(slot, _LocalSlot)]
+
+        def newer() -> list[BoundSlot[Any]]:
+            self._board.check_open()
+            return [slot for slot, count in after.items() if slot.count > count]
+
+        with self._changed:
+            for cell in cells:
+                cell.awaited_by.append(self._changed)
+            try:
+                self._changed.wait_for(lambda: self._woken or newer(), timeout)
+            finally:
+                for cell in cells:
+                    cell.awaited_by.remove(self._changed)
+            self._woken = False
+            return newer()
+
+    def wake(self) -> None:
+        with self._changed:
+            self._woken = True
+            self._changed.notify_all()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 from msgspec import inspect as mi
 
-from .board import Board, BoundSlot, SlotInfo
+from .board import Board, BoundSlot, SlotInfo, Waiter
 from .board_files import DIRECTORY, board_files, board_path, default_name, remove_board
 from .errors import SchemaClash, SharedMemoryUnavailableError, SlotNotFoundError
 from .message import M, Message
@@ -135,6 +135,10 @@ class Whiteboard(Board):
 
         return wait
 
+    def waiter(self) -> Waiter:
+        """Return what waits, in one thread, for new messages in any of several slots."""
+        return _SharedWaiter(self._core)
+
     @property
     def alive(self) -> bool:
         """False once the board is closed here or removed by any process."""
@@ -149,6 +153,19 @@ class Whiteboard(Board):
         if self.alive:
             remove_board(self.name, self.path.parent)
         self.close()
+
+
+class _SharedWaiter:
+    def __init__(self, core: _shm.Board) -> None:
+        self._core = core
+        self._woken = bytearray(1)
+
+    def wait(self, after: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
+        return _shm.wait_any(self._core, after, timeout, self._woken)
+
+    def wake(self) -> None:
+        self._woken[0] = 1
+        self._core.raise_alarm()
 
 
 def _info(

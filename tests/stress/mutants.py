@@ -23,7 +23,7 @@ TIME = "    clock_gettime(CLOCK_MONOTONIC, &now);\n"
 WAKE = "    lwb_wake(s);\n"
 FILL = "    const unsigned char *from = (const unsigned char *)data;\n"
 WAITING = "atomic_compare_exchange_strong(waiting, &now, now + 1)"
-SKIP = """        s->next = (s->next + 1) % LWB_BUFFERS; /* readers are at the published one */"""
+SKIP = """        s->next = (s->next + 1) % LWB_BUFFERS; /* readers use the published one */"""
 COUNT = """        atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
 """
 SWAP = """!atomic_compare_exchange_weak_explicit(slot_word, &word, mine, memory_order_seq_cst,
@@ -36,6 +36,13 @@ TABLE = "atomic_compare_exchange_strong(&lwb_head(b)->slots[i], &none, mine)"
 RELAXED = "memory_order_relaxed, memory_order_relaxed"
 END = "*offset = atomic_fetch_add(&lwb_head(b)->end, length);"
 TAKE = "meta->length < room ? meta->length : room;"
+ARMED = "    if (atomic_load(&s->record->armed)) {\n"
+DISARM = "        atomic_store(&s->record->armed, 0);\n"
+RAISE = "        lwb_raise(lwb_alarm(s->board), lwb_alarm_bit(s));\n"
+ARM = "        atomic_store(&r->armed, 1);\n"
+AMONG = """        if (lwb_count_of(atomic_load(&r->word)) > awaited[i].after)
+            return LWB_OK;
+"""
 ANNOUNCE = "    uint32_t odd = lwb_announce(waiting);\n"
 LOOK = "    if (lwb_count_of(atomic_load(&s->record->word)) <= after)\n"
 
@@ -61,6 +68,12 @@ MUTANTS: dict[str, list[tuple[str, str]]] = {
             LOOK.replace("if", "bool sleeps =").rstrip() + ";\n" + ANNOUNCE + "    if (sleeps)\n",
         )
     ],
+    "a writer raises no alarm": [(ARMED, ARMED.replace("(atomic", "(0 && atomic"))],
+    "a writer raises the alarm before it disarms the slot": [(DISARM + RAISE, RAISE + DISARM)],
+    "an alarm wakes one only": [("FUTEX_WAKE_BITSET, INT32_MAX", "FUTEX_WAKE_BITSET, 1")],
+    "an alarm wakes those of another slot": [("lwb_alarm_bit(s));", "lwb_alarm_bit(s) << 1);")],
+    "an alarm leaves no trace": [("    atomic_fetch_add(alarm, 1);\n", "")],
+    "who waits for several looks before it arms": [(ARM + AMONG, AMONG + ARM)],
     "slots are stored into the table": [(TABLE, "(atomic_store(&lwb_head(b)->slots[i], mine), 1)")],
     "the end is read and written": [
         (

@@ -4,7 +4,7 @@
  *   2. The count that a reader sees in a slot never decreases.
  *   3. One count stands for one message, whoever reads it and whoever wrote it.
  *   4. In the end a slot's count is the number of adds done.
- *   5. Who waits is woken by the very next add.
+ *   5. Who waits, for one slot or for any of several, is woken by the very next add.
  *   6. Threads that make a slot of one name at the same time get one slot.
  *
  *     stress SECONDS [WRITERS [SEED]]
@@ -19,7 +19,7 @@
 
 #include "llfsm_whiteboard.h"
 
-enum { SLOTS = 4, LARGEST = 65536, RING = 1 << 16, MAKERS = 3, MADE = 200, WAITERS = 2, PONGS = 2,
+enum { SLOTS = 4, LARGEST = 65536, RING = 1 << 16, MAKERS = 3, MADE = 200, WAITERS = 2, PONGS = 4,
        RARELY = 2000, OFTEN = 30 };
 
 /* Not all multiples of 8; the largest takes long enough to copy to be caught in the middle. */
@@ -222,6 +222,24 @@ static void wait_beyond(struct lwb_slot *slot, uint64_t count)
         ; /* woken by what was not newer */
 }
 
+/* Waits for either slot, although only the first one changes. */
+static void wait_beyond_among(struct lwb_slot *slot, uint64_t count, struct lwb_slot *other)
+{
+    const struct lwb_awaited awaited[] = {{slot, count}, {other, UINT64_MAX}};
+    lwb_atomic32 *alarm = lwb_alarm(slot->board);
+    while (lwb_wait_any(alarm, atomic_load(alarm), awaited, 2, UINT64_MAX) == LWB_TIMEOUT)
+        ;
+}
+
+static void wait_in_turn(uint64_t turn, struct lwb_slot *slot, uint64_t count,
+                         struct lwb_slot *other)
+{
+    if (turn % 2)
+        wait_beyond(slot, count);
+    else
+        wait_beyond_among(slot, count, other);
+}
+
 /* One thread wakes some, and all of them together wake it: with one lost wake-up all sleep. */
 static void *ping(void *argument)
 {
@@ -232,7 +250,7 @@ static void *ping(void *argument)
     open_slot(t, &pong, "pong", 0, 8);
     for (uint64_t count = 0; !stop; count++) {
         succeed(lwb_add(&ping, NULL, 0, NULL), "ping");
-        wait_beyond(&pong, PONGS * count + PONGS - 1);
+        wait_in_turn(count, &pong, PONGS * count + PONGS - 1, &ping);
         atomic_fetch_add(&rounds, 1);
     }
     over = true;
@@ -249,7 +267,7 @@ static void *pong(void *argument)
     open_slot(t, &ping, "ping", 0, 8);
     open_slot(t, &pong, "pong", 0, 8);
     for (uint64_t count = 0;; count++) {
-        wait_beyond(&ping, count);
+        wait_in_turn(t->number, &ping, count, &pong);
         if (over)
             break;
         succeed(lwb_add(&pong, NULL, 0, NULL), "pong");

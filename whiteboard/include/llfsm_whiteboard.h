@@ -19,9 +19,9 @@
  * Use: lwb_open a board, lwb_slot a slot on it, then lwb_add, lwb_read, lwb_wait. A payload is
  * MessagePack: a message is the array of its fields' values in the order of the slot's schema.
  * A struct lwb_board and its slots may be used by one thread at a time: each thread opens its own.
- * (lwb_word, lwb_count and lwb_wait access shared memory only; other threads may use the board
- * at the same time.) A forked child may continue to use its parent's. Linux on 64-bit machines
- * only; elsewhere use boards that need no shared memory.
+ * (lwb_word, lwb_count, lwb_wait and lwb_wait_any access shared memory only; other threads may use
+ * the board at the same time.) A forked child may continue to use its parent's. Linux on 64-bit
+ * machines only; elsewhere use boards that need no shared memory.
  */
 #ifndef LLFSM_WHITEBOARD_H
 #define LLFSM_WHITEBOARD_H
@@ -112,7 +112,7 @@ struct lwb_header {
     uint64_t checksum;            /* of all above */
     lwb_atomic64 end;         /* where the next record goes; only grows */
     lwb_atomic32 watching;        /* odd if a process may wait for any slot's word */
-    uint32_t unused0;
+    lwb_atomic32 alarm;           /* grows when an armed slot has changed */
     uint64_t unused[9];
     unsigned char locks[LWB_MAX_WRITERS + 64]; /* never read: see lwb_claim and lwb_attach */
     lwb_atomic64 slots[LWB_MAX_SLOTS];     /* offsets of slot records, filled in order */
@@ -125,7 +125,8 @@ struct lwb_record { /* a slot, followed by its name, type name and schema */
     uint64_t unused2;
     lwb_atomic64 word; /* count << 16 | writer << 4 | buffer */
     lwb_atomic32 waiting; /* odd if a process may wait for the word to change */
-    uint32_t unused3[13];
+    lwb_atomic32 armed; /* not 0 if a process may wait for this slot's word among others */
+    uint32_t unused3[12];
     lwb_atomic64 blocks[LWB_MAX_WRITERS]; /* each writer's buffers; only that writer sets it */
 };
 
@@ -687,10 +688,33 @@ static inline void lwb_ring(lwb_atomic32 *waiting)
     }
 }
 
+/* Wake those who wait for several slots, and have one of `bits` in the set for which they wait. */
+static inline void lwb_raise(lwb_atomic32 *alarm, uint32_t bits)
+{
+    atomic_fetch_add(alarm, 1);
+    syscall(SYS_futex, alarm, FUTEX_WAKE_BITSET, INT32_MAX, NULL, NULL, bits);
+}
+
+enum { LWB_ALARM_BITS = 31 }; /* those of slots; the bit above them is everybody's */
+
+static inline uint32_t lwb_alarm_bit(const struct lwb_slot *s)
+{
+    return UINT32_C(1) << s->offset / 64 % LWB_ALARM_BITS;
+}
+
+/* The word on which those sleep who wait for any of several slots. */
+static inline lwb_atomic32 *lwb_alarm(struct lwb_board *b) { return &lwb_head(b)->alarm; }
+
 static inline void lwb_wake(struct lwb_slot *s)
 {
     lwb_ring(&s->record->waiting);
     lwb_ring(&lwb_head(s->board)->watching);
+    /* Disarm first: who arms the slot after that sees the new word, and who did so before is woken,
+     * as each who disarms also raises the alarm. A sleeper that was killed costs one alarm. */
+    if (atomic_load(&s->record->armed)) {
+        atomic_store(&s->record->armed, 0);
+        lwb_raise(lwb_alarm(s->board), lwb_alarm_bit(s));
+    }
 }
 
 #define LWB_ANY UINT64_MAX
@@ -818,11 +842,12 @@ static inline uint32_t lwb_announce(lwb_atomic32 *waiting)
     return atomic_fetch_or(waiting, 1) | 1;
 }
 
-/* Sleep while `waiting` is `odd`, for at most `ns` and at most 50 ms, in case a writer has died
- * between its swap and its wake. */
+#define LWB_LOOK_NS 50000000u /* the longest sleep: a writer may die between swap and wake */
+
+/* Sleep while `waiting` is `odd`, for at most `ns` and at most LWB_LOOK_NS. */
 static inline void lwb_sleep(lwb_atomic32 *waiting, uint32_t odd, uint64_t ns)
 {
-    struct timespec look = {0, ns < 50000000 ? (long)ns : 50000000};
+    struct timespec look = {0, (long)(ns < LWB_LOOK_NS ? ns : LWB_LOOK_NS)};
     syscall(SYS_futex, waiting, FUTEX_WAIT, odd, &look, NULL, 0);
 }
 
@@ -837,6 +862,39 @@ static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
     if (lwb_count_of(atomic_load(&s->record->word)) <= after)
         lwb_sleep(waiting, odd, ns);
     return lwb_count(s) > after ? LWB_OK : LWB_TIMEOUT;
+}
+
+/* ---- Waiting for any of several slots -------------------------------------------------------
+ * The sleepers share one word of the board. A writer looks only whether its own slot is armed, so
+ * a slot for which nobody waits wakes nobody. */
+
+struct lwb_awaited { struct lwb_slot *slot; uint64_t after; };
+
+/* Wait until the count of one of the slots exceeds its `after`, for at most `ns`. May return
+ * LWB_TIMEOUT early, as lwb_wait does, and if the alarm was raised since the caller has read `seen`
+ * from it: so a caller that first reads it, and then checks something else, can be woken for that by
+ * lwb_raise. */
+static inline int lwb_wait_any(lwb_atomic32 *alarm, uint32_t seen,
+                               const struct lwb_awaited *awaited, size_t number, uint64_t ns)
+{
+    uint32_t bits = UINT32_C(1) << LWB_ALARM_BITS;
+    for (size_t i = 0; i < number; i++) {
+        struct lwb_record *r = awaited[i].slot->record;
+        atomic_store(&r->armed, 1);
+        if (lwb_count_of(atomic_load(&r->word)) > awaited[i].after)
+            return LWB_OK;
+        bits |= lwb_alarm_bit(awaited[i].slot);
+    }
+    struct timespec until; /* this kind of wait takes a time, not a duration */
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    uint64_t nanoseconds = (uint64_t)until.tv_nsec + (ns < LWB_LOOK_NS ? ns : LWB_LOOK_NS);
+    until.tv_sec += (time_t)(nanoseconds / 1000000000u);
+    until.tv_nsec = (long)(nanoseconds % 1000000000u);
+    syscall(SYS_futex, alarm, FUTEX_WAIT_BITSET, seen, &until, NULL, bits);
+    for (size_t i = 0; i < number; i++)
+        if (lwb_count(awaited[i].slot) > awaited[i].after)
+            return LWB_OK;
+    return LWB_TIMEOUT;
 }
 
 /* ---- Watching all slots --------------------------------------------------------------------
