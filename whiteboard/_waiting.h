@@ -7,7 +7,7 @@ static PyObject *newer_ports(Board *board, PyObject *after, struct lwb_awaited *
     PyObject *list = PyList_New(0), *port, *number;
     for (Py_ssize_t at = 0, i = 0; list && PyDict_Next(after, &at, &port, &number); i++) {
         uint64_t count = PyLong_AsUnsignedLongLong(number);
-        if (Py_TYPE(port) != &PortType || ((Port *)port)->board != board)
+        if (Py_TYPE(port) != port_type || ((Port *)port)->board != board)
             PyErr_SetString(PyExc_TypeError, "wait_any() needs the board's own bound slots");
         if (PyErr_Occurred()) {
             Py_CLEAR(list);
@@ -30,10 +30,10 @@ static PyObject *wait_any(PyObject *module_, PyObject *args)
     Board *board;
     PyObject *given, *woken;
     double seconds;
-    if (!PyArg_ParseTuple(args, "O!O!dO!", &BoardType, &board, &PyDict_Type, &given, &seconds,
+    if (!PyArg_ParseTuple(args, "O!O!dO!", board_type, &board, &PyDict_Type, &given, &seconds,
                           &PyByteArray_Type, &woken))
         return NULL;
-    if (PyByteArray_GET_SIZE(woken) != 1) {
+    if (PyByteArray_Size(woken) != 1) {
         PyErr_SetString(PyExc_ValueError, "wait_any() needs a bytearray of one byte");
         return NULL;
     }
@@ -50,8 +50,8 @@ static PyObject *wait_any(PyObject *module_, PyObject *args)
         if (!(list = newer_ports(board, after, awaited)))
             break;
         double left = seconds_left(&start, seconds);
-        if (PyList_GET_SIZE(list) || PyByteArray_AS_STRING(woken)[0] || !(left > 0)) {
-            PyByteArray_AS_STRING(woken)[0] = 0;
+        if (PyList_Size(list) || PyByteArray_AsString(woken)[0] || !(left > 0)) {
+            PyByteArray_AsString(woken)[0] = 0;
             break;
         }
         Py_CLEAR(list);
