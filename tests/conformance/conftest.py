@@ -232,3 +232,21 @@ def player() -> Any:
         return Player(scenario, clfsm_names)
 
     return prepare
+
+
+@pytest.fixture
+def run(player: Any) -> Any:
+    """Return the function that plays machines as `written` describes them; it returns the trace."""
+
+    def play(*machines: dict[str, Any], rounds: int = 9, **options: Any) -> list[dict[str, Any]]:
+        library = options.pop("library", [])
+        defaults = {"unload_accepting": True, "idle_us": 10_000, "clock_per_round_us": 0}
+        return player(
+            {
+                "options": defaults | options | {"max_rounds": rounds},
+                "machines": list(machines),
+                "library": library,
+            }
+        ).run()
+
+    return play

@@ -6,10 +6,24 @@ import plistlib
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from llfsm.runtime import Arrangement, ManualClock
+from llfsm.runtime.bundles import load_bundle
+
 DATA = Path(__file__).parents[2] / "data" / "bundles"
+Write = Callable[..., Path]
+
+
+def run(folder: Path, rounds: int = 1, **variables: Any) -> Any:
+    """Run a bundle of Python for some rounds, and return its machine."""
+    machine: Any = load_bundle(folder)(**variables)
+    arrangement = Arrangement([machine], clock=ManualClock())
+    for _ in range(rounds):
+        arrangement.round()
+    return machine
 
 
 @pytest.fixture
@@ -19,7 +33,7 @@ def lamp(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def bundle(tmp_path: Path) -> Callable[..., Path]:
+def bundle(tmp_path: Path) -> Write:
     """Give a function that writes a bundle of Python called M, of states A and B.
 
     Keywords are files: `A_OnEntry` is State_A_OnEntry.py, `Variables` is M_Variables.py, and

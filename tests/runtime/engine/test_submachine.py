@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from llfsm.runtime import (
-    Actuator,
     Arrangement,
     ExecutionError,
     Machine,
@@ -18,136 +17,11 @@ from llfsm.runtime import (
     Trace,
     UnknownMachineError,
 )
-from llfsm.runtime.bundles import (
-    Bundle,
-    BundleState,
-    BundleTransition,
-    Fragment,
-    compile_bundle,
-)
+from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from llfsm.runtime.engine.events import Call, Turn
-from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard import Slot, Whiteboard
 
-
-class Number(Message):
-    value: int = 0
-
-
-SAID = Slot("said", Number)
-
-
-class Says(Machine):
-    """Say a number, for ever."""
-
-    what: int = 1
-
-    say = Actuator(SAID, at_end=Number(-7))
-
-    saying = State()
-    never = State()
-    saying.to(never, when=lambda m: False)
-
-    @saying.internal
-    def _(self) -> None:
-        self.say(Number(self.what))
-
-
-class Square(Machine):
-    """Take a few turns to square a number."""
-
-    number: int = 0
-    result: int | None = None
-    patience: int = 3
-
-    thinking = State()
-    ready = State()
-
-    @thinking.internal
-    def _(self) -> None:
-        self.patience -= 1
-
-    @thinking.to(ready)
-    def thought(self) -> bool:
-        return self.patience == 0
-
-    @ready.on_entry
-    def _(self) -> None:
-        self.result = self.number * self.number
-
-
-class Stuck(Machine):
-    a = State()
-    b = State()
-    a.to(b, when=lambda m: False)
-
-
-class Breaks(Machine):
-    """Raise in its second turn."""
-
-    turns: int = 0
-    a = State()
-    b = State()
-    a.to(b, when=lambda m: False)
-
-    @a.internal
-    def _(self) -> None:
-        self.turns += 1
-        if self.turns == 2:
-            raise ValueError("bang")
-
-
-class Sums(Machine):
-    """Sum squares that another machine computes, one call after another."""
-
-    upto: int = 3
-    next: int = 1
-    total: int = 0
-    called: Any = None
-    library_name: str = ""
-
-    calling = State()
-    adding = State()
-    done = State()
-
-    @calling.on_entry
-    def _(self) -> None:
-        what = self.library_name or Square
-        self.called = self.call_machine(what, variables={"number": self.next})
-
-    calling.to(adding, when=lambda self: self.called.done)
-
-    @adding.on_entry
-    def _(self) -> None:
-        self.total += self.called.machine.result
-        self.next += 1
-
-    adding.to(done, when=lambda self: self.next > self.upto)
-    adding.to(calling)
-
-
-class Calls(Machine):
-    """Call a machine and do as one likes with it."""
-
-    what: Any = None
-    called: Any = None
-    a = State()
-    b = State()
-    a.to(b, when=lambda m: False)
-
-    @a.on_entry
-    def _(self) -> None:
-        self.called = self.call_machine(self.what)
-
-
-class Counts(Machine):
-    rounds: int = 0
-    a = State()
-    b = State()
-    a.to(b, when=lambda m: False)
-
-    @a.internal
-    def _(self) -> None:
-        self.rounds += 1
+from .submachines import Calls, Counts, Number, Says, Square, Sums
 
 
 @pytest.mark.parametrize("observed", [False, True])
@@ -207,20 +81,6 @@ def test_a_called_machine_has_its_first_turn_in_the_round_of_the_call():
     assert isinstance(call.result, Submachine)
 
 
-def test_done_is_told_when_it_accepts_and_its_results_stay():
-    arrangement = Arrangement([Counts], clock=ManualClock())
-    square = arrangement.call_machine(Square, name="sq", variables={"number": 12})
-    seen = []
-    for _ in range(6):
-        arrangement.round()
-        seen.append((square.done, square.failed, square.machine.state_name))
-    assert seen[:4] == [(False, False, "thinking")] * 3 + [(False, False, "ready")]
-    assert seen[4:] == [(True, False, "ready")] * 2
-    assert square.machine.result == 144
-    assert (square.name, repr(square)) == ("sq", "<Submachine sq: done>")
-    assert len(arrangement.machines) == 1
-
-
 def test_a_call_takes_slots_and_a_name():
     board = Whiteboard.local()
     arrangement = Arrangement(whiteboard=board)
@@ -232,74 +92,6 @@ def test_a_call_takes_slots_and_a_name():
     assert repr(called) == "<Submachine mine: in saying>"
 
 
-def test_a_machine_that_is_cancelled_has_failed_and_posts_its_last():
-    board = Whiteboard.local()
-    arrangement = Arrangement([Counts], whiteboard=board)
-    called = arrangement.call_machine(Says)
-    arrangement.round()
-    called.cancel()
-    assert (called.done, called.failed, repr(called)) == (False, True, "<Submachine Says: failed>")
-    assert board.get_message(SAID) == Number(-7)
-    assert len(arrangement.machines) == 1
-
-
-def test_cancelling_twice_or_after_the_end_changes_nothing():
-    arrangement = Arrangement([Counts], clock=ManualClock())
-    first, second = arrangement.call_machine(Stuck), arrangement.call_machine(Square)
-    arrangement.round()
-    first.cancel()
-    again = arrangement.call_machine(Stuck)  # takes the name and the hole
-    first.cancel()
-    for _ in range(6):
-        arrangement.round()
-    second.cancel()
-    assert (again.failed, arrangement.index_of("Stuck")) == (False, 1)
-    assert (second.done, second.failed) == (True, False)
-
-
-def test_one_that_is_unloaded_by_somebody_has_failed():
-    arrangement = Arrangement([Counts])
-    called = arrangement.call_machine(Stuck)
-    arrangement.round()
-    arrangement.unload("Stuck")
-    assert (called.done, called.failed) == (False, True)
-
-
-def test_one_that_was_asked_to_stop_and_did_not_has_failed():
-    arrangement = Arrangement([Counts], clock=ManualClock())
-    called = arrangement.call_machine(Stuck)
-    arrangement.stop_machine("Stuck")
-    arrangement.run(max_rounds=20, grace_s=0.1)
-    assert (called.done, called.failed) == (False, True)
-
-
-@pytest.mark.parametrize("suspended", [False, True])
-def test_one_whose_code_raised_has_failed(suspended: bool):
-    arrangement = Arrangement([Counts], clock=ManualClock(), on_error="suspend")
-
-    class BreaksAsleep(Breaks):
-        asleep = State(suspend=True)
-
-        @asleep.internal
-        def _(self) -> None:
-            raise ValueError("bang")
-
-    called = arrangement.call_machine(BreaksAsleep if suspended else Breaks)
-    if suspended:
-        arrangement.suspend(called.name)
-    for _ in range(4):
-        arrangement.round()
-    assert (called.done, called.failed) == (False, True)
-
-
-def test_when_all_has_ended_what_was_not_done_has_failed():
-    arrangement = Arrangement([Counts], clock=ManualClock())
-    stuck, square = arrangement.call_machine(Stuck), arrangement.call_machine(Square)
-    arrangement.run(max_rounds=10)
-    assert (stuck.failed, square.failed, square.done) == (True, False, True)
-    stuck.cancel()
-
-
 def test_a_called_machine_outlives_its_caller():
     caller = Calls(what=Square)
     arrangement = Arrangement([Counts, caller], clock=ManualClock())
@@ -308,76 +100,6 @@ def test_a_called_machine_outlives_its_caller():
     for _ in range(6):
         arrangement.round()
     assert caller.called.done
-
-
-def test_a_suspended_machine_in_an_accepting_state_is_not_done():
-    class Rests(Machine):
-        a = State()
-        asleep = State(suspend=True)
-
-    arrangement = Arrangement([Counts], clock=ManualClock())
-    called = arrangement.call_machine(Rests)
-    arrangement.suspend("Rests")
-    arrangement.round()
-    arrangement.round()
-    assert (called.done, called.failed) == (False, False)
-    arrangement.resume("Rests")
-    arrangement.round()
-    assert called.done
-
-
-def test_where_accepting_machines_stay_one_is_done_until_it_is_restarted():
-    arrangement = Arrangement([Counts], clock=ManualClock(), unload_accepting=False)
-    square = arrangement.call_machine(Square, variables={"number": 5})
-    for _ in range(6):
-        arrangement.round()
-    assert (square.done, square.failed) == (True, False)
-    assert len(arrangement.machines) == 2
-    arrangement.restart("Square")
-    square.machine.patience = 2
-    arrangement.round()
-    assert (square.done, square.failed) == (False, False)
-    for _ in range(4):
-        arrangement.round()
-    assert square.done
-    square.cancel()
-    assert (square.done, square.failed) == (True, False)
-    assert len(arrangement.machines) == 1
-
-
-def test_a_caller_may_cancel_one_inside_whose_ringlet_it_runs():
-    class Tyrant(Machine):
-        caller: str = "Boss"
-        a = State()
-        b = State()
-        a.to(b, when=lambda m: False)
-
-        @a.on_entry
-        def _(self) -> None:
-            self.abandon(self.caller)  # runs the caller's suspend state in here
-            self.caller = self.state_name  # it is still in its own ringlet
-
-    class Boss(Machine):
-        called: Any = None
-        a = State()
-        b = State()
-        asleep = State(suspend=True)
-        a.to(b, when=lambda m: False)
-
-        @a.on_entry
-        def _(self) -> None:
-            self.called = self.call_machine(Tyrant)
-
-        @asleep.on_entry
-        def _(self) -> None:
-            self.called.cancel()
-
-    boss = Boss()
-    arrangement = Arrangement([boss, Counts], clock=ManualClock())
-    arrangement.round()
-    assert boss.called.failed
-    assert boss.called.machine.caller == "a"
-    assert [machine.name for machine in arrangement.machines] == ["Boss", "Counts"]
 
 
 def test_a_machine_that_calls_itself_again_and_again_is_only_loaded_again():

@@ -1,0 +1,81 @@
+"""`llfsm rerun`: machines that `llfsm run` and `llfsm demo` recorded run again."""
+
+from __future__ import annotations
+
+import os
+import signal
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from llfsm.bridges.recording.errors import RecordingFileError
+from llfsm.bridges.recording.reader import Recording
+from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.messages.geometry_msgs import Twist
+from waiting import wait_for
+
+from .conftest import end_of, entries_in, write
+from .journalled_run import keep, patrol
+
+
+def turns_in(file: Path) -> int:
+    with suppress(FileNotFoundError, RecordingFileError):  # not begun yet
+        return sum(entry["event"] == "Turn" for entry in entries_in(Recording(file)))
+    return 0
+
+
+def test_a_demo_that_was_recorded_runs_again(llfsm: Any, board: Whiteboard, file: Path) -> None:
+    llfsm("turtlesim", "-b", board.name)
+    machine = llfsm("run", "RosWallTurttleBot", "-q", "-b", board.name, "--record", file)
+    bound = board[Slot("turtle1/cmd_vel", Twist)]
+    assert bound.wait(after=0, timeout=30)
+    wait_for(lambda: turns_in(file) > 50, "turns in the file")
+    machine.terminate()
+    assert end_of(machine)[0] == 0
+    recording = Recording(file)
+    assert recording.complete
+    assert {"turtle1/pose", "turtle1/cmd_vel"} <= {*recording.slots}
+    status, said = end_of(llfsm("rerun", file))
+    assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
+    status, said = end_of(llfsm("rerun", file, "RosWallTurttleBot=RosBlindTurttleBot"))
+    assert status == 1
+    assert said.startswith(f"Error: {file}: event ")
+    status, said = end_of(llfsm("rerun", file, "RosBlindTurttleBot"))
+    assert (status, said.count("\n")) == (1, 1)
+    assert "its machines are RosWallTurttleBot, not RosBlindTurttleBot" in said
+
+
+def test_llfsm_demo_records_what_runs_again(llfsm: Any, file: Path) -> None:
+    name = f"test-demo-{os.getpid()}"
+    demo = llfsm("demo", "wall", "-b", name, "--record", file)
+
+    def has_pose() -> bool:
+        with suppress(FileNotFoundError, RecordingFileError):  # not begun yet
+            return "turtle1/pose" in Recording(file).slots
+        return False
+
+    wait_for(has_pose, "a pose")
+    demo.send_signal(signal.SIGINT)
+    assert end_of(demo)[0] == 0
+    assert Recording(file).about["board"] == name
+    status, said = end_of(llfsm("rerun", file, "RosWallTurttleBot"))
+    assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "why"),
+    [
+        (lambda file: write(file, []), [], "holds no events of machines"),
+        (lambda file: keep(patrol(), file), [], "has no plan of its machines"),
+        (lambda file: file.write_text("?"), [], "is not a recording of llfsm"),
+    ],
+)
+def test_wrong_use_is_one_line(
+    llfsm: Any, file: Path, make: Any, arguments: list[str], why: str
+) -> None:
+    make(file)
+    status, said = end_of(llfsm("rerun", file, *arguments))
+    assert (status, said.count("\n")) == (1, 1)
+    assert why in said
