@@ -2,6 +2,9 @@
 
 A sender numbers its batches, so that a receiver notices a lost one and asks for the sender's
 messages again. A heartbeat carries the number of the last batch, in case that one was lost.
+
+A receiver decodes each message of a batch on its own: one that is malformed does not take the
+others with it.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ __all__ = [
     "Batch",
     "Declaration",
     "Heartbeat",
+    "ReceivedBatch",
     "StateQuery",
     "Value",
     "decoder",
@@ -51,8 +55,8 @@ class Declaration(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_f
     schema: dict[str, Any]
 
 
-class Batch(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Messages of several slots; a slot is declared when it is sent for the first time."""
+class _Head(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """Who sends a batch, and when."""
 
     sender: Id
     born: Time
@@ -60,8 +64,20 @@ class Batch(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=
     number: Id
     sent_ns: Time
     """By the sender's clock, since 1970."""
+
+
+class Batch(_Head, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """Messages of several slots; a slot is declared when it is sent for the first time."""
+
     values: tuple[Value, ...]
     declarations: tuple[Declaration, ...] = ()
+
+
+class ReceivedBatch(_Head, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """A batch whose messages and declarations are still encoded."""
+
+    values: tuple[msgspec.Raw, ...]
+    declarations: tuple[msgspec.Raw, ...] = ()
 
 
 class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):

@@ -10,17 +10,17 @@ import os
 import socket
 import threading
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from ..errors import BoardClosedError, WhiteboardError
-from ..messages.llfsm import BELL, REQUESTS, Bell, MirrorStatus
+from ..messages.llfsm import MirrorStatus
+from .arrivals import Arrivals
 from .batches import (
     Batch,
     Declaration,
     Heartbeat,
+    ReceivedBatch,
     StateQuery,
     Value,
     decoder,
@@ -29,20 +29,19 @@ from .batches import (
 )
 from .merge import Version
 from .peers import Peers
-from .refusals import Refusals, Refused
-from .routes import Route
-from .settings import Settings, matcher
-from .store import Outcome, Store
+from .refusals import Refusals
+from .routes import Route, Routes
+from .settings import Settings
+from .store import Store
 
 __all__ = ["Exchange", "Query"]
 
 T = TypeVar("T")
 
-_BATCHES = decoder(Batch)
+_BATCHES = decoder(ReceivedBatch)
 _HEARTBEATS = decoder(Heartbeat)
 _QUERIES = decoder(StateQuery)
 _MAX_LISTED = 50  # hosts, and kinds of refusals, in a status
-_MAX_UNKNOWN = 4096  # types of senders to keep track of
 
 
 class Query(NamedTuple):
@@ -53,23 +52,12 @@ class Query(NamedTuple):
     data: bytes
 
 
-@dataclass
-class _Totals:
-    """The counters of the status."""
+class _Reported(NamedTuple):
+    """What the previous status has counted."""
 
-    left: int = 0
-    entered: int = 0
-    conflicts: int = 0
-    held_back: int = 0
-    at_ns: int = 0
-
-
-class _Held(NamedTuple):
-    """A message that came too soon after the previous one of its slot."""
-
-    sender: int
-    route: Route
-    value: Value
+    left: int
+    entered: int
+    at_ns: int
 
 
 class Exchange:
@@ -94,22 +82,18 @@ class Exchange:
         self._settings = settings
         self._now_ns = now_ns
         self._wall_ns = wall_ns
-        self._period_ns = settings.period_ns()
-        self._leaves = matcher(settings.leave)
-        self._enters = matcher(() if settings.read_only else settings.enter)
         self._lock = threading.RLock()
         self._born = wall_ns()
         self._number = 0
-        self._routes: dict[str, Route] = {}
         self._changed: dict[str, Route] = {}  # in the order of the changes
-        self._held: dict[str, _Held] = {}
-        self._busy_ns = 0  # until when an arriving message may be held back
-        self._unknown: set[str] = set()  # slots whose type at a sender has to be queried
-        self._clashes: dict[tuple[str, int], str] = {}  # by slot and type
+        self._left = 0
         self._peers = Peers()
         self._refusals = Refusals()
-        self._totals = _Totals()
-        self._reported = _Totals(at_ns=now_ns())
+        self._routes = Routes(store, settings, self._refusals)
+        self._arrivals = Arrivals(
+            store, settings, self._routes, self._peers, self._refusals, now_ns, wall_ns
+        )
+        self._reported = _Reported(0, 0, now_ns())
 
     # ---- Sending ----------------------------------------------------------------------------
 
@@ -122,11 +106,11 @@ class Exchange:
         with self._lock:
             store, changed = self._store, self._changed
             for name in slots:
-                route = self._routes.get(name) or self._usable_route(name)
+                route = self._routes.usable(name)
                 if route is not None and route.leaves and route.cell.has_news():
                     changed[name] = route
             if store.news:
-                routes = {name: self._route(name) for name in store.news}
+                routes = {name: self._routes.get(name) for name in store.news}
                 changed.update((name, r) for name, r in routes.items() if r.leaves)
             now_ns, values, declarations = self._now_ns(), [], []
             for name, route in list(changed.items()):
@@ -142,29 +126,13 @@ class Exchange:
                 route.departures.record(now_ns)
                 values.append(value)
             store.news.clear()  # each is in `values` or still in `changed`
-            self._totals.left += len(values)
+            self._left += len(values)
             return self._pack(values, declarations) if values else []
 
     def batches_sent(self) -> None:
         """Record that the collected batches were sent."""
         with self._lock:
             self._store.note()
-
-    def _route(self, name: str) -> Route:
-        """Return the route of a slot that is on the board."""
-        route = self._routes.get(name)
-        if route is None:
-            leaves, enters, period = self._leaves(name), self._enters(name), self._period_ns(name)
-            route = self._routes[name] = Route(self._store.cell(name), leaves, enters, period)
-        return route
-
-    def _usable_route(self, name: str) -> Route | None:
-        """Return the route of a slot, or None if its record on the board is unusable."""
-        try:
-            return self._route(name)
-        except Refused as refused:
-            self._refusals.add(f"unusable: {name}", str(refused))
-            return None
 
     def _pack(
         self, values: list[Value], declarations: list[Declaration], *, counted: bool = True
@@ -191,7 +159,7 @@ class Exchange:
         with self._lock:
             if self._settings.read_only or not self._settings.enter:
                 return []
-            peers = self._peers.to_query(self._now_ns())
+            peers = self._peers.to_query(self._now_ns(), self._wall_ns())
             data = encode(StateQuery(tuple(self._known()))) if peers else b""
             return [Query(peer.sender, peer.gaps, data) for peer in peers]
 
@@ -199,16 +167,12 @@ class Exchange:
         """Return the versions of the messages that other hosts may have, too."""
         shared = (
             (name, self._store.version(route.cell))
-            for name, route in self._all_routes()
-            if (route.leaves or route.enters) and name not in self._unknown
+            for name, route in self._routes.all()
+            if (route.leaves or route.enters) and name not in self._arrivals.unknown
         )
         known = [(name, version) for name, version in shared if version is not None]
         self._store.note()
         return known
-
-    def _all_routes(self) -> list[tuple[str, Route]]:
-        routes = ((of.name, self._usable_route(of.name)) for of in self._store.board.slots())
-        return [(name, route) for name, route in routes if route is not None]
 
     def reply(self, data: bytes) -> list[bytes]:
         """Return the reply to another host's query: the messages that are newer here."""
@@ -219,7 +183,7 @@ class Exchange:
             known, store = dict(query.known), self._store
             newer = [
                 route.cell
-                for name, route in self._all_routes()
+                for name, route in self._routes.all()
                 if route.leaves
                 and (version := store.version(route.cell)) is not None
                 and (name not in known or version > known[name])
@@ -235,7 +199,7 @@ class Exchange:
         with self._lock:
             batch = self._decode(_BATCHES, data, "batch")
             if batch is not None and batch.sender != self._store.host:
-                self._apply(batch)
+                self._arrivals.apply(batch)
                 self._peers.receive(batch, self._now_ns(), self._wall_ns())
 
     def receive_heartbeat(self, data: bytes) -> bool:
@@ -251,7 +215,7 @@ class Exchange:
         with self._lock:
             batch = self._decode(_BATCHES, data, "reply")
             if batch is not None:
-                self._apply(batch)
+                self._arrivals.apply(batch)
 
     def end_reply(self, query: Query, *, complete: bool = True) -> None:
         """Record that all parts of a reply have arrived, or that none will."""
@@ -265,95 +229,10 @@ class Exchange:
             self._refusals.add(f"malformed {what}", f"malformed {what}: {error}")
             return None
 
-    def _apply(self, batch: Batch) -> None:
-        declared = {d.slot: d for d in batch.declarations} if batch.declarations else {}
-        for value in batch.values:
-            name = value.slot
-            try:
-                route = self._routes.get(name)
-                if route is None or route.cell.kind != value.kind or not route.enters:
-                    route = self._find_route(batch.sender, value, declared.get(name))
-                if route is not None:
-                    self._enter(batch.sender, route, value)
-            except BoardClosedError:
-                return
-            except (Refused, WhiteboardError) as error:
-                self._refuse(batch.sender, name, error)
-
-    def _find_route(
-        self, sender: int, value: Value, declaration: Declaration | None
-    ) -> Route | None:
-        """Return the route of a slot, made if necessary, if the sender's type is the board's.
-
-        None if the slot may not enter, or the sender has to be queried for its type.
-        """
-        name = value.slot
-        if not self._enters(name):
-            why = "the board is read-only" if self._settings.read_only else "not listed"
-            self._refusals.add(f"{why}: {name}", f"slot {name!r}: {why}")
-            return None
-        if declaration is not None:
-            self._unknown.discard(name)
-            if not self._store.has(name):
-                self._make(declaration)
-        if name in self._routes or self._store.has(name):
-            route = self._route(name)
-            if route.cell.kind == value.kind:
-                return route
-            if declaration is not None and len(self._clashes) < _MAX_UNKNOWN:
-                self._clashes[name, value.kind] = self._store.clash(route.cell, declaration)
-            clash = self._clashes.get((name, value.kind))
-            if clash is not None:
-                raise Refused(clash)
-        if len(self._unknown) < _MAX_UNKNOWN:
-            self._unknown.add(name)
-            self._peers.miss(sender)
-        return None
-
-    def _make(self, declaration: Declaration) -> None:
-        if declaration.capacity > self._settings.largest:
-            raise Refused(
-                f"slot {declaration.slot!r}: its capacity of {declaration.capacity} bytes exceeds "
-                f"this host's limit of {self._settings.largest}"
-            )
-        self._store.declare(declaration)
-
-    def _refuse(self, sender: int, slot: str, error: Refused | WhiteboardError) -> None:
-        why = f"from {sender:016x}" if isinstance(error, Refused) else "no room"
-        self._refusals.add(f"{why}: {slot}", str(error))
-
-    def _enter(self, sender: int, route: Route, value: Value) -> None:
-        """Add a message to the board, or hold it back if its slot arrives too often."""
-        now_ns, slot = self._now_ns(), value.slot
-        if now_ns < route.arrivals.due_ns:
-            self._totals.held_back += 1
-            held = self._held.get(slot)
-            if held is None or held.value.version < value.version:
-                self._held[slot] = _Held(sender, route, value)
-            return
-        outcome = self._store.enter(route.cell, value)
-        if outcome is Outcome.OLDER:
-            self._totals.conflicts += 1
-        elif outcome is Outcome.ENTERED:
-            route.arrivals.record(now_ns)
-            self._busy_ns = max(self._busy_ns, route.arrivals.due_ns)
-            self._totals.entered += 1
-            if slot.startswith(REQUESTS):  # bells are not mirrored: one might arrive first
-                self._store.board.add_message(BELL, Bell())
-
     def enter_held(self) -> None:
         """Add the messages that were held back long enough."""
-        if not self._held:
-            return
         with self._lock:
-            now_ns = self._now_ns()
-            for slot, held in list(self._held.items()):
-                if held.route.arrivals.due_ns <= now_ns:
-                    del self._held[slot]
-                    try:
-                        self._enter(*held)
-                    except (Refused, WhiteboardError) as error:
-                        self._refuse(held.sender, slot, error)
+            self._arrivals.enter_held()
 
     def refuse(self, what: str, why: str) -> None:
         """Record something that was refused before it reached the exchange."""
@@ -365,33 +244,26 @@ class Exchange:
     def due_ns(self) -> int | None:
         """Return when the next waiting message may leave or enter; None if none waits."""
         with self._lock:
-            if not (self._changed or self._held or self._busy_ns):
-                return None
             due = [route.departures.due_ns for route in self._changed.values()]
-            due += [held.route.arrivals.due_ns for held in self._held.values()]
-            if self._now_ns() < self._busy_ns:
-                due.append(self._busy_ns)
-            else:
-                self._busy_ns = 0
-            return min(due, default=None)
+            return min(due + self._arrivals.due_ns(), default=None)
 
     def status(self) -> MirrorStatus:
         """Return the status; its rates are averages since the last call."""
         with self._lock:
-            now_ns, totals, before = self._now_ns(), self._totals, self._reported
-            seconds = max((now_ns - before.at_ns) / 1e9, 1e-9)
-            self._reported = replace(totals, at_ns=now_ns)
+            arrivals, before = self._arrivals, self._reported
+            now = self._reported = _Reported(self._left, arrivals.entered, self._now_ns())
+            seconds = max((now.at_ns - before.at_ns) / 1e9, 1e-9)
             return MirrorStatus(
                 host=f"{self._store.host:016x}",
                 pid=os.getpid(),
-                slots=sum(route.leaves for _, route in self._all_routes()),
-                left=totals.left,
-                entered=totals.entered,
-                leave_rate=round((totals.left - before.left) / seconds, 1),
-                enter_rate=round((totals.entered - before.entered) / seconds, 1),
-                conflicts=totals.conflicts,
-                held_back=totals.held_back,
-                peers=tuple(peer.status(now_ns) for peer in self._peers)[:_MAX_LISTED],
+                slots=sum(route.leaves for _, route in self._routes.all()),
+                left=now.left,
+                entered=now.entered,
+                leave_rate=round((now.left - before.left) / seconds, 1),
+                enter_rate=round((now.entered - before.entered) / seconds, 1),
+                conflicts=arrivals.conflicts,
+                held_back=arrivals.held_back,
+                peers=tuple(peer.status(now.at_ns) for peer in self._peers)[:_MAX_LISTED],
                 refused=self._refusals.report()[:_MAX_LISTED],
                 partition_s=self._settings.guard.partition_s,
             )

@@ -12,6 +12,10 @@ Each message has a version, assigned once, on the host where it was added:
 A message enters a board only if its version is newer than that of the message there. Versions are
 totally ordered and never change. So boards that have received the same messages, in any order and
 any number of times, hold the same one, and no board ever goes back.
+
+A version may run ahead of this host's clock by a bound, as in uhlc; one that is further ahead
+counts as none. Otherwise, one message with the largest version would close its slot for good:
+nothing could replace it, and what builds on it would leave the range of versions.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class Mirror:
         host = secrets.randbits(63) if host is None else host
         self._board = board
         self._watch = board.watcher()
-        store = Store(board, host, _wall_ns, versions)
+        store = Store(board, host, _wall_ns, versions, lambda: time.time_ns() + settings.ahead_ns)
         self._exchange = Exchange(store, settings, time.monotonic_ns, time.time_ns)
         self._stop = threading.Event()
         self._replied = threading.Event()

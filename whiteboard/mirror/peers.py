@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..messages.llfsm import PeerStatus
-from .batches import Batch, Heartbeat
+from .batches import Heartbeat, ReceivedBatch
 
 __all__ = ["Peer", "Peers"]
 
@@ -29,8 +29,9 @@ class Peer:
         self.gaps = 0  # how often something was missing
         self.filled = 0  # the gaps that its replies have filled
         self.queried_ns: int | None = None
+        self.missed_at_ns: int | None = None  # by this host's clock: something is missing then
 
-    def receive(self, message: Batch | Heartbeat, now_ns: int, wall_ns: int) -> None:
+    def receive(self, message: ReceivedBatch | Heartbeat, now_ns: int, wall_ns: int) -> None:
         """Record a message; messages arrive in the order in which they were sent."""
         self.received_ns = now_ns
         if message.born < self.born:  # sent before its last restart
@@ -39,12 +40,12 @@ class Peer:
             self.born, self.number = message.born, message.number
             self.gaps += 1  # for the messages it had before
         else:
-            missing = message.number - self.number - isinstance(message, Batch)
+            missing = message.number - self.number - isinstance(message, ReceivedBatch)
             if missing > 0:
                 self.lost += missing
                 self.gaps += 1
             self.number = max(self.number, message.number)
-        if isinstance(message, Batch):
+        if isinstance(message, ReceivedBatch):
             self.received += 1
             self.lag_ns = wall_ns - message.sent_ns
         else:
@@ -71,7 +72,7 @@ class Peers:
     def __iter__(self) -> Iterator[Peer]:
         return iter(list(self._peers.values()))
 
-    def receive(self, message: Batch | Heartbeat, now_ns: int, wall_ns: int) -> bool:
+    def receive(self, message: ReceivedBatch | Heartbeat, now_ns: int, wall_ns: int) -> bool:
         """Record a message; return whether its sender is new or has restarted."""
         peer = self._peers.get(message.sender)
         if peer is None:
@@ -82,10 +83,13 @@ class Peers:
         peer.receive(message, now_ns, wall_ns)
         return is_new
 
-    def to_query(self, now_ns: int) -> list[Peer]:
+    def to_query(self, now_ns: int, wall_ns: int) -> list[Peer]:
         """Return the hosts to query now: those with a gap and no recent query."""
         found = []
         for peer in self:
+            if peer.missed_at_ns is not None and peer.missed_at_ns <= wall_ns:
+                peer.missed_at_ns = None
+                peer.gaps += 1
             if now_ns - peer.received_ns > _FORGET_NS:
                 del self._peers[peer.sender]
             elif peer.filled != peer.gaps and (
@@ -100,6 +104,12 @@ class Peers:
         peer = self._peers.get(sender)
         if peer is not None and peer.filled == peer.gaps:
             peer.gaps += 1
+
+    def miss_later(self, sender: int, at_ns: int) -> None:
+        """Record that a host has to be queried when this host's clock reads `at_ns`."""
+        peer = self._peers.get(sender)
+        if peer is not None:
+            peer.missed_at_ns = min(at_ns, peer.missed_at_ns or at_ns)
 
     def end_reply(self, sender: int, gaps: int) -> None:
         """Record that a host has replied in full to a query sent after `gaps` gaps.

@@ -47,9 +47,17 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """The same for slots by glob; the first match counts."""
     largest: Annotated[int, Meta(ge=1, le=1 << 30)] = 1 << 26
     """Bytes: slots of a larger capacity do not enter."""
+    ahead_s: Annotated[float, Meta(gt=0, le=1e9)] = 86_400.0
+    """Seconds: how far a message's version may be ahead of this host's clock. The default leaves
+    room for a clock that is set to local time."""
     guard: GuardSettings = GuardSettings()
     zenoh: str | None = None
     """A configuration file for Zenoh, in JSON5: TLS, access control, queues."""
+
+    @property
+    def ahead_ns(self) -> int:
+        """The same as `ahead_s` in nanoseconds."""
+        return int(self.ahead_s * 1e9)
 
     def period_ns(self) -> Callable[[str], int]:
         """Return a function that maps a slot's name to the nanoseconds between its departures."""

@@ -61,12 +61,9 @@ class Host:
         """Start its daemon, which reads the version log."""
         self.version_log = FileVersionLog(self.path)
         self.watch = self.board.watcher()
-        self.store = Store(self.board, self.index, self.wall_ns, self.version_log)
+        self.store = Store(self.board, self.index, self.wall_ns, self.version_log, self.horizon_ns)
         self.exchange = Exchange(
-            self.store,
-            self.settings,
-            lambda: self.world.now_ns,
-            lambda: self.wall_ns(self.world.now_ns),
+            self.store, self.settings, lambda: self.world.now_ns, self.read_clock_ns
         )
         self.heartbeat_ns = self.world.now_ns
 
@@ -79,6 +76,14 @@ class Host:
     def wall_ns(self, stamp_ns: int) -> int:
         """Return the time on its clock for a stamp."""
         return START_NS + stamp_ns + self.skew_ns
+
+    def read_clock_ns(self) -> int:
+        """Return the time on its clock now."""
+        return self.wall_ns(self.world.now_ns)
+
+    def horizon_ns(self) -> int:
+        """Return the latest time that a version may have now."""
+        return self.read_clock_ns() + self.settings.ahead_ns
 
     def step(self) -> None:
         """Run one tick of the daemon."""

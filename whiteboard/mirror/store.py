@@ -58,17 +58,25 @@ class Store:
         host: the id of this host.
         wall_ns: converts the stamp of a message into nanoseconds since 1970.
         versions: the known versions of the board's messages.
+        horizon_ns: returns the latest time that a version may have now; a message whose version
+            has a later one gets a new version.
 
     """
 
     def __init__(
-        self, board: Board, host: int, wall_ns: Callable[[int], int], versions: VersionLog
+        self,
+        board: Board,
+        host: int,
+        wall_ns: Callable[[int], int],
+        versions: VersionLog,
+        horizon_ns: Callable[[], int],
     ) -> None:
         self.board = board
         self.host = host
         self.news: dict[str, None] = {}
         """Slots in which a message of this host was found, in that order; cleared by the caller."""
         self._wall_ns = wall_ns
+        self._horizon_ns = horizon_ns
         self._versions = versions
         self._pid = os.getpid()
         self._cells: dict[str, Cell] = {}
@@ -97,30 +105,38 @@ class Store:
         latest = cell.encoded()
         if latest is None:
             return None
-        payload, count, stamp_ns, writer = latest
-        version = cell.version
-        if version is None or count != cell.count:
-            version = self._settle(cell, count, stamp_ns, writer)
-        return Value(cell.slot.name, cell.kind, version, payload)
+        payload, *added = latest
+        return Value(cell.slot.name, cell.kind, self._settle(cell, *added), payload)
 
     def version(self, cell: Cell) -> Version | None:
         """Return the version of a slot's latest message, or None before the first."""
-        if cell.has_news() and (latest := cell.encoded()) is not None:
-            _, *added = latest
-            self._settle(cell, *added)
+        if cell.has_news() or not self._is_credible(cell.version):
+            latest = cell.encoded()
+            if latest is not None:
+                _, *added = latest
+                self._settle(cell, *added)
         return cell.version
 
+    def _is_credible(self, version: Version | None) -> bool:
+        """Return whether a version is not too far ahead of the clock."""
+        return version is None or version.time <= self._horizon_ns()
+
     def _settle(self, cell: Cell, count: int, stamp_ns: int, writer: int) -> Version:
-        """Assign a version to a message that was added on this host."""
-        known, before, name = None, cell.version, cell.slot.name
+        """Return the version of message number `count`; assign one if it has no credible one."""
+        before = cell.version
+        if before is not None and count == cell.count and self._is_credible(before):
+            return before
+        known, name = None, cell.slot.name
         if before is None:
             known, before = self._versions.recall(name, count, writer)
-        version = known or succeed(before, self._wall_ns(stamp_ns), self.host)
-        self._pending.append((name, count, writer, version))
-        cell.version, cell.count = version, count
-        if version.host == self.host:
+        if known is None or not self._is_credible(known):
+            before = before if self._is_credible(before) else None
+            known = succeed(before, self._wall_ns(stamp_ns), self.host)
+        self._pending.append((name, count, writer, known))
+        cell.version, cell.count = known, count
+        if known.host == self.host:
             self.news[name] = None
-        return version
+        return known
 
     def note(self) -> None:
         """Store the versions assigned here, for the next daemon.
@@ -162,17 +178,12 @@ class Store:
         """Add a message of another host, unless the board's is as new or newer.
 
         If a process adds at the same moment, its message is compared as well. Raise `Refused` for a
-        message of another type, or one that is too long.
+        message of another type.
         """
         version, payload = value.version, value.payload
-        if len(payload) > cell.capacity:
-            raise Refused(
-                f"slot {value.slot!r}: the message takes {len(payload)} bytes, "
-                f"the slot holds {cell.capacity} here"
-            )
         message: Message | None = None
         while True:
-            ours = self.version(cell) if cell.has_news() else cell.version
+            ours = self.version(cell)
             if ours is not None and ours >= version:
                 return Outcome.KNOWN if ours == version else Outcome.OLDER
             if message is None:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -214,6 +215,36 @@ def test_a_connected_process_may_end_without_closing(pair: tuple[Host, Host]) ->
     wait_for(lambda: one.get(number_slot("last")) == 7)
 
 
+def test_a_version_from_far_ahead_splits_no_boards(pair: tuple[Host, Host]) -> None:
+    """Also after the daemons are started again, which read the versions that were stored."""
+    one, other = pair
+    wait_for(lambda: other.get() == 1)
+    version = Version(2**62 - 1, 255)
+    value = Value("number", NUMBER.fingerprint, version, msgspec.msgpack.encode(Number(666)))
+    batch = msgspec.msgpack.encode(Batch(255, 1, 1, 10**12, (value,)))
+    with hostile_session(other) as session:
+        session.put(f"llfsm/{VERSION}/{NAME}/batches", batch)
+        wait_for(lambda: other.status()["refused"] != [])
+    for value in range(2, 6):
+        for number, host in enumerate((one, other)):
+            added = 10 * value + number
+            host.add(added)
+            wait_for(lambda added=added: one.get() == other.get() == added)
+        other.end(signal.SIGKILL)
+        other.start(connect=[one])
+
+
+def hostile_session(host: Host) -> Any:
+    """A Zenoh session connected to a host, without llfsm."""
+    import zenoh
+
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{host.endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
 def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     pair: tuple[Host, Host],
 ) -> None:
@@ -221,12 +252,8 @@ def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
 
     one, other = pair
     wait_for(lambda: other.get() == 1)
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", f'["{other.endpoint}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
     flooded = number_slot("flooded")
-    with zenoh.open(config) as session:
+    with hostile_session(other) as session:
         sender = session.declare_publisher(
             f"llfsm/{VERSION}/{NAME}/batches",
             congestion_control=zenoh.CongestionControl.BLOCK,

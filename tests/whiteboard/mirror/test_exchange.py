@@ -50,9 +50,17 @@ class Part:
         self.now_ns = 10**12
         self.board = LocalBoard("board", now_ns=lambda: self.now_ns)
         self.watch = self.board.watcher()
-        self.store = Store(self.board, host, lambda stamp_ns: stamp_ns, versions or NoVersionLog())
-        clock = lambda: self.now_ns  # noqa: E731
-        self.exchange = Exchange(self.store, Settings(**settings), clock, clock)
+        self.set_ns = 0  # by how much its clock was set
+        chosen = Settings(**settings)
+        wall_ns = lambda: self.now_ns + self.set_ns  # noqa: E731
+        self.store = Store(
+            self.board,
+            host,
+            lambda stamp_ns: stamp_ns + self.set_ns,
+            versions or NoVersionLog(),
+            lambda: wall_ns() + chosen.ahead_ns,
+        )
+        self.exchange = Exchange(self.store, chosen, lambda: self.now_ns, wall_ns)
 
     def collect(self) -> list[bytes]:
         return self.exchange.collect(self.watch(0))
@@ -304,6 +312,70 @@ def test_a_thousand_ways_and_senders_fill_neither_memory_nor_the_status() -> Non
     assert len(MIRROR.encoder.encode(status)) < MIRROR.capacity
     assert status.refused[0].what == "everything else"
     assert status.refused[0].count == 800
+
+
+def sent_versions(part: Part) -> list[Version]:
+    batches = map(decoder(Batch).decode, part.collect())
+    return [value.version for batch in batches for value in batch.values]
+
+
+def test_a_version_from_far_ahead_does_not_close_its_slot(caplog: pytest.LogCaptureFixture) -> None:
+    part = Part(ahead_s=60)
+    bound = part.now_ns + 60 * 10**9
+    for number, time in enumerate((2**62 - 1, bound + 1), 1):
+        part.exchange.receive_batch(batch(number, message=Number(number), time=time))
+    assert part.board[NUMBER].count == 0
+    assert part.refused() == {"from 0000000000000002: ahead of this host's clock": 2}
+    assert "days ahead of this host's clock" in caplog.text
+    part.exchange.receive_batch(batch(3, message=Number(3), time=bound))
+    assert part.get() == Number(3)
+    part.board.add_message(NUMBER, Number(4))
+    assert sent_versions(part) == [Version(bound + 1, 1)]
+
+
+def test_a_bad_message_of_a_batch_does_not_take_the_others_with_it() -> None:
+    """Nor does a bad declaration, whatever is wrong with it."""
+    part, slots = Part(), [Slot(f"slot{i}", Number) for i in range(4)]
+    values: list[Any] = [
+        [slot.name, slot.fingerprint, [10**12, 2], msgspec.msgpack.encode(Number(7))]
+        for slot in slots
+    ]
+    declarations: list[Any] = [[slot.name, 64, slot.schema] for slot in slots]
+    values[0][2] = [2**62, 2]
+    values[1] = ["", 5]
+    declarations[2][1] = -1
+    data = [2, 1, 1, 10**12, values, declarations]
+    part.exchange.receive_batch(msgspec.msgpack.encode(data))
+    assert [part.get(slot) for slot in slots if part.store.has(slot.name)] == [Number(7)]
+    assert part.refused() == {"malformed message": 2, "malformed declaration": 1}
+
+
+def test_what_was_from_too_far_ahead_is_asked_for_once_the_clock_is_set() -> None:
+    """A robot without a clock of its own starts in the past, and is set later."""
+    part = Part()
+    part.set_ns = -(10**15)
+    part.exchange.receive_batch(batch(1))
+    (first,) = part.exchange.queries()
+    part.exchange.end_reply(first)
+    part.exchange.receive_batch(batch(2))
+    assert part.board[NUMBER].count == 0
+    assert part.exchange.queries() == []
+    part.set_ns = 0
+    assert [query.host for query in part.exchange.queries()] == [2]
+
+
+def test_what_was_added_before_the_clock_was_set_back_holds_nobody_up() -> None:
+    part, ahead_ns = Part(), 10**15
+    part.set_ns = ahead_ns
+    part.board.add_message(NUMBER, Number(1))
+    part.board.add_message(Slot("other", Number), Number(1))
+    assert min(sent_versions(part)).time > ahead_ns
+    part.set_ns = 0
+    part.now_ns += 10**9
+    part.exchange.receive_batch(batch(1, message=Number(2), time=part.now_ns))
+    assert part.get() == Number(2)
+    part.board.add_message(Slot("other", Number), Number(3))
+    assert sent_versions(part) == [Version(part.now_ns, 1)]
 
 
 def test_a_batch_that_was_lost_is_asked_for() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.simulation import World
 
 HOSTS, SLOTS = 3, 2
@@ -117,6 +119,30 @@ def test_a_daemon_that_is_killed_leaves_its_versions_to_the_next(tmp_path: Path)
     world.run(600)
     assert world.is_settled(1)
     assert world.newest(0) > before
+    world.close()
+
+
+@pytest.mark.parametrize("of", [1, 2])  # the last message, and the one before it
+def test_a_journal_with_a_version_from_far_ahead_heals(tmp_path: Path, of: int) -> None:
+    world = World(0, 2, tmp_path)
+    world.run(600)
+    poisoned, other = world.hosts
+    assert poisoned.version_log is not None
+    poisoned.version_log.note("slot0", of, os.getpid(), Version(2**62 - 1, 5))
+    poisoned.kill()
+    for _ in range(2):
+        world.add(0, 0)
+    poisoned.start()
+    world.run(600)
+    assert world.is_settled(1)
+    world.add(1, 0)
+    world.run(600)
+    world.add(0, 0)
+    world.run(600)
+    assert world.is_settled(1)
+    newest = world.newest(0)
+    assert newest is not None
+    assert newest.time < 2 * other.read_clock_ns()
     world.close()
 
 

@@ -1,0 +1,205 @@
+"""What other hosts send, on its way to the board: checked, held to its rate, and added."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import msgspec
+
+from ..errors import BoardClosedError, WhiteboardError
+from ..messages.llfsm import BELL, REQUESTS, Bell
+from .batches import Declaration, ReceivedBatch, Value, decoder
+from .peers import Peers
+from .refusals import Refusals, Refused
+from .routes import Route, Routes
+from .settings import Settings
+from .store import Outcome, Store
+
+__all__ = ["Arrivals"]
+
+T = TypeVar("T")
+
+_VALUES = decoder(Value)
+_DECLARATIONS = decoder(Declaration)
+_MAX_UNKNOWN = 4096  # types of senders to keep track of
+_DAY_NS = 86_400 * 10**9
+
+
+class _Held(NamedTuple):
+    """A message that came too soon after the previous one of its slot."""
+
+    sender: int
+    route: Route
+    value: Value
+
+
+class Arrivals:
+    """Adds other hosts' messages to the board. For one thread at a time.
+
+    Args:
+        store: the board, with versions.
+        settings: which slots enter, and how large they may be.
+        routes: the slots that are on the board.
+        peers: the other hosts.
+        refusals: counts what does not enter.
+        now_ns: a monotonic clock.
+        wall_ns: the host's clock: the time since 1970.
+
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        settings: Settings,
+        routes: Routes,
+        peers: Peers,
+        refusals: Refusals,
+        now_ns: Callable[[], int],
+        wall_ns: Callable[[], int],
+    ) -> None:
+        self._store = store
+        self._settings = settings
+        self._routes = routes
+        self._peers = peers
+        self._refusals = refusals
+        self._now_ns = now_ns
+        self._wall_ns = wall_ns
+        self._held: dict[str, _Held] = {}
+        self._busy_ns = 0  # until when an arriving message may be held back
+        self.unknown: set[str] = set()
+        """Slots whose type at a sender has to be queried."""
+        self._clashes: dict[tuple[str, int], str] = {}  # by slot and type
+        self.entered = 0
+        self.conflicts = 0
+        self.held_back = 0
+
+    def apply(self, batch: ReceivedBatch) -> None:
+        """Add the messages of a batch; each one that cannot enter is refused on its own."""
+        sender = batch.sender
+        declared = {}
+        for raw in batch.declarations:
+            declaration = self._decode(_DECLARATIONS, raw, "declaration")
+            if declaration is not None:
+                declared[declaration.slot] = declaration
+        for raw in batch.values:
+            value = self._decode(_VALUES, raw, "message")
+            if value is None:
+                continue
+            try:
+                route = self._routes.known(value.slot)
+                if route is None or route.cell.kind != value.kind or not route.enters:
+                    route = self._find_route(sender, value, declared.get(value.slot))
+                if route is not None and self._is_timely(sender, value):
+                    self._enter(sender, route, value)
+            except BoardClosedError:
+                return
+            except (Refused, WhiteboardError) as error:
+                self._refuse(sender, value.slot, error)
+
+    def _decode(self, of: msgspec.msgpack.Decoder[T], raw: msgspec.Raw, what: str) -> T | None:
+        try:
+            return of.decode(raw)
+        except (msgspec.DecodeError, ValueError, RecursionError) as error:
+            self._refusals.add(f"malformed {what}", f"malformed {what}: {error}")
+            return None
+
+    def _find_route(
+        self, sender: int, value: Value, declaration: Declaration | None
+    ) -> Route | None:
+        """Return the route of a slot, made if necessary, if the sender's type is the board's.
+
+        None if the slot may not enter, or the sender has to be queried for its type.
+        """
+        name = value.slot
+        if not self._routes.enters(name):
+            why = "the board is read-only" if self._settings.read_only else "not listed"
+            self._refusals.add(f"{why}: {name}", f"slot {name!r}: {why}")
+            return None
+        if declaration is not None:
+            self.unknown.discard(name)
+            if not self._store.has(name):
+                self._make(declaration)
+        if self._routes.known(name) is not None or self._store.has(name):
+            route = self._routes.get(name)
+            if route.cell.kind == value.kind:
+                return route
+            if declaration is not None and len(self._clashes) < _MAX_UNKNOWN:
+                self._clashes[name, value.kind] = self._store.clash(route.cell, declaration)
+            clash = self._clashes.get((name, value.kind))
+            if clash is not None:
+                raise Refused(clash)
+        if len(self.unknown) < _MAX_UNKNOWN:
+            self.unknown.add(name)
+            self._peers.miss(sender)
+        return None
+
+    def _make(self, declaration: Declaration) -> None:
+        if declaration.capacity > self._settings.largest:
+            raise Refused(
+                f"slot {declaration.slot!r}: its capacity of {declaration.capacity} bytes exceeds "
+                f"this host's limit of {self._settings.largest}"
+            )
+        self._store.declare(declaration)
+
+    def _is_timely(self, sender: int, value: Value) -> bool:
+        """Return whether a message's version is not too far ahead of this host's clock."""
+        ahead_ns = value.version.time - self._wall_ns()
+        if ahead_ns <= self._settings.ahead_ns:
+            return True
+        # It may be this clock that is wrong: then the message is missed once the clock is set.
+        self._peers.miss_later(sender, value.version.time - self._settings.ahead_ns)
+        self._refusals.add(
+            f"from {sender:016x}: ahead of this host's clock",
+            f"slot {value.slot!r}: its version is {ahead_ns / _DAY_NS:.1f} days ahead of this "
+            f"host's clock, more than `ahead_s` permits; set the clocks of both hosts",
+        )
+        return False
+
+    def _refuse(self, sender: int, slot: str, error: Refused | WhiteboardError) -> None:
+        why = f"from {sender:016x}" if isinstance(error, Refused) else "no room"
+        self._refusals.add(f"{why}: {slot}", str(error))
+
+    def _enter(self, sender: int, route: Route, value: Value) -> None:
+        """Add a message to the board, or hold it back if its slot arrives too often."""
+        size, capacity = len(value.payload), route.cell.capacity
+        if size > capacity:
+            raise Refused(
+                f"slot {value.slot!r}: the message takes {size} bytes, the slot holds {capacity} here"
+            )
+        now_ns, slot = self._now_ns(), value.slot
+        if now_ns < route.arrivals.due_ns:
+            self.held_back += 1
+            held = self._held.get(slot)
+            if held is None or held.value.version < value.version:
+                self._held[slot] = _Held(sender, route, value)
+            return
+        outcome = self._store.enter(route.cell, value)
+        if outcome is Outcome.OLDER:
+            self.conflicts += 1
+        elif outcome is Outcome.ENTERED:
+            route.arrivals.record(now_ns)
+            self._busy_ns = max(self._busy_ns, route.arrivals.due_ns)
+            self.entered += 1
+            if slot.startswith(REQUESTS):  # bells are not mirrored: one might arrive first
+                self._store.board.add_message(BELL, Bell())
+
+    def enter_held(self) -> None:
+        """Add the messages that were held back long enough."""
+        now_ns = self._now_ns()
+        for slot, held in list(self._held.items()):
+            if held.route.arrivals.due_ns <= now_ns:
+                del self._held[slot]
+                try:
+                    self._enter(*held)
+                except (Refused, WhiteboardError) as error:
+                    self._refuse(held.sender, slot, error)
+
+    def due_ns(self) -> list[int]:
+        """Return when messages that are held back may enter, or arriving ones at once again."""
+        due = [held.route.arrivals.due_ns for held in self._held.values()]
+        if self._now_ns() < self._busy_ns:
+            due.append(self._busy_ns)
+        else:
+            self._busy_ns = 0
+        return due
