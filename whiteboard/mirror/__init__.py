@@ -2,6 +2,6 @@
 
 Read in this order: :mod:`.merge` (which message is newer), :mod:`.batches` (what hosts send),
 :mod:`.store` (a board with versions), :mod:`.arrivals` (what may enter it), :mod:`.exchange` (one
-host's part, without network or clock), then :mod:`.network` (Zenoh), :mod:`.mirror` (both in a loop) and its users,
-:mod:`.daemon` and :mod:`.remote_board`.
+host's part, without network or clock), then :mod:`.network` (Zenoh), :mod:`.mirror` (both in a
+loop) and its users, :mod:`.daemon` and :mod:`.remote_board`.
 """

@@ -162,12 +162,12 @@ class Arrivals:
 
     def _enter(self, sender: int, route: Route, value: Value) -> None:
         """Add a message to the board, or hold it back if its slot arrives too often."""
+        now_ns, slot = self._now_ns(), value.slot
         size, capacity = len(value.payload), route.cell.capacity
         if size > capacity:
             raise Refused(
-                f"slot {value.slot!r}: the message takes {size} bytes, the slot holds {capacity} here"
+                f"slot {slot!r}: the message takes {size} bytes, the slot holds {capacity} here"
             )
-        now_ns, slot = self._now_ns(), value.slot
         if now_ns < route.arrivals.due_ns:
             self.held_back += 1
             held = self._held.get(slot)

@@ -32,10 +32,12 @@ class Peer:
         self.missed_at_ns: int | None = None  # by this host's clock: something is missing then
 
     def receive(self, message: ReceivedBatch | Heartbeat, now_ns: int, wall_ns: int) -> None:
-        """Record a message; messages arrive in the order in which they were sent."""
+        """Record a message; messages arrive in the order in which they were sent.
+
+        A host that restarts is told by another `born`, not by a later one: its clock may have been
+        set back. A late message from before its restart only causes a query too many.
+        """
         self.received_ns = now_ns
-        if message.born < self.born:  # sent before its last restart
-            return
         if message.born != self.born:
             self.born, self.number = message.born, message.number
             self.gaps += 1  # for the messages it had before
@@ -79,7 +81,7 @@ class Peers:
             if len(self._peers) >= _MAX_PEERS:
                 return False
             peer = self._peers[message.sender] = Peer(message.sender)
-        is_new = peer.born < message.born
+        is_new = peer.born != message.born
         peer.receive(message, now_ns, wall_ns)
         return is_new
 

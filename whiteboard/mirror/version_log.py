@@ -13,11 +13,12 @@ import os
 import secrets
 import struct
 from pathlib import Path
+from stat import S_ISREG
 from typing import Protocol
 from zlib import crc32
 
 from ..board_files import version_log_path
-from ..errors import BoardMirroredError, from_errno
+from ..errors import BoardMirroredError, BoardPermissionError, from_errno
 from .merge import Version
 
 __all__ = ["FileVersionLog", "NoVersionLog", "VersionLog"]
@@ -31,6 +32,7 @@ _RECORDS = 4096
 _START = 64
 _SIZE = _START + _RECORDS * _RECORD
 _MAGIC = b"LLMIRROR"
+_HOSTS = 1 << 63  # ids of hosts
 
 
 class VersionLog(Protocol):
@@ -57,7 +59,9 @@ class NoVersionLog:
 class FileVersionLog:
     """The versions of a board in shared memory, locked by one daemon at a time.
 
-    Raise :class:`.BoardMirroredError` if another one holds the lock.
+    A damaged file is begun anew. Raise :class:`.BoardMirroredError` if another daemon holds the
+    lock, and :class:`.BoardPermissionError` if the file belongs to another user, or is another kind
+    of file: whoever owns it could set the versions.
     """
 
     def __init__(self, board: Path) -> None:
@@ -66,6 +70,13 @@ class FileVersionLog:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         except OSError as error:
             raise from_errno(error.errno or 0, str(path)) from error
+        status = os.fstat(self._file)
+        if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
+            os.close(self._file)
+            raise BoardPermissionError(
+                f"{path}: belongs to another user, or is not a regular file; remove it, or choose "
+                f"another board name"
+            )
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -75,20 +86,30 @@ class FileVersionLog:
             ) from None
         os.posix_fallocate(self._file, 0, _SIZE)
         self._map = mmap.mmap(self._file, _SIZE)
-        self._records: dict[str, int] = {}
         self._entries: dict[str, list[int]] = {}  # offsets, the older entry first
         found = os.stat(board)
+        identity = found.st_dev, found.st_ino
         magic, *of_board, host = _HEAD.unpack_from(self._map)
-        if magic != _MAGIC or of_board != [found.st_dev, found.st_ino]:  # of a removed board
-            self._map[:] = bytes(_SIZE)
-            host = secrets.randbits(63)
-            _HEAD.pack_into(self._map, 0, _MAGIC, found.st_dev, found.st_ino, host)
+        records = self._read_records()
+        if records is None or (magic, *of_board) != (_MAGIC, *identity) or host >= _HOSTS:
+            self._map[:] = bytes(_SIZE)  # of a removed board, or damaged
+            records, host = {}, secrets.randbelow(_HOSTS)
+            _HEAD.pack_into(self._map, 0, _MAGIC, *identity, host)
+        self._records = records
         self.host: int = host
+
+    def _read_records(self) -> dict[str, int] | None:
+        """Return the offset of each slot's record; None if the file is damaged."""
+        records: dict[str, int] = {}
         for record in range(_START, _SIZE, _RECORD):
             length, name = _NAME.unpack_from(self._map, record)
             if not length:
                 break
-            self._records[name[:length].decode()] = record
+            try:
+                records[name[:length].decode()] = record
+            except UnicodeDecodeError:
+                return None
+        return records
 
     def note(self, slot: str, count: int, writer: int, version: Version) -> None:
         """Store the version of message number `count`, which process `writer` has added."""

@@ -395,6 +395,23 @@ def test_a_batch_that_was_lost_is_asked_for() -> None:
     assert part.exchange.queries() == [question]  # no answer: once more
 
 
+def test_a_host_that_restarts_with_its_clock_set_back_is_asked_for_what_it_lost() -> None:
+    part = Part()
+
+    def beat(born: int, number: int) -> list[int]:
+        beat = Heartbeat(2, born, number, 10**12, "other")
+        part.exchange.receive_heartbeat(msgspec.msgpack.encode(beat))
+        queries = part.exchange.queries()
+        for query in queries:
+            part.exchange.end_reply(query)
+        return [query.host for query in queries]
+
+    assert beat(born=10**12, number=5) == [2]
+    assert beat(born=10**11, number=3) == [2]  # its messages before this heartbeat
+    assert beat(born=10**11, number=4) == [2]  # one batch was lost
+    assert beat(born=10**11, number=4) == []
+
+
 def test_a_reply_holds_what_is_newer_with_its_type() -> None:
     part = Part()
     part.exchange.receive_batch(batch(1, message=Number(5), time=10**12 + 7))

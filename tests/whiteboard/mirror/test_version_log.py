@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from llfsm.whiteboard import BoardMirroredError, Whiteboard
+from llfsm.whiteboard import BoardMirroredError, BoardPermissionError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board, version_log_path
 from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.version_log import FileVersionLog
@@ -87,6 +88,44 @@ def test_it_goes_with_its_board(board: Path) -> None:
     assert version_log_path(board).exists()
     remove_board("board", board.parent)
     assert list(board.parent.iterdir()) == []
+
+
+def test_a_journal_of_another_owner_is_refused(board: Path) -> None:
+    """Another user may have put it there, to write versions into it or to hold its lock."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can give a file away")
+    FileVersionLog(board).close()
+    path = version_log_path(board)
+    before = path.read_bytes()
+    os.chown(path, 12345, -1)
+    with pytest.raises(BoardPermissionError, match="belongs to another user"):
+        FileVersionLog(board)
+    assert path.read_bytes() == before
+
+
+def test_another_kind_of_file_in_its_place_is_refused(board: Path) -> None:
+    os.mkfifo(version_log_path(board))
+    with pytest.raises(BoardPermissionError, match="not a regular file"):
+        FileVersionLog(board)
+
+
+def test_a_damaged_journal_is_begun_anew(board: Path) -> None:
+    journal = FileVersionLog(board)
+    journal.note("slot", 1, 10, Version(100, 1))
+    journal.close()
+    path = version_log_path(board)
+    whole = path.read_bytes()
+    name, host = whole.index(b"slot"), 24
+    for at, damage in ((name, b"\xff"), (name - 2, b"\xff\xff"), (host, b"\xff" * 8)):
+        path.write_bytes(whole[:at] + damage + whole[at + len(damage) :])
+        again = FileVersionLog(board)
+        assert again.recall("slot", 1, 10) == (None, None)
+        assert again.host < 1 << 63
+        again.note("slot", 2, 10, Version(200, 1))
+        again.close()
+        again = FileVersionLog(board)
+        assert again.recall("slot", 2, 10) == (Version(200, 1), None)
+        again.close()
 
 
 def test_a_link_in_its_place_is_not_followed(tmp_path: Path, board: Path) -> None:
