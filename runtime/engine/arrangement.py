@@ -270,10 +270,10 @@ class Arrangement(Control):
     def run(self, *, grace_s: float = 1.0, max_rounds: int | None = None) -> Reason:
         """Run rounds until every machine accepts or is suspended; return why it ended.
 
-        After `stop`, SIGINT or SIGTERM (if this is the main thread), or when the whiteboard
-        has gone, the machines see `stopping` and have `grace_s` seconds to reach accepting
-        states. A second signal acts as if there were no arrangement. `max_rounds` ends it
-        after that round, counted from the first.
+        A failed machine keeps it going if other processes can resume it; else that is the reason.
+        After `stop`, SIGINT or SIGTERM (if this is the main thread), or when the whiteboard has
+        gone, the machines see `stopping` and have `grace_s` seconds to reach accepting states. A
+        second signal acts as if there were no arrangement. `max_rounds` ends it after that round.
         """
         if self.reason is not None:
             self._refuse()

@@ -120,6 +120,11 @@ class Control:
         """Return what a machine's code has raised; None if it has not, or was resumed since."""
         return self._roster.find(name).failure
 
+    @property
+    def failed_machines(self) -> list[str]:
+        """The names of the loaded machines that have a `failure`, in order."""
+        return [seat.name for seat in self._roster if seat.failure is not None]
+
     def hang(self, name: str) -> str:
         """Return where code of a machine hangs, as a watchdog has found; "" if it does not."""
         return self._roster.find(name).hang

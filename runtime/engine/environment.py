@@ -53,6 +53,11 @@ class Elsewhere(Protocol):
 class Attendant(Protocol):
     """What an environment does between the rounds of a run: obey requests, publish statuses."""
 
+    @property
+    def reachable(self) -> bool:
+        """Whether other processes can see the machines and request something of them."""
+        ...
+
     def obey(self) -> None:
         """Obey the requests that have come; cheap enough for every round."""
         ...

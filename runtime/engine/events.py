@@ -53,7 +53,7 @@ class Reason(StrEnum):
     ACCEPTING = "accepting"  # every machine accepts or is suspended
     STOPPED = "stopped"  # asked to stop, and the grace period is over
     MAX_ROUNDS = "max_rounds"
-    FAILED = "failed"  # code of a machine or an observer raised
+    FAILED = "failed"  # code of a machine or an observer raised, and nothing can resume it
     INTERRUPTED = "interrupted"  # KeyboardInterrupt, SystemExit
     CLOSED = "closed"  # `end` was called, or its `with` block was left
 

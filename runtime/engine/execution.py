@@ -21,6 +21,7 @@ class Execution:
     """Run rounds until all machines accept, or the time that a stop leaves them is over.
 
     Between rounds the environment's attendant publishes the machines' statuses and obeys requests.
+    A machine that has failed waits for such a request, if one can come.
     """
 
     def __init__(self, arrangement: Arrangement, grace_s: float, watchdog_ms: float | None):
@@ -53,6 +54,9 @@ class Execution:
             if max_rounds is not None and arrangement.rounds >= max_rounds:
                 return Reason.MAX_ROUNDS
             finished = arrangement.finished
+            failed = finished and not arrangement.stopping and bool(arrangement.failed_machines)
+            if failed and self._attendant is not None and self._attendant.reachable:
+                finished = False
             if not finished and self._grace_is_over():
                 return Reason.STOPPED
             if not arrangement.paced and not fired and arrangement.idle_us:
@@ -60,7 +64,7 @@ class Execution:
             elif arrangement.rounds % _BUSY_ROUNDS == 0:
                 self._look_at_world()
             if finished:
-                return Reason.ACCEPTING
+                return Reason.FAILED if failed else Reason.ACCEPTING
 
     def sleep_to_turn(self, due_ns: int) -> bool:
         """Sleep until a turn is due, also while stopping; False if there is to be none any more."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardError
 from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
     MACHINES,
@@ -185,6 +186,11 @@ class Presence:
         self._works = True
         self._lock = threading.Lock()  # a watchdog posts, too
         self.look(idle=True)
+
+    @property
+    def reachable(self) -> bool:
+        """Whether the machines are published on a board that other processes have, too."""
+        return self._works and not isinstance(self._board, LocalBoard)
 
     def look(self, *, idle: bool) -> None:
         """Obey requests; then post what has changed, if there is time (`idle`) or it is due."""

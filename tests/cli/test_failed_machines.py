@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.messages.llfsm import status_slot
+from llfsm.whiteboard import BoardFullError, Slot, Whiteboard
+from llfsm.whiteboard.messages.llfsm import Bell, status_slot
 from waiting import wait_for
 
 from .conftest import MACHINES, Llfsm, rows, wait_for_line
@@ -132,3 +134,53 @@ def test_another_failure_replaces_the_first(
     assert done.returncode == 0
     assert "ZeroDivisionError: division by zero" in done.stdout.splitlines()[0]
     assert "ValueError" not in done.stdout
+
+
+# With no other machine
+
+
+@pytest.fixture
+def lone(llfsm: Llfsm, board: str, tmp_path: Path) -> subprocess.Popen[str]:
+    """Start a process whose only machine fails while there is a file."""
+    (tmp_path / "fragile.py").write_text(FRAGILE)
+    (tmp_path / "broken").touch()
+    process = llfsm.start("run", "fragile:Fragile", "--on-error", "suspend", "-q", "-b", board)
+    wait_for_line(process, "ValueError: no plan")
+    return process
+
+
+def test_a_lone_machine_that_failed_is_waited_for(
+    llfsm: Llfsm, board: str, tmp_path: Path, lone: subprocess.Popen[str]
+) -> None:
+    wait_for(lambda: rows(llfsm, "-b", board)["Fragile"]["status"] == "failed", "ps shows it")
+    (tmp_path / "broken").unlink()
+    done = llfsm.run("restart", "Fragile", "-b", board)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[1].startswith("Fragile is running again in ")
+    lone.send_signal(signal.SIGINT)
+    assert lone.wait() == 0
+
+
+def test_ctrl_c_ends_a_run_that_waits_for_a_failed_machine(
+    llfsm: Llfsm, board: str, lone: subprocess.Popen[str]
+) -> None:
+    wait_for(lambda: rows(llfsm, "-b", board)["Fragile"]["status"] == "failed", "ps shows it")
+    lone.send_signal(signal.SIGINT)
+    assert lone.wait() == 0
+
+
+def test_a_run_ends_if_nobody_can_reach_its_failed_machine(
+    llfsm: Llfsm, board: str, tmp_path: Path
+) -> None:
+    (tmp_path / "fragile.py").write_text(FRAGILE)
+    (tmp_path / "broken").touch()
+    llfsm.run("run", f"{MACHINES}:Shy", "-q", "-b", board)  # makes what all runs need
+    with Whiteboard(board) as wb, suppress(BoardFullError):
+        for number in range(4096):
+            wb.add_message(Slot(f"s{number}", Bell), Bell())
+    done = llfsm.run("run", "fragile:Fragile", "--on-error", "suspend", "-q", "-b", board)
+    assert done.returncode == 1
+    assert "machines cannot be published on the whiteboard" in done.stderr
+    assert done.stderr.splitlines()[-1] == (
+        "Error: Fragile failed, and no other process can resume it: the run has ended"
+    )

@@ -184,9 +184,11 @@ def test_an_error_in_user_code_names_file_and_line(llfsm: Llfsm, board: str) -> 
 
 
 def test_on_error_suspend_goes_on(llfsm: Llfsm, board: str) -> None:
-    done = llfsm.run("run", "mine:Broken", "mine:Counter", "--on-error=suspend", "-b", board)
-    assert done.returncode == 0
-    assert "Counter 'x' counts 2" in done.stdout
+    process = llfsm.start("run", "mine:Broken", "mine:Counter", "--on-error=suspend", "-b", board)
+    wait_for_line(process, "ZeroDivisionError")
+    wait_for_line(process, "Counter 'x' counts 2")
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 0
 
 
 def test_help_answers_with_examples(llfsm: Llfsm) -> None:

@@ -263,6 +263,44 @@ def test_a_failure_clears_a_pending_request():
     assert [event.round for event in trace if isinstance(event, Failed)] == [1]
 
 
+def test_a_run_in_which_nobody_can_resume_the_failed_machine_ends_as_failed():
+    boards = [None, Whiteboard.local()]
+    for board in boards:
+        arrangement = Arrangement([failing("Internal")], on_error="suspend", whiteboard=board)
+        assert arrangement.run(max_rounds=50) is Reason.FAILED
+        assert arrangement.failed_machines == ["M"]
+        assert arrangement.rounds < 50
+
+
+def test_a_run_whose_failed_machine_was_resumed_ends_as_any_other():
+    class M(Machine):
+        fails: bool = True
+
+        a = State()
+        b = State()
+        a.to(b)
+
+        @a.on_entry
+        def _(self) -> None:
+            if self.fails:
+                raise Boom
+
+    class Mends(Machine):
+        a = State()
+        b = State()
+        a.to(b, when=lambda m: m.is_suspended("M"))
+
+        @a.on_exit
+        def _(self) -> None:
+            machine.fails = False
+            self.restart("M")
+
+    machine = M()
+    arrangement = Arrangement([machine, Mends], on_error="suspend", clock=ManualClock())
+    assert arrangement.run(max_rounds=50) is Reason.ACCEPTING
+    assert arrangement.failed_machines == []
+
+
 def test_a_machine_that_fails_while_suspended_is_unloaded():
     arrangement = Arrangement([Other], on_error="suspend")
     arrangement.load_suspended(failing("OnSuspend"))

@@ -11,6 +11,7 @@ from typing import Literal
 import click
 from msgspec.structs import replace
 
+from llfsm.runtime.engine.events import Reason
 from llfsm.runtime.plans.plan import Plan, assemble
 from llfsm.whiteboard import Whiteboard
 
@@ -159,10 +160,15 @@ def run(
 
             def execute() -> None:
                 try:
-                    arrangement.run()
+                    reason = arrangement.run()
                 finally:
                     if timed:
                         click.echo(timing_table(arrangement.statistics()), err=True)
+                if reason is Reason.FAILED:
+                    failed = ", ".join(arrangement.failed_machines)
+                    raise click.ClickException(
+                        f"{failed} failed, and no other process can resume it: the run has ended"
+                    )
 
             if nonstop:
                 run_nonstop(execute, arrangement.stop)
