@@ -2,26 +2,29 @@
 
 Any web site that this user has open can send requests to an address of this host. Therefore:
 
-* A request's Host must be the address of the server; any other name that resolves to this host (DNS
-  rebinding) is refused. With a token, any name is accepted.
+* A request's Host must be a name of this host, or an IP address; any other name that resolves to
+  this host (DNS rebinding) is refused.
 * The Origin of a WebSocket, and of any other request that has one, must be that host.
-* With a token, everything but the page's own files requires it.
+* Everything but the page's own files requires the token, as a whiteboard's file is private to its
+  user, and any user of this host can connect to an address of it.
 
 The headers of every response forbid the page to load or run anything from elsewhere.
 """
 
 from __future__ import annotations
 
+import ipaddress
 import secrets
+import socket
 from collections.abc import Callable
 from http import HTTPStatus
-from urllib.parse import parse_qs
+from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["AccessMiddleware", "is_loopback"]
+__all__ = ["AccessMiddleware"]
 
 _HEADERS = {
     "Content-Security-Policy": (
@@ -36,34 +39,19 @@ _HEADERS = {
 }
 
 
-def is_loopback(host: str) -> bool:
-    """Return whether only processes of this host can reach the address."""
-    import ipaddress
-
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
 class AccessMiddleware:
     """Refuse requests that must not be served; pass on the others.
 
-    `is_open` returns whether a path needs no token.
+    `host` is the name or address that the server listens on; `is_open` returns whether a path needs
+    no token.
     """
 
     def __init__(
-        self,
-        app: ASGIApp,
-        *,
-        host: str,
-        port: int,
-        token: str | None,
-        is_open: Callable[[str], bool],
+        self, app: ASGIApp, *, host: str, token: str, is_open: Callable[[str], bool]
     ) -> None:
-        names = {host, "localhost", "127.0.0.1", "[::1]"}
+        own = socket.gethostname().lower()
         self._app = app
-        self._hosts = {f"{name}:{port}" for name in names} | (names if port == 80 else set())
+        self._names = {host.lower(), "localhost", own, f"{own}.local"}
         self._token = token
         self._is_open = is_open
 
@@ -91,14 +79,14 @@ class AccessMiddleware:
     def _refusal(self, scope: Scope) -> tuple[HTTPStatus, str] | None:
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
-        if self._token is None and host.lower() not in self._hosts:
+        if not self._is_ours(host):
             return HTTPStatus.FORBIDDEN, f"this server is not {host!r}"
         if origin is None:
             if scope["type"] == "websocket":
                 return HTTPStatus.FORBIDDEN, "a WebSocket needs an Origin"
         elif origin.lower() != f"http://{host.lower()}":
             return HTTPStatus.FORBIDDEN, f"pages of {origin!r} have no access"
-        if self._token is not None and not self._is_open(scope["path"]):
+        if not self._is_open(scope["path"]):
             given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
             if not secrets.compare_digest(given.encode(), self._token.encode()):
                 return (
@@ -106,3 +94,10 @@ class AccessMiddleware:
                     "open the address that `llfsm view` printed: it contains the token",
                 )
         return None
+
+    def _is_ours(self, host: str) -> bool:
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+            return name in self._names or bool(ipaddress.ip_address(name))
+        except ValueError:
+            return False

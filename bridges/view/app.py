@@ -40,9 +40,7 @@ _UNSEEN = 2  # frames sent to a page before it confirms that it has shown one
 _BEAT_S = 0.5  # between frames to an idle page, by which it notices a server that is gone
 
 
-def make_app(
-    source: PageSource, *, host: str, port: int, token: str | None, control: bool
-) -> AccessMiddleware:
+def make_app(source: PageSource, *, host: str, token: str, control: bool) -> AccessMiddleware:
     """Return the application that shows `source`, behind its access control."""
     files = {path.name: path.read_bytes() for path in _ASSETS.iterdir() if path.suffix in _TYPES}
     broadcaster: Broadcaster | None = None
@@ -95,7 +93,8 @@ def make_app(
         ],
         lifespan=life,
     )
-    return AccessMiddleware(app, host=host, port=port, token=token, is_open=_is_open)
+    app.router.redirect_slashes = False
+    return AccessMiddleware(app, host=host, token=token, is_open=_is_open)
 
 
 def _is_open(path: str) -> bool:

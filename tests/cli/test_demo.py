@@ -141,6 +141,8 @@ def test_a_page_shows_it(llfsm: Llfsm, board: str) -> None:
 
     wait_for(answered, "the page is served")
     assert "<html" in answers[0]
+    with urlopen(address.replace("/?", "/about?")) as about:  # the address has the page's token
+        assert about.status == 200
     process.send_signal(signal.SIGINT)
     assert process.wait() == 0
     with pytest.raises(OSError, match="refused"):

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from websockets.sync.client import connect
@@ -16,21 +17,20 @@ from waiting import PATIENCE_S, wait_for
 from .conftest import Llfsm, wait_for_line
 
 
-def serve(llfsm: Llfsm, board: str) -> tuple[subprocess.Popen[str], int]:
-    """Start a server on a free port; return it and its port."""
+def serve(llfsm: Llfsm, board: str) -> tuple[subprocess.Popen[str], str, str]:
+    """Start a server on a free port; return it, its host and port, and the token's query."""
     process = llfsm.start("view", "-b", board, "--no-open", "--port", "0")
-    found = re.search(r"at http://127\.0\.0\.1:(\d+)/", wait_for_line(process, " at "))
+    found = re.search(r"at http://(127\.0\.0\.1:\d+)/(\S+)", wait_for_line(process, " at "))
     assert found
-    return process, int(found[1])
+    return process, *found.groups()
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_it_prints_its_address_and_ends_when_asked(
     llfsm: Llfsm, board: str, how: signal.Signals
 ) -> None:
-    process, port = serve(llfsm, board)
-    origin = f"http://127.0.0.1:{port}"
-    with connect(f"ws://127.0.0.1:{port}/live", origin=origin, proxy=None) as page:
+    process, place, query = serve(llfsm, board)
+    with connect(f"ws://{place}/live{query}", origin=f"http://{place}", proxy=None) as page:
         page.recv(PATIENCE_S)
         process.send_signal(how)  # a page that is open does not keep it
         said, _ = process.communicate(timeout=PATIENCE_S)
@@ -38,7 +38,7 @@ def test_it_prints_its_address_and_ends_when_asked(
 
 
 def test_a_port_in_use_is_an_error_that_says_what_to_do(llfsm: Llfsm, board: str) -> None:
-    _, port = serve(llfsm, board)
+    port = serve(llfsm, board)[1].partition(":")[2]
     done = llfsm.run("view", "-b", board, "--no-open", "--port", str(port))
     assert done.returncode == 1
     assert f"port {port}" in done.stderr
@@ -53,7 +53,7 @@ def test_an_address_that_is_none_is_an_error(llfsm: Llfsm, board: str) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_it_opens_the_browser(
+def test_it_opens_the_browser_by_a_file_that_only_its_user_can_read(
     llfsm: Llfsm, board: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened = tmp_path / "opened"
@@ -64,7 +64,30 @@ def test_it_opens_the_browser(
     process = llfsm.start("view", "-b", board, "--port", "0", "--control")
     address = wait_for_line(process, " at ").split(" at ")[1].strip()
     wait_for(lambda: opened.exists() and opened.read_text().strip(), "the browser was started")
-    assert opened.read_text().strip() == address
+    said = opened.read_text().strip()
+    assert urlsplit(address).query not in said  # other users can list the browser's command line
+    page = Path(urlsplit(said).path)
+    assert address in page.read_text()
+    assert page.stat().st_mode & 0o077 == 0
+    process.terminate()
+    assert process.wait(PATIENCE_S) == 0
+    assert not page.exists()
+
+
+@pytest.mark.parametrize("token", ["", " "])
+@pytest.mark.parametrize("control", [(), ("--control",)])
+def test_an_empty_token_is_an_error(
+    llfsm: Llfsm, board: str, monkeypatch: pytest.MonkeyPatch, token: str, control: tuple[str, ...]
+) -> None:
+    monkeypatch.setenv("LLFSM_VIEW_TOKEN", token)
+    done = llfsm.run("view", "-b", board, "--no-open", "--port", "0", *control)
+    assert done.returncode == 1
+    assert "$LLFSM_VIEW_TOKEN is empty" in done.stderr
+
+
+def test_a_token_is_not_taken_from_the_command_line(llfsm: Llfsm, board: str) -> None:
+    done = llfsm.run("view", "-b", board, "--no-open", "--token", "open sesame")
+    assert done.returncode == 2
 
 
 def test_it_ends_with_its_supervisor(board: str, tmp_path: Path) -> None:

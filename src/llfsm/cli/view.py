@@ -8,11 +8,14 @@ import secrets
 import signal
 import socket
 import sys
+import tempfile
 import threading
 import webbrowser
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
+from urllib.parse import urlencode
 
 import click
 
@@ -21,10 +24,15 @@ from llfsm.runtime.presence.guard import GuardThread
 
 from .options import board_option, end_with_input, until_eof_option
 
-__all__ = ["VIEW_PORT", "serve", "view"]
+__all__ = ["TOKEN_VARIABLE", "VIEW_PORT", "page_address", "page_token", "view"]
 
 VIEW_PORT = 8420
 """The port by default."""
+
+TOKEN_VARIABLE = "LLFSM_VIEW_TOKEN"
+"""The environment variable with the page's token: unlike an option, no other user can list it."""
+
+_REDIRECT = "<!doctype html><meta http-equiv=refresh content='0; url={}'>"
 
 
 @click.command()
@@ -34,7 +42,7 @@ VIEW_PORT = 8420
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="The address to listen on; any but this host's own requires a token.",
+    help="The address to listen on.",
 )
 @click.option(
     "--port",
@@ -44,12 +52,7 @@ VIEW_PORT = 8420
     help="The port; 0 takes a free one.",
 )
 @click.option("--no-open", is_flag=True, help="Do not open the browser.")
-@click.option(
-    "--control",
-    is_flag=True,
-    help="Let the page control machines and post messages; requires a token.",
-)
-@click.option("--token", metavar="TEXT", help="The token; by default one is generated if required.")
+@click.option("--control", is_flag=True, help="Let the page control machines and post messages.")
 @until_eof_option
 def view(
     recording: Path | None,
@@ -58,13 +61,13 @@ def view(
     port: int,
     no_open: bool,
     control: bool,
-    token: str | None,
     until_eof: bool,
 ) -> None:
     """Show a whiteboard and its machines on a page in the browser, until Ctrl-C.
 
     The whiteboard may be created later, removed and created again. RECORDING, a file of `llfsm
-    record`, is shown instead of a whiteboard, with a slider over its time.
+    record`, is shown instead of a whiteboard, with a slider over its time. The page needs the token
+    in the address that is printed: $LLFSM_VIEW_TOKEN, or else a new one.
 
     \b
     llfsm view -b demo
@@ -77,7 +80,7 @@ def view(
     with ExitStack() as stack:
         if recording is None:
             stack.enter_context(GuardThread(board))
-        serve(source, host=host, port=port, open_page=not no_open, control=control, token=token)
+        _serve(source, host=host, port=port, open_page=not no_open, control=control)
 
 
 def _source(recording: Path | None, board: str) -> PageSource:
@@ -90,31 +93,20 @@ def _source(recording: Path | None, board: str) -> PageSource:
     return RecordedSource(recording)
 
 
-def serve(
-    source: PageSource,
-    *,
-    host: str,
-    port: int,
-    open_page: bool,
-    control: bool,
-    token: str | None,
-) -> None:
+def _serve(source: PageSource, *, host: str, port: int, open_page: bool, control: bool) -> None:
     """Show a source until SIGINT or SIGTERM; print the page's address."""
     try:
         import uvicorn
 
-        from llfsm.bridges.view.access import is_loopback
         from llfsm.bridges.view.app import make_app
     except ModuleNotFoundError as error:
         raise click.ClickException(
             f"the page needs {error.name}; install it with: pip install 'llfsm[view]'"
         ) from error
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
-    if token is None and (control or not is_loopback(host)):
-        token = secrets.token_urlsafe(16)
+    token = page_token()
     listener = _listen(host, port)
-    port = listener.getsockname()[1]
-    app = make_app(source, host=host, port=port, token=token, control=control)
+    app = make_app(source, host=host, token=token, control=control)
     config = uvicorn.Config(
         app,
         log_config=None,
@@ -132,13 +124,35 @@ def serve(
 
     for number in (signal.SIGINT, signal.SIGTERM):  # the server replaces these while it runs
         signal.signal(number, end)
-    address = _address(host, port, token)
+    address = page_address(host, listener.getsockname()[1], token)
     click.echo(f"llfsm view: {source.title} at {address}")
-    if open_page and any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
-    ):
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-    server.run(sockets=[listener])
+    with ExitStack() as stack:
+        if open_page and any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
+            stack.enter_context(_opened(address))
+        server.run(sockets=[listener])
+
+
+def page_token() -> str:
+    """Return ``$LLFSM_VIEW_TOKEN``, or a new token; an empty one is a ``click.ClickException``."""
+    token = os.environ.get(TOKEN_VARIABLE)
+    if token is None:
+        return secrets.token_urlsafe(16)
+    if not token.strip():
+        raise click.ClickException(
+            f"${TOKEN_VARIABLE} is empty; unset it, and a token is generated, or set it to one"
+        )
+    return token
+
+
+@contextmanager
+def _opened(address: str) -> Iterator[None]:
+    """Open the address in the browser, by a private file: other users can list its command line."""
+    with tempfile.NamedTemporaryFile("w", prefix="llfsm-view-", suffix=".html") as file:
+        file.write(_REDIRECT.format(address))
+        file.flush()
+        uri = Path(file.name).as_uri()
+        threading.Thread(target=webbrowser.open, args=(uri,), daemon=True).start()
+        yield
 
 
 def _listen(host: str, port: int) -> socket.socket:
@@ -153,8 +167,9 @@ def _listen(host: str, port: int) -> socket.socket:
         ) from error
 
 
-def _address(host: str, port: int, token: str | None) -> str:
+def page_address(host: str, port: int, token: str) -> str:
+    """Return the address to open in a browser."""
     wildcard = host in ("0.0.0.0", "::", "")  # every address of this host: name it
     name = socket.gethostname() if wildcard else host
     name = f"[{name}]" if ":" in name else name
-    return f"http://{name}:{port}/" + ("" if token is None else f"?token={token}")
+    return f"http://{name}:{port}/?{urlencode({'token': token})}"

@@ -55,21 +55,28 @@ class Process:
 class Server(Process):
     """`llfsm view` on a free port, or one that is given."""
 
-    def __init__(self, board: str, *options: str, cwd: Path, port: int = 0) -> None:
-        super().__init__("view", "-b", board, "--no-open", "--port", str(port), *options, cwd=cwd)
+    def __init__(
+        self, board: str, *options: str, cwd: Path, port: int = 0, **environment: str
+    ) -> None:
+        arguments = ("view", "-b", board, "--no-open", "--port", str(port), *options)
+        super().__init__(*arguments, cwd=cwd, **environment)
         said = self.line()
-        found = re.search(r"at (http://[^/]+:(\d+)/(?:\?token=(\S+))?)", said)
+        found = re.search(r"at (http://[^/]+:(\d+)/(\?token=\S+))", said)
         assert found, said + self.end()[1]
-        self.address, self.port, self.token = found[1], int(found[2]), found[3]
+        self.address, self.port, self.query = found[1], int(found[2]), found[3]
         self.root = f"http://127.0.0.1:{self.port}"
 
-    def get(self, path: str, **options: Any) -> httpx.Response:
-        return httpx.get(self.root + path, trust_env=False, timeout=PATIENCE_S, **options)
+    def get(self, path: str, query: str | None = None, **options: Any) -> httpx.Response:
+        """Request a path, with the token unless another `query` is given."""
+        address = self.root + path + (self.query if query is None else query)
+        return httpx.get(address, trust_env=False, timeout=PATIENCE_S, **options)
 
-    def live(self, query: str = "", origin: str | None = "", **options: Any) -> ClientConnection:
-        """Connect as the page does; `origin` is its own unless given."""
+    def live(
+        self, query: str | None = None, origin: str | None = "", **options: Any
+    ) -> ClientConnection:
+        """Connect as the page does; `query` and `origin` are its own unless given."""
         return connect(
-            f"ws://127.0.0.1:{self.port}/live{query}",
+            f"ws://127.0.0.1:{self.port}/live{self.query if query is None else query}",
             origin=self.root if origin == "" else origin,  # type: ignore[arg-type]
             max_size=None,
             proxy=None,

@@ -109,7 +109,7 @@ def test_the_page_comes_back_when_the_server_does(
     slot = Slot("lamp", Bool)
     with Whiteboard(board) as wb:
         wb.add_message(slot, Bool(False))
-        server = start(Server, board)
+        server = start(Server, board, LLFSM_VIEW_TOKEN="the same again")
         page = visit(server.address).page
         value = page.locator("[data-slot=lamp] .short")
         expect(value).to_have_text("data false")
@@ -118,7 +118,7 @@ def test_the_page_comes_back_when_the_server_does(
         expect(page.locator("#trouble")).to_be_visible()
         expect(value).to_have_text("data false")  # what was there last stays
         wb.add_message(slot, Bool(True))
-        start(Server, board, port=server.port)
+        start(Server, board, port=server.port, LLFSM_VIEW_TOKEN="the same again")
         expect(page.locator("#link")).to_have_attribute("data-is", "live")
         expect(page.locator("#trouble")).to_be_hidden()
         expect(value).to_have_text("data true")

@@ -140,7 +140,8 @@ def test_of_two_ways_to_a_state_the_one_that_was_taken_is_lit(
     page.wait_for_selector(".fired[data-transition='c:0']")
     assert page.locator("[data-transition='rest:0'].fired").count() == 0
     changes = page.evaluate(
-        "new Promise((done) => { const socket = new WebSocket(`ws://${location.host}/live`);"
+        "new Promise((done) => { const token = sessionStorage.getItem('llfsm.token');"
+        " const socket = new WebSocket(`ws://${location.host}/live?token=${token}`);"
         " const skipped = []; socket.onmessage = ({data}) => { const frame = JSON.parse(data);"
         " for (const each of Object.values(frame.history ?? {}).flat()) skipped.push(each);"
         ' if (skipped.length > 8) done(skipped); else socket.send(\'{"type": "seen"}\'); } })'

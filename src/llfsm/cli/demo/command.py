@@ -17,7 +17,7 @@ from llfsm.whiteboard import BoardError, BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.shared import boards
 
-from ..view import VIEW_PORT
+from ..view import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
 from .processes import Processes
 from .ros_graph import RosGraph, ros_options
 from .screen import LiveBoard, show
@@ -104,18 +104,19 @@ def demo(
     target = target or Path(f"demo-{name}")
     where = f"whiteboard {board!r}" if graph is None else f"whiteboard {board!r}, {graph}"
     title = f"llfsm demo {name}: {chosen.text} ({where})"
+    token = page_token() if view else ""
     _clear(board)
     with _ending_on_signals(), LiveBoard(board) as live:
         try:
-            with _processes(graph) as processes:
+            with _processes(graph, {TOKEN_VARIABLE: token} if view else {}) as processes:
                 if graph is None:
                     _start(processes, chosen, board, target, record)
                 else:
                     _start_on_ros(processes, chosen, board, target, graph)
                 if view:
-                    port = str(_free_port())
-                    processes.start("page", "view", "-b", board, "--no-open", "--port", port)
-                    title += f"\nin the browser: http://127.0.0.1:{port}/"
+                    port = _free_port()
+                    processes.start("page", "view", "-b", board, "--no-open", "--port", str(port))
+                    title += f"\nin the browser: {page_address('127.0.0.1', port, token)}"
                 show(live, processes, title, seconds)
         except _EndError:
             pass
@@ -135,10 +136,10 @@ def _free_port() -> int:
     raise AssertionError("the system has a free port")
 
 
-def _processes(graph: RosGraph | None) -> Processes:
+def _processes(graph: RosGraph | None, environment: dict[str, str]) -> Processes:
     if graph is None:
-        return Processes()
-    return Processes(restart=True, environment=graph.environment())
+        return Processes(environment=environment)
+    return Processes(restart=True, environment={**environment, **graph.environment()})
 
 
 def _start(
