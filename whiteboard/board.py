@@ -170,14 +170,22 @@ class Waiter(Protocol):
 
 
 class _Bound(dict[Slot[Any], BoundSlot[Any]]):
-    """The bound slots; looking up a slot binds it."""
+    """The bound slots; looking up a slot binds it.
+
+    Only the first slot of a name and type is kept, so that a program may make a new one for each
+    message. Finding the first one by itself costs one look-up, without a comparison of names.
+    """
 
     def __init__(self, bind: Callable[[Slot[Any]], BoundSlot[Any]]) -> None:
         super().__init__()
         self._bind = bind
+        self._alike: dict[tuple[str, type], BoundSlot[Any]] = {}
 
     def __missing__(self, slot: Slot[Any]) -> BoundSlot[Any]:
-        bound = self[slot] = self._bind(slot)
+        alike = slot.name, slot.type
+        bound = self._alike.get(alike)
+        if bound is None:
+            bound = self[slot] = self._alike[alike] = self._bind(slot)
         return bound
 
 

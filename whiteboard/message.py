@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from types import new_class
 from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform
+from weakref import WeakValueDictionary
 
 import msgspec
 
@@ -57,14 +58,21 @@ class Message(msgspec.Struct, metaclass=_MessageMeta):
 
 M = TypeVar("M", bound=Message)
 
+_in_use: WeakValueDictionary[bytes, type[Message]] = WeakValueDictionary()
+
 
 def type_from_schema(schema: Schema) -> type[Message]:
-    """Make a class for a slot whose Python class is not available, as tools need it.
+    """Return a class for a slot whose Python class is not available, as tools need it.
 
-    Raise :class:`.MessageTypeError` unless it is a schema as :func:`.describe` makes it.
+    As long as a class is in use, it is returned for each equal schema. Raise
+    :class:`.MessageTypeError` unless it is a schema as :func:`.describe` makes it.
     """
     try:
-        return _made(schema)
+        text = msgspec.json.encode(schema)
+        cls = _in_use.get(text)
+        if cls is None:
+            cls = _in_use[text] = _made(schema)
+        return cls
     except MessageTypeError:
         raise
     except Exception as error:  # another process may write anything as a schema

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
-
-import msgspec
 
 from .board import Board, BoundSlot, SlotInfo
 from .errors import BoardClosedError, MessageTypeError, WhiteboardError
@@ -144,9 +141,4 @@ def class_of(info: SlotInfo) -> type[Message]:
     for prefix, cls in _OURS.items():
         if info.name.startswith(prefix) and info.schema == _SCHEMAS[prefix]:
             return cls
-    return _made(msgspec.json.encode(info.schema))
-
-
-@lru_cache(maxsize=1024)  # slots of the same type share a class: making one is slow
-def _made(schema: bytes) -> type[Message]:
-    return type_from_schema(msgspec.json.decode(schema))
+    return type_from_schema(info.schema)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import threading
 import time
+import tracemalloc
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain
@@ -48,6 +50,23 @@ def test_nothing_was_added_yet(board: Board) -> None:
     assert point.get() is None
     assert point.sample() is None
     assert point.count == 0
+
+
+def test_a_slot_for_each_message_needs_no_memory(board: Board) -> None:
+    def use(times: int) -> None:
+        for x in range(times):
+            board.add_message(Slot("robot/point", Point), Point(x=float(x)))
+            assert board.get_message(Slot("robot/point", Point)) == Point(x=float(x))
+
+    assert board[Slot("robot/point", Point)] is board[POINT]
+    use(50)
+    tracemalloc.start()
+    try:
+        use(300)
+        gc.collect()
+        assert tracemalloc.get_traced_memory()[0] < 50_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_the_latest_message_is_got(board: Board) -> None:

@@ -136,4 +136,4 @@ def _add_bytes(wb: Whiteboard, slot: Slot[Any], payload: bytes) -> None:
             buffer[offset:] = payload
 
     vars(twin)["encoder"] = Encoder()
-    wb.add_message(twin, String("whatever"))
+    wb.publisher(twin).add(String("whatever"))
