@@ -5,7 +5,6 @@ from __future__ import annotations
 from array import array
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterator, Sequence
-from functools import lru_cache
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -14,7 +13,11 @@ from .mcap_file import McapFile, MessageRecord
 __all__ = ["CACHED_CHUNKS", "Index"]
 
 CACHED_CHUNKS = 16
-"""How many chunks are kept in memory."""
+"""How many chunks are kept in memory, unless they exceed `_CACHED_BYTES`."""
+_CACHED_BYTES = 64 << 20
+_RECORD_BYTES = 256  # that a message takes besides its data
+
+_Chunk = dict[int, list[MessageRecord]]
 
 
 class _Found(NamedTuple):
@@ -31,10 +34,10 @@ class Index:
     """Find messages in a file, by channel and time."""
 
     def __init__(self, file: McapFile):
+        self._file = file
         self._entries = entries = file.chunks
         self._found: dict[int, _Found] = {}
-        self.chunk = lru_cache(maxsize=CACHED_CHUNKS)(file.messages)
-        """Return the messages of a chunk, by channel."""
+        self._cached: dict[int, tuple[_Chunk, int]] = {}  # with its bytes; the last one used last
         # Messages are logged a little out of order: since when does a chunk, or a later one, know?
         self._since = [*accumulate((entry.start_ns for entry in reversed(entries)), min)][::-1]
         self._of: dict[int, array[int]] = {}
@@ -51,6 +54,21 @@ class Index:
     def end_ns(self) -> int:
         """When the last message was logged; 0 without any."""
         return max((entry.end_ns for entry in self._entries), default=0)
+
+    def chunk(self, number: int) -> _Chunk:
+        """Return the messages of a chunk, by channel."""
+        cached = self._cached.pop(number, None)
+        if cached is None:
+            found = self._file.messages(number)
+            sizes = (_RECORD_BYTES + len(each.data) for part in found.values() for each in part)
+            cached = found, sum(sizes)
+        self._cached[number] = cached
+        while len(self._cached) > 1 and (
+            len(self._cached) > CACHED_CHUNKS
+            or sum(size for _, size in self._cached.values()) > _CACHED_BYTES
+        ):
+            del self._cached[next(iter(self._cached))]
+        return cached[0]
 
     def has(self, number: int, channels: Collection[int]) -> bool:
         """Return whether a chunk has messages of any of these channels."""

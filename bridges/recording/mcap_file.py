@@ -8,7 +8,6 @@ chunk by its place, or what is left of a damaged file. It assumes
 
 * that :class:`ReadDataStream` reads from any binary file, and every record has a ``read`` that
   takes one, set to the byte after the record's head;
-* that :func:`get_chunk_data_stream` returns a chunk's records, checked, and their length;
 * that a footer has :data:`FOOTER_SIZE` bytes with its head.
 
 A new minor version of mcap may break these; a test for each names the one that no longer holds.
@@ -28,11 +27,12 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE, SeekingReader
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
-from mcap.stream_reader import MAGIC_SIZE, get_chunk_data_stream, read_magic
+from mcap.stream_reader import MAGIC_SIZE, read_magic
 
 from llfsm.runtime.engine.failure import logger
 
 from .errors import RecordingFileError
+from .unpacking import LARGEST_CHUNK, unpacked
 
 __all__ = ["ChunkEntry", "McapFile", "MessageRecord"]
 
@@ -41,6 +41,8 @@ _MESSAGE: Final = struct.Struct("<HIQQ")
 _CHUNK: Final = struct.Struct("<QQ")
 _CHANNEL: Final = struct.Struct("<H")
 _FOOTER: Final = struct.Struct("<QQI")
+_MOST_MESSAGES: Final = 1 << 18  # of a chunk; each takes a hundred bytes of memory, and more
+_LONGEST: Final = LARGEST_CHUNK + (1 << 20)  # of all records; data may resist compression
 
 
 class MessageRecord(NamedTuple):
@@ -104,12 +106,14 @@ class McapFile:
         return found
 
     def _walk(self, chunk: ReadDataStream, found: dict[int, list[MessageRecord]]) -> None:
-        stream, length = get_chunk_data_stream(Chunk.read(chunk), validate_crc=True)
-        data, at = stream.read(length), 0
-        while at < length:
+        data, at, messages = unpacked(Chunk.read(chunk)), 0, 0
+        while at < len(data):
             kind, size = _HEAD.unpack_from(data, at)
             at += _HEAD.size
             if kind == Opcode.MESSAGE:
+                messages += 1
+                if messages > _MOST_MESSAGES:
+                    raise ValueError(f"it has more than {_MOST_MESSAGES} messages")
                 channel, sequence, log_ns, published_ns = _MESSAGE.unpack_from(data, at)
                 message = data[at + _MESSAGE.size : at + size]
                 record = MessageRecord(log_ns, published_ns, sequence, channel, message)
@@ -130,9 +134,9 @@ class McapFile:
         """Return a stream at the body of a record of that kind, or raise ``ValueError``."""
         file.seek(offset)
         found, length = _HEAD.unpack(file.read(_HEAD.size))
-        if found != kind or offset + _HEAD.size + length > self._size:
+        if found != kind or offset + _HEAD.size + length > self._size or length > _LONGEST:
             raise ValueError(f"no record of kind {kind} at byte {offset}")
-        return ReadDataStream(file)
+        return ReadDataStream(BytesIO(file.read(length)))
 
     def _add(self, offset: int, start_ns: int, end_ns: int, channels: Sequence[int]) -> None:
         known = self._sets.setdefault(tuple(channels), tuple(channels))
@@ -143,7 +147,7 @@ class McapFile:
         try:
             self._check_summary(file)
             file.seek(0)
-            summary = SeekingReader(file).get_summary()
+            summary = SeekingReader(file, record_size_limit=_LONGEST).get_summary()
             if summary is None:
                 return False
             for entry in summary.metadata_indexes:
@@ -199,7 +203,7 @@ class McapFile:
             after = offset + _HEAD.size + length
             if after > self._size or kind == Opcode.DATA_END:
                 return
-            self._step(kind, offset, ReadDataStream(file))
+            self._step(kind, offset, ReadDataStream(BytesIO(file.read(min(length, _LONGEST)))))
             offset = after
 
     def _step(self, kind: int, offset: int, stream: ReadDataStream) -> None:

@@ -93,10 +93,13 @@ class Recording:
         try:
             self.about: Mapping[str, str] = about[0]
             """The recorder's board, host and version."""
-            self._offset_ns = int(self.about["offset_ns"])
-            self._begin_ns = int(self.about["begin_ns"])
         except LookupError as error:
             raise self._wrong("is not a recording of llfsm") from error
+        try:
+            self._offset_ns = _number(self.about["offset_ns"])
+            self._begin_ns = _number(self.about["begin_ns"])
+        except (LookupError, ValueError) as error:
+            raise self._wrong(f"has invalid metadata: {error}") from error
         self._of: dict[int, tuple[RecordedSlot, int, int]] = {}  # channel -> slot, writer, wraps
         self._arrangements = {
             each.metadata.get("session", ""): each.metadata
@@ -108,7 +111,7 @@ class Recording:
                 self._attach(attachment)
             for channel in self._file.channels.values():
                 self._add(channel)
-        except (LookupError, ValueError, WhiteboardError) as error:
+        except (LookupError, ValueError, RecursionError, WhiteboardError) as error:
             raise self._wrong(f"has an invalid channel or attachment: {error}") from error
 
     @property
@@ -189,10 +192,10 @@ class Recording:
     def _add(self, channel: Channel) -> None:
         about = channel.metadata
         if channel.topic == EVENTS:
-            begin_ns = int(about["session"].partition("-")[2])
+            begin_ns = _number(about["session"].partition("-")[2])
             made_from = self._arrangements.get(about["session"], {})
             whole = about["whole"] == "yes"
-            process = int(about["writer"])
+            process = _number(about["writer"])
             journal = RecordedJournal(channel.id, process, begin_ns, whole, made_from)
             self.journals.append(journal)
             return
@@ -200,11 +203,11 @@ class Recording:
         slot = self.slots.get(channel.topic)
         if slot is None:
             plain = msgspec.json.decode(schema.data, type=dict[str, Any])
-            capacity = int(about["capacity"])
+            capacity = _number(about["capacity"])
             cls = class_of(SlotInfo(channel.topic, schema.name, plain, capacity))
             slot = self.slots[channel.topic] = RecordedSlot(Slot(channel.topic, cls, capacity))
         slot.channels.append(channel.id)
-        self._of[channel.id] = slot, int(about["writer"]), int(about["wraps"])
+        self._of[channel.id] = slot, _number(about["writer"]), _number(about["wraps"])
 
     def _attach(self, attachment: Attachment) -> None:
         if not attachment.name.startswith(DEFINITIONS):
@@ -214,7 +217,7 @@ class Recording:
             slot = RecordedSlot(definition_slot(attachment.name.removeprefix(DEFINITIONS)))
             self.slots[attachment.name] = slot
         plain = msgspec.json.decode(attachment.data, type=dict[str, Any])
-        count, writer = int(plain.pop(COUNT)), int(plain.pop(WRITER))
+        count, writer = _number(plain.pop(COUNT)), _number(plain.pop(WRITER))
         stamp_ns = attachment.create_time - self._offset_ns
         seen_ns = attachment.log_time - self._offset_ns
         data = msgspec.json.encode(plain)
@@ -251,3 +254,11 @@ class Recording:
 
     def _wrong(self, what: str) -> RecordingFileError:
         return RecordingFileError(f"{self.path}: {what}")
+
+
+def _number(text: str | int) -> int:
+    """Return an integer of 64 bits; raise ``ValueError`` for anything else."""
+    number = int(text)
+    if not -(1 << 63) <= number < 1 << 63:
+        raise ValueError(f"{number} is not an integer of 64 bits")
+    return number

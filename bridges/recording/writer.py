@@ -14,6 +14,7 @@ Arrangements and machine definitions are metadata and attachments, which MCAP to
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -54,6 +55,7 @@ WRAP = 1 << 32
 """Sequences in a file are counts modulo this."""
 _FLUSH_NS = 1_000_000_000
 _CHUNK = 1 << 20  # bytes, before compression
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 _EVENT_SCHEMA = {
     "title": "llfsm/Event",
     "type": "object",
@@ -208,12 +210,15 @@ class RecordingWriter:
 
 
 class _File:
-    """The file that the library writes to; errors name the file."""
+    """The file that the library writes to; errors name the file.
+
+    It is private to its user, as the whiteboard is that is recorded.
+    """
 
     def __init__(self, path: Path):
         self._path = path
         with self._named():
-            self._file = path.open("xb")
+            self._file = os.fdopen(os.open(path, _NEW, 0o600), "wb")
 
     def write(self, data: Any, /) -> int:
         with self._named():

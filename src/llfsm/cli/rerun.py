@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
 from msgspec.structs import replace
 
-from llfsm.bridges.recording.errors import NoEventsError
+from llfsm.bridges.recording.errors import NoEventsError, RecordingFileError
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.bridges.recording.rerun import Rerun, whole_journals, why_not
 from llfsm.runtime.plans.dispatch import DispatchTable
@@ -25,15 +26,20 @@ __all__ = ["rerun"]
 @click.command()
 @recording_argument
 @click.argument("machines", nargs=-1)
-def rerun(file: Path, machines: tuple[str, ...]) -> None:
+@click.option(
+    "--trust",
+    is_flag=True,
+    help="Run the machines that the file names, from the folder that it names.",
+)
+def rerun(file: Path, machines: tuple[str, ...], trust: bool) -> None:
     """Run MACHINES on the inputs of a recording and report the first difference in behaviour.
 
-    The recording must have begun before the machines, as with `llfsm run --record`. By default the
-    recorded machines run; MACHINES take their places, in the same order. The exit status is 0 if
-    all events and posted messages are as recorded, else 1.
+    The recording must have begun before the machines, as with `llfsm run --record`. MACHINES take
+    the places of the recorded ones, in the same order. The exit status is 0 if all events and
+    posted messages are as recorded, else 1.
 
     \b
-    llfsm rerun run.mcap
+    llfsm rerun run.mcap --trust
     llfsm rerun run.mcap Patrol=my_robot.patrol:BetterPatrol
     """
     # Late turns and failures were reported at the time of the recording.
@@ -41,6 +47,15 @@ def rerun(file: Path, machines: tuple[str, ...]) -> None:
     recording = Recording(file)
     journals = whole_journals(recording)
     plans = _plans(journals, file)
+    if not machines and not trust:
+        recorded = "; ".join(
+            f"{' '.join(each.definition for each in plan.machines)} in {_folder(journal)}"
+            for journal, plan in zip(journals, plans, strict=True)
+        )
+        raise click.UsageError(
+            f"which machines? The recording names {recorded}: name them yourself, or --trust the "
+            f"file to decide which code runs"
+        )
     given = parse_arguments(machines, None, (), ()).plan.machines if machines else ()
     if given and len(given) != sum(len(plan.machines) for plan in plans):
         names = ", ".join(each.name or each.definition for plan in plans for each in plan.machines)
@@ -50,7 +65,7 @@ def rerun(file: Path, machines: tuple[str, ...]) -> None:
         if given:
             ours, given = given[: len(plan.machines)], given[len(plan.machines) :]
             plan = replace(plan, machines=tuple(map(_in_place_of, plan.machines, ours)))
-        resolved = ResolvedPlan(plan, [Path(), Path(journal.about["folder"])])
+        resolved = ResolvedPlan(plan, [Path(), _folder(journal)] if trust else [Path()])
         again = Rerun(recording.entries(journal), str(file))
         assemble(resolved.plan, resolved.classes, again.environment, library=resolved.library)
         difference = again.compare()
@@ -65,7 +80,7 @@ def rerun(file: Path, machines: tuple[str, ...]) -> None:
 
 
 def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
-    """Return the plans of the recorded arrangements, or raise `NoEventsError`."""
+    """Return the plans of the recorded arrangements; raise `RecordingError` without a valid one."""
     plans = []
     for journal in journals:
         if "plan" not in journal.about:
@@ -73,9 +88,17 @@ def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
                 f"{file} has no plan of its machines: "
                 f"rerun it from Python, with llfsm.bridges.recording.rerun"
             )
-        plain = msgspec.json.decode(journal.about["plan"])
-        plans.append(msgspec.convert(plain, DispatchTable if "slots" in plain else Plan))
+        try:
+            plain = msgspec.json.decode(journal.about["plan"], type=dict[str, Any])
+            plans.append(msgspec.convert(plain, DispatchTable if "slots" in plain else Plan))
+        except (ValueError, RecursionError) as error:
+            raise RecordingFileError(f"{file}: its plan of machines is invalid: {error}") from error
     return plans
+
+
+def _folder(journal: RecordedJournal) -> Path:
+    """Return the folder in which the machines were started."""
+    return Path(journal.about.get("folder", ""))
 
 
 def _in_place_of(recorded: PlannedMachine, given: PlannedMachine) -> PlannedMachine:

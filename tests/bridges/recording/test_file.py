@@ -21,7 +21,7 @@ from mcap.writer import Writer
 
 from llfsm.bridges.recording.errors import RecordingFileError
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.writer import STATISTICS, RecordingWriter
+from llfsm.bridges.recording.writer import ABOUT, STATISTICS, RecordingWriter
 from llfsm.whiteboard import Sample, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.llfsm import (
@@ -155,6 +155,53 @@ def test_a_file_that_is_not_a_recording_is_an_error_that_names_it(
 ) -> None:
     make(file)
     with pytest.raises(RecordingFileError, match=f"^{file}: {why}$"):
+        Recording(file)
+
+
+def test_a_recording_is_private_to_its_user_as_its_board_is(file: Path) -> None:
+    before = os.umask(0)
+    try:
+        write(file, [])
+    finally:
+        os.umask(before)
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize("key", ["offset_ns", "begin_ns"])
+@pytest.mark.parametrize("value", ["x", "", "1.5", "9" * 5000, str(2**63)])
+def test_metadata_that_are_no_numbers_are_an_error(file: Path, key: str, value: str) -> None:
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="llfsm")
+        writer.add_metadata(ABOUT, {"offset_ns": "0", "begin_ns": "0"} | {key: value})
+        writer.finish()
+    with pytest.raises(RecordingFileError, match="has invalid metadata"):
+        Recording(file)
+
+
+@pytest.mark.parametrize("key", ["writer", "capacity", "wraps"])
+@pytest.mark.parametrize("value", ["x", "9" * 5000, str(2**63)])
+def test_a_channel_whose_metadata_are_no_numbers_is_an_error(
+    file: Path, key: str, value: str
+) -> None:
+    schema = msgspec.json.encode(describe(Twist))
+    with foreign_writer(file) as writer:
+        number = writer.register_schema("Twist", "jsonschema", schema)
+        about = {"writer": "1", "capacity": "1024", "wraps": "0"} | {key: value}
+        writer.register_channel("x", "json", number, about)
+    with pytest.raises(RecordingFileError, match="has an invalid channel"):
+        Recording(file)
+
+
+@pytest.mark.parametrize("deep", [500, 100_000])
+def test_a_schema_that_is_deeply_nested_is_an_error(file: Path, deep: int) -> None:
+    with foreign_writer(file) as writer:
+        schema = b'{"a":' * deep + b"1" + b"}" * deep
+        number = writer.register_schema("Deep", "jsonschema", schema)
+        writer.register_channel(
+            "x", "json", number, {"writer": "1", "capacity": "1024", "wraps": "0"}
+        )
+    with pytest.raises(RecordingFileError, match="has an invalid channel"):
         Recording(file)
 
 

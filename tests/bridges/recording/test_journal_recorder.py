@@ -71,7 +71,7 @@ def test_it_may_be_there_before_the_board(llfsm: Any, board: Whiteboard, file: P
     end(machine)
     assert "running before" not in end(recorder)
     remove_board(board.name)
-    assert end_of(llfsm("rerun", file))[0] == 0
+    assert end_of(llfsm("rerun", file, "--trust"))[0] == 0
 
 
 def test_machines_that_start_later_run_again(llfsm: Any, board: Whiteboard, file: Path) -> None:
@@ -96,7 +96,7 @@ def test_machines_that_start_later_run_again(llfsm: Any, board: Whiteboard, file
         "RosPingPong",
     ]
     assert sum(entry["event"] == "End" for entry in entries_in(Recording(file))) == 3
-    status, said = end_of(llfsm("rerun", file))
+    status, said = end_of(llfsm("rerun", file, "--trust"))
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
     status, said = end_of(llfsm("rerun", file, "RosPingPong"))
     assert status == 2
@@ -117,7 +117,7 @@ def test_of_machines_that_ran_before_the_events_are_there_and_it_says_what_is_mi
     assert f"RosPingPong (process {machine.pid}) was running before the recording: its" in said
     (journal,) = Recording(file).journals
     assert not journal.whole
-    status, said = end_of(llfsm("rerun", file))
+    status, said = end_of(llfsm("rerun", file, "--trust"))
     assert (status, said.count("\n")) == (1, 1)
     assert f"RosPingPong (process {machine.pid}) ran before they were recorded, so what" in said
     again = llfsm("record", "-o", "again.mcap", "-b", board.name)  # and another one, later
@@ -171,7 +171,7 @@ def test_machines_that_are_killed_leave_all_that_was_handed_over(
     board.remove()
     assert end_of(recorder)[0] == 0  # though that journal never ended
     assert Recording(file).complete
-    status, said = end_of(llfsm("rerun", file))
+    status, said = end_of(llfsm("rerun", file, "--trust"))
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
 
 

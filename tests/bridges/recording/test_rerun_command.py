@@ -12,11 +12,12 @@ import pytest
 
 from llfsm.bridges.recording.errors import RecordingFileError
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.writer import ARRANGEMENT, RecordingWriter
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from waiting import wait_for
 
-from .conftest import end_of, entries_in, write
+from .conftest import end_of, entries_in, keep_journal, write
 from .journalled_run import keep, patrol
 
 
@@ -37,7 +38,7 @@ def test_a_demo_that_was_recorded_runs_again(llfsm: Any, board: Whiteboard, file
     recording = Recording(file)
     assert recording.complete
     assert {"turtle1/pose", "turtle1/cmd_vel"} <= {*recording.slots}
-    status, said = end_of(llfsm("rerun", file))
+    status, said = end_of(llfsm("rerun", file, "--trust"))
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
     status, said = end_of(llfsm("rerun", file, "RosWallTurttleBot=RosBlindTurttleBot"))
     assert status == 1
@@ -64,6 +65,45 @@ def test_llfsm_demo_records_what_runs_again(llfsm: Any, file: Path) -> None:
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
 
 
+def planned(file: Path, plan: str, folder: Path) -> None:
+    """Make a recording whose plan is that text, started in a folder."""
+    about = {"session": "1-0", "plan": plan, "folder": str(folder)}
+    with RecordingWriter(file, {}) as writer:
+        writer.add_metadata(ARRANGEMENT, about)
+        keep_journal(writer, patrol().entries)
+
+
+def test_no_code_runs_that_only_the_file_names(llfsm: Any, file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "theirs"
+    folder.mkdir()
+    (folder / "evil.py").write_text(
+        "import pathlib\npathlib.Path(__file__).with_name('ran').touch()"
+    )
+    ran = folder / "ran"
+    planned(file, '{"machine": [{"definition": "evil:Patrol"}]}', folder)
+    status, said = end_of(llfsm("rerun", file))
+    assert status == 2, said
+    assert f"names evil:Patrol in {folder}" in said
+    assert "--trust" in said
+    status, said = end_of(llfsm("rerun", file, "RosPingPong"))
+    assert (status, ran.exists()) == (1, False)
+    status, said = end_of(llfsm("rerun", file, "evil:Patrol"))
+    assert (status, ran.exists()) == (2, False)
+    assert "'evil'" in said
+    end_of(llfsm("rerun", file, "--trust"))
+    assert ran.exists()
+
+
+@pytest.mark.parametrize(
+    "plan", ["", "[]", '{"machine": 1}', '{"a":' * 9999, '{"machines": [{"x": 1}]}']
+)
+def test_an_invalid_plan_is_an_error(llfsm: Any, file: Path, tmp_path: Path, plan: str) -> None:
+    planned(file, plan, tmp_path)
+    status, said = end_of(llfsm("rerun", file, "--trust"))
+    assert (status, said.count("\n")) == (1, 1)
+    assert "its plan of machines is invalid" in said
+
+
 @pytest.mark.parametrize(
     ("make", "arguments", "why"),
     [
@@ -76,6 +116,6 @@ def test_wrong_use_is_one_line(
     llfsm: Any, file: Path, make: Any, arguments: list[str], why: str
 ) -> None:
     make(file)
-    status, said = end_of(llfsm("rerun", file, *arguments))
+    status, said = end_of(llfsm("rerun", file, "--trust", *arguments))
     assert (status, said.count("\n")) == (1, 1)
     assert why in said
