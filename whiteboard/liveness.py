@@ -6,12 +6,22 @@ import os
 import socket
 import time
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from .slots import Sample
 
-__all__ = ["born", "host_name", "lives", "pid_namespace", "writer_lives"]
+__all__ = [
+    "Process",
+    "born",
+    "host_name",
+    "identity",
+    "is_local",
+    "lives",
+    "pid_namespace",
+    "process_text",
+    "writer_lives",
+]
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
@@ -29,6 +39,48 @@ def pid_namespace() -> int:
         return os.stat("/proc/self/ns/pid").st_ino
     except OSError:  # not Linux
         return 0
+
+
+class Process(Protocol):
+    """What names a process of any host: a message that one has left."""
+
+    @property
+    def pid(self) -> int:
+        """Its id in its PID namespace."""
+        ...
+
+    @property
+    def born(self) -> int:
+        """When it started, as `born` returns it."""
+        ...
+
+    @property
+    def host(self) -> str:
+        """The name of its host."""
+        ...
+
+    @property
+    def namespace(self) -> int:
+        """The number of its PID namespace."""
+        ...
+
+
+def identity(process: Process) -> tuple[str, int, int, int]:
+    """Return what no other process has: containers may share a host's name, and use equal ids."""
+    return process.host, process.namespace, process.pid, process.born
+
+
+def is_local(process: Process) -> bool:
+    """Return whether this process can look the other one up."""
+    return process.host == host_name() and process.namespace == pid_namespace()
+
+
+def process_text(process: Process) -> str:
+    """Return a process's id, and where that is if not here."""
+    if is_local(process):
+        return f"pid {process.pid}"
+    here = process.host == host_name()
+    return f"pid {process.pid} {'in another PID namespace' if here else f'on {process.host}'}"
 
 
 def born(pid: int) -> int:

@@ -13,6 +13,7 @@ import msgspec
 from llfsm.runtime.presence.commanders import described, is_contested
 from llfsm.runtime.presence.remote import condition_of
 from llfsm.whiteboard import Sample
+from llfsm.whiteboard.liveness import identity
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MACHINES, Commanders, MachineStatus
 
 from .page_source import Change, PageSource, Snapshot
@@ -159,10 +160,10 @@ class FrameEncoder:
         for sample in snapshot.samples.values():
             status: Any = sample.message
             if isinstance(status, MachineStatus) and self._source.is_live(cast(Any, sample)):
-                live.add((status.host, status.pid, status.born))
+                live.add(identity(status))
         sentences = []
         for each in claims:
-            alive = [c for c in each.commanders if (c.host, c.pid, c.born) in live]
+            alive = [c for c in each.commanders if identity(c) in live]
             if is_contested(alive):
                 sentences.append(described(each.slot, alive))
         return sentences

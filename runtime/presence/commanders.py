@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import count
 from typing import TYPE_CHECKING
@@ -17,13 +18,21 @@ from llfsm.whiteboard.errors import (
     SlotError,
     WhiteboardError,
 )
-from llfsm.whiteboard.liveness import born, host_name, lives
+from llfsm.whiteboard.liveness import (
+    born,
+    host_name,
+    identity,
+    is_local,
+    lives,
+    pid_namespace,
+    process_text,
+)
 from llfsm.whiteboard.messages.llfsm import COMMANDERS, Commander, Commanders, commanders_slot
-from llfsm.whiteboard.slots import Slot
+from llfsm.whiteboard.slots import Sample, Slot
 
 from ..engine.errors import ActuatorTakenError, LoadError
 from ..engine.failure import logger
-from .remote import Directory
+from .remote import SILENT_S, Directory
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
@@ -60,7 +69,9 @@ class Claims:
 
         for slot, exclusive in slots.items():
             pid = os.getpid()
-            mine = Commander(machine, pid, born(pid), host_name(), number, exclusive)
+            mine = Commander(
+                machine, pid, born(pid), host_name(), pid_namespace(), number, exclusive
+            )
             try:
                 if slot not in self._slots:
                     self._slots[slot] = _SlotClaims(self._board, slot)
@@ -96,7 +107,7 @@ class _SlotClaims:
         self._slot = slot
         self._bound = board[commanders_slot(slot)]
         self._seen = 0  # the count of the claims when last looked at
-        self._reported: set[tuple[str, int, int]] = set()
+        self._reported: set[tuple[object, int]] = set()
 
     def add(self, mine: Commander) -> None:
         """Claim the slot; raise `ActuatorTakenError` if two claims would be exclusive.
@@ -145,8 +156,8 @@ class _SlotClaims:
         """Replace a claim by another one, and drop those of machines that are gone."""
         while True:
             sample = self._bound.sample()
-            commanders = () if sample is None else sample.message.commanders
-            rest = [each for each in _alive(self._board, commanders) if each != old]
+            alive = [] if sample is None else _alive(self._board, sample)
+            rest = [each for each in alive if each != old]
             other = next((each for each in rest if each.exclusive), None)
             if refuse and new is not None and other is not None:
                 raise ActuatorTakenError(
@@ -159,11 +170,10 @@ class _SlotClaims:
 
     def _report(self) -> None:
         self._seen = self._bound.count
-        claims = self._bound.get()
-        commanders = [] if claims is None else claims.commanders
-        if is_contested(commanders):  # or was, by some that have died
-            commanders = _alive(self._board, commanders)
-            known = {(each.host, each.pid, each.number) for each in commanders}
+        claims = self._bound.sample()
+        if claims is not None and is_contested(claims.message.commanders):
+            commanders = _alive(self._board, claims)  # some may have died
+            known = {(identity(each), each.number) for each in commanders}
             if is_contested(commanders) and known - self._reported:
                 self._reported |= known
                 logger().warning("%s", described(self._slot, commanders))
@@ -171,7 +181,7 @@ class _SlotClaims:
 
 def is_contested(commanders: Sequence[Commander]) -> bool:
     """Return whether several processes command a slot, or one exclusively that is not alone."""
-    processes = {(each.host, each.pid) for each in commanders}
+    processes = {identity(each) for each in commanders}
     exclusive = any(each.exclusive for each in commanders)
     return len(processes) > 1 or (exclusive and len(commanders) > 1)
 
@@ -182,11 +192,11 @@ def contested_slots(board: Board) -> dict[str, list[Commander]]:
     for info in board.slots():
         if info.name.startswith(COMMANDERS):
             with suppress(SlotError, MessageUnreadableError):  # not claims, whatever its name
-                claims = board[Slot(info.name, Commanders, info.capacity)].get()
-                if claims is not None and is_contested(claims.commanders):
-                    commanders = _alive(board, claims.commanders)
+                claims = board[Slot(info.name, Commanders, info.capacity)].sample()
+                if claims is not None and is_contested(claims.message.commanders):
+                    commanders = _alive(board, claims)
                     if is_contested(commanders):
-                        found[claims.slot] = commanders
+                        found[claims.message.slot] = commanders
     return found
 
 
@@ -197,18 +207,21 @@ def described(slot: str, commanders: Sequence[Commander]) -> str:
 
 
 def _named(commander: Commander) -> str:
-    host = "" if commander.host == host_name() else f" on {commander.host}"
     alone = ", exclusive" if commander.exclusive else ""
-    return f"{commander.machine} (pid {commander.pid}{host}{alone})"
+    return f"{commander.machine} ({process_text(commander)}{alone})"
 
 
-def _alive(board: Board, commanders: Iterable[Commander]) -> list[Commander]:
-    """Return those whose process lives; one of another host must publish machines here."""
-    here, elsewhere = host_name(), None
+def _alive(board: Board, claims: Sample[Commanders]) -> list[Commander]:
+    """Return those whose process lives; one that cannot be looked up must publish machines here.
+
+    In another PID namespace it may have claimed a moment ago, and not have published any yet.
+    """
+    elsewhere = None
+    is_recent = time.monotonic_ns() - claims.stamp_ns < SILENT_S * 1e9
     found: dict[tuple[int, int], bool] = {}  # one process often runs many machines
     alive = []
-    for each in commanders:
-        if each.host == here:
+    for each in claims.message.commanders:
+        if is_local(each):
             process = each.pid, each.born
             if process not in found:
                 found[process] = lives(*process)
@@ -216,8 +229,7 @@ def _alive(board: Board, commanders: Iterable[Commander]) -> list[Commander]:
                 alive.append(each)
             continue
         if elsewhere is None:
-            statuses = [machine.status for machine in Directory(board).machines()]
-            elsewhere = {(status.host, status.pid, status.born) for status in statuses}
-        if (each.host, each.pid, each.born) in elsewhere:
+            elsewhere = {identity(machine.status) for machine in Directory(board).machines()}
+        if identity(each) in elsewhere or (is_recent and each.host == host_name()):
             alive.append(each)
     return alive

@@ -15,7 +15,7 @@ import msgspec
 from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.board_files import DIRECTORY
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, SlotError
-from llfsm.whiteboard.liveness import lives
+from llfsm.whiteboard.liveness import identity, is_local, lives
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,
     WILL_BELL,
@@ -27,7 +27,7 @@ from llfsm.whiteboard.messages.llfsm import (
     will_slot,
 )
 
-from .will import execute, is_local, reserve
+from .will import execute, reserve
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Sample
@@ -177,10 +177,8 @@ class Guard:
         """Return how long ago the process published a status; 0 if it never has."""
         with suppress(WhiteboardError):
             sample = self._board[status_slot(machine)].sample()
-            if sample is not None:
-                status = sample.message
-                if (status.pid, status.born, status.host) == (will.pid, will.born, will.host):
-                    return (time.monotonic_ns() - sample.stamp_ns) / 1e9
+            if sample is not None and identity(sample.message) == identity(will):
+                return (time.monotonic_ns() - sample.stamp_ns) / 1e9
         return 0.0
 
     def _execute(self, watched: _Watched, death: _Death) -> None:

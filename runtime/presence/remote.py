@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from llfsm.whiteboard.errors import MessageUnreadableError, SlotError
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
     MACHINES,
@@ -153,13 +153,14 @@ def condition_of(status: MachineStatus, silent_s: float) -> Condition:
 def is_live(sample: Sample[MachineStatus], host: str = "") -> bool:
     """Return whether a machine is loaded by a process that lives.
 
-    On this host the process itself is looked up; on another one, a recent status is all there is.
+    In this PID namespace the process itself is looked up; in another one, as in a container, and on
+    another host, a recent status is all there is.
     """
     status = sample.message
     if not status.loaded:
         return False
     recent = time.monotonic_ns() - sample.stamp_ns < SILENT_S * 1e9
-    if status.host != (host or host_name()):
+    if status.host != (host or host_name()) or status.namespace != pid_namespace():
         return recent
     started = born(status.pid)
     return started == status.born or (recent and started != 0)

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardError
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, is_local, pid_namespace, process_text
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
@@ -320,7 +320,7 @@ class Presence:
         self._has_rung = False
         for machine in Directory(self._board).machines():
             status = machine.status
-            ours = (status.pid, status.host) == (self._pid, host_name())
+            ours = status.pid == self._pid and is_local(status)
             number = re.search(r"\.\d+$", machine.name)
             if ours or number is None or (machine.name, status.pid) in self._logged:
                 continue
@@ -363,6 +363,7 @@ class Presence:
             born=self._born,
             host=host_name(),
             failed=latest.failure is not None,
+            namespace=pid_namespace(),
             hung=bool(latest.hang),
             error=latest.hang or ("" if latest.failure is None else one_line(latest.failure.error)),
             error_state="" if latest.failure is None else latest.failure.error.state,
@@ -371,5 +372,4 @@ class Presence:
 
 
 def _process(status: MachineStatus) -> str:
-    host = "" if status.host == host_name() else f" on {status.host}"
-    return f"process {status.pid}{host}"
+    return process_text(status).replace("pid", "process", 1)

@@ -25,7 +25,15 @@ from llfsm.whiteboard.errors import (
     MessageTooLargeError,
     WhiteboardError,
 )
-from llfsm.whiteboard.liveness import born, host_name, lives, pid_namespace, writer_lives
+from llfsm.whiteboard.liveness import (
+    born,
+    host_name,
+    identity,
+    is_local,
+    lives,
+    pid_namespace,
+    writer_lives,
+)
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,
     WILL_BELL,
@@ -41,7 +49,7 @@ from ..engine.failure import logger, one_line
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 
-__all__ = ["Executed", "Will", "execute", "is_local", "reserve"]
+__all__ = ["Executed", "Will", "execute", "reserve"]
 
 _NEVER = 1 << 48  # no slot's count
 
@@ -84,7 +92,7 @@ class Will:
         if not self._count or self._slot.count == self._count:
             return
         sample = self._slot.sample()
-        if sample is None or not self._is_mine(sample.message):
+        if sample is None or identity(sample.message) != identity(self._will):
             return  # another machine's of this name: one of both gets another one
         if sample.message.state == "executed":
             logger().warning(
@@ -100,13 +108,6 @@ class Will:
         withdrawn = msgspec.structs.replace(self._will, values=(), state="withdrawn")
         if self._count:
             self._slot.add_after(withdrawn, self._count)
-
-    def _is_mine(self, will: LastWill) -> bool:
-        return (will.pid, will.born, will.host) == (
-            self._will.pid,
-            self._will.born,
-            self._will.host,
-        )
 
 
 class Executed(NamedTuple):
@@ -151,11 +152,6 @@ def reserve(board: Board, will: LastWill) -> None:
         with suppress(WhiteboardError, msgspec.MsgspecError, ValueError):
             bound, message = _bind(board, value)
             bound.add_after(message, _NEVER)
-
-
-def is_local(will: LastWill) -> bool:
-    """Return whether this process can look up the one that left the will."""
-    return will.host == host_name() and will.namespace == pid_namespace()
 
 
 def _is_gone(will: LastWill) -> bool:

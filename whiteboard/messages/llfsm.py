@@ -72,7 +72,8 @@ class MachineStatus(Message):
     number `transition` (from 0) of state `source`, which is empty if there was none. `entered_ns`
     is that time on the machine's clock, or 0 before its first ringlet in the state. `pending` is a
     request that takes effect at its next ringlet; `obeyed` is the count of the latest request
-    seen. The process has id `pid` on `host`, and started `born` clock ticks after boot.
+    seen. The process has id `pid` in PID namespace `namespace` of `host`, and started `born` clock
+    ticks after boot.
     After its code has raised, the machine is `failed` until it is resumed or restarted: `error`
     describes it in one line, with section, file and line, `error_state` is the state whose code
     that was, and `error_s` is how many seconds before the message's stamp. While its code is
@@ -98,6 +99,7 @@ class MachineStatus(Message):
     error_state: str = ""
     error_s: float = 0.0
     hung: bool = False
+    namespace: int = 0
 
 
 class MachineRequest(Message):
@@ -118,14 +120,15 @@ BELL = Slot("llfsm/bell", Bell)
 class Commander(Message):
     """A machine that posts to a slot, and claims to be the only one if `exclusive`.
 
-    It is run by process `pid` on `host`, which started `born` clock ticks after boot; `number`
-    distinguishes the claims of that process.
+    It is run by process `pid` in PID namespace `namespace` of `host`, which started `born` clock
+    ticks after boot; `number` distinguishes the claims of that process.
     """
 
     machine: str
     pid: int
     born: int
     host: str
+    namespace: int
     number: int
     exclusive: bool = False
 

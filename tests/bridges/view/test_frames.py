@@ -13,7 +13,7 @@ from llfsm.bridges.view.frames import FrameEncoder
 from llfsm.bridges.view.page_source import Change, PageSource, Snapshot
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
-from llfsm.whiteboard.liveness import host_name
+from llfsm.whiteboard.liveness import host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
     Commander,
     Commanders,
@@ -154,11 +154,14 @@ def test_a_machine_is_running_suspended_failed_hung_silent_or_ended() -> None:
 def test_a_slot_with_several_commanders_is_reported_while_they_are_published() -> None:
     source = Fake()
     encoder = FrameEncoder(source)
-    both = [Commander(f"M{pid}", pid, 1, host_name(), 0) for pid in (5, 6)]
+    both = [Commander(f"M{pid}", pid, 1, host_name(), pid_namespace(), 0) for pid in (5, 6)]
     claims = {commanders_slot("cmd").name: Sample(Commanders("cmd", tuple(both)), 1, 0, 1)}
     statuses = {
         status_slot(each.machine).name: Sample(
-            MachineStatus("a", pid=each.pid, born=1, host=each.host), 1, 0, each.pid
+            MachineStatus("a", pid=each.pid, born=1, host=each.host, namespace=each.namespace),
+            1,
+            0,
+            each.pid,
         )
         for each in both
     }

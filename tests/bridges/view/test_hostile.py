@@ -9,7 +9,7 @@ from typing import Any
 from playwright.sync_api import expect
 
 from llfsm.whiteboard import Message, Slot, Whiteboard
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
     DefinedSection,
     DefinedState,
@@ -37,7 +37,9 @@ class Evil(Message, type_name=f"evil/{HTML}"):
 
 def _status(state: str) -> MachineStatus:
     pid = os.getpid()
-    return MachineStatus(state, pid=pid, born=born(pid), host=host_name())
+    return MachineStatus(
+        state, pid=pid, born=born(pid), host=host_name(), namespace=pid_namespace()
+    )
 
 
 def test_html_is_text_wherever_it_comes_from(

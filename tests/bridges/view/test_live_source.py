@@ -13,7 +13,7 @@ from llfsm.bridges.view.live_source import LiveSource
 from llfsm.bridges.view.state_history import StateHistory
 from llfsm.runtime import Arrangement, Machine, State
 from llfsm.whiteboard import Sample, Slot, Whiteboard
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
     VIEWER,
     JournalPart,
@@ -91,7 +91,13 @@ def test_the_history_is_of_the_states_that_were_seen() -> None:
 
     def note(now_ms: int, state: str, *, in_ms: int, suspended: bool = False) -> None:
         status = MachineStatus(
-            state, suspended, in_state_s=in_ms / 1e3, pid=pid, born=born(pid), host=host_name()
+            state,
+            suspended,
+            in_state_s=in_ms / 1e3,
+            pid=pid,
+            born=born(pid),
+            host=host_name(),
+            namespace=pid_namespace(),
         )
         sample = Sample(status, 1, now_ms * 1_000_000, pid)
         history.add({status_slot("M").name: sample}, now_ms * 1_000_000, lambda _: alive)
@@ -207,6 +213,7 @@ def test_states_that_were_not_seen_are_marked_as_skipped() -> None:
             pid=pid,
             born=born(pid),
             host=host_name(),
+            namespace=pid_namespace(),
         )
         now_ns = next(stamps) * 100_000_000
         history.add({"llfsm/machine/M": Sample(status, 1, now_ns, 1)}, now_ns, lambda _: True)

@@ -16,9 +16,10 @@ CLAIMS = commanders_slot(commanding.CMD.name)
 class Process:
     """A process that loads and runs a machine when it is asked to."""
 
-    def __init__(self, board: str):
+    def __init__(self, board: str, *command: str):
+        """Start it by `command`, if there is one."""
         self.popen = subprocess.Popen(
-            [sys.executable, commanding.__file__, board],
+            [*command, sys.executable, commanding.__file__, board],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

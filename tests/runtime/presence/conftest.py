@@ -35,12 +35,12 @@ def processes(board: Whiteboard) -> Iterator[Processes]:
 
 
 @pytest.fixture
-def process(board: Whiteboard) -> Iterator[Callable[[], Process]]:
+def process(board: Whiteboard) -> Iterator[Callable[..., Process]]:
     """Start processes on the board and see that they have ended."""
     started: list[Process] = []
 
-    def start() -> Process:
-        started.append(Process(board.name))
+    def start(*command: str) -> Process:
+        started.append(Process(board.name, *command))
         return started[-1]
 
     yield start

@@ -12,7 +12,7 @@ from commanding import Alone, Wall
 from llfsm.runtime import ActuatorTakenError, Arrangement, LoadError
 from llfsm.runtime.presence.commanders import contested_slots, described
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
     Bell,
@@ -93,7 +93,7 @@ def test_a_claim_that_a_mirror_replaced_is_written_again(
     assert first.start("Wall", "First") == "loaded"
     mine = board.get_message(CLAIMS).commanders[0]
     pid = second.popen.pid
-    other = Commander("Other", pid, born(pid), host_name(), 0)
+    other = Commander("Other", pid, born(pid), host_name(), pid_namespace(), 0)
     board.add_message(CLAIMS, Commanders("cmd", (other,)))
     wait_for(lambda: board.get_message(CLAIMS).commanders == (other, mine), "both are listed")
     assert first.line().startswith("cmd has two commanders: Other ")
@@ -101,7 +101,7 @@ def test_a_claim_that_a_mirror_replaced_is_written_again(
 
 def test_a_commander_of_another_host_lives_while_its_machines_are_published() -> None:
     board = Whiteboard.local()
-    there = Commander("There", 1, 2, "elsewhere", 3, exclusive=True)
+    there = Commander("There", 1, 2, "elsewhere", 0, 3, exclusive=True)
     board.add_message(CLAIMS, Commanders("cmd", (there,)))
     board.add_message(status_slot("There"), MachineStatus("a", pid=1, born=2, host="elsewhere"))
     with Arrangement(whiteboard=board) as arrangement:

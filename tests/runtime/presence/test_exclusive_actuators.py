@@ -25,7 +25,7 @@ from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.commanders import contested_slots
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Slot, Whiteboard
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import Commander, Commanders, commanders_slot
 from llfsm.whiteboard.messages.std_msgs import Int32
 
@@ -119,7 +119,7 @@ def test_all_slots_of_a_refused_machine_are_given_back() -> None:
 def test_a_process_id_that_is_used_again_is_not_the_owner() -> None:
     board = Whiteboard.local()
     before = born(os.getppid()) - 1
-    claim = Commander("Old", os.getppid(), before, host_name(), 0, exclusive=True)
+    claim = Commander("Old", os.getppid(), before, host_name(), pid_namespace(), 0, exclusive=True)
     board.add_message(CLAIMS, Commanders("cmd", (claim,)))
     with Arrangement([Alone], whiteboard=board):
         assert commanders(board) == ["Alone"]
@@ -196,7 +196,7 @@ def test_there_is_never_more_than_one_exclusive_commander(
         elif step == "died":  # one that has left its claim
             sample = board[CLAIMS].sample()
             before = () if sample is None else sample.message.commanders
-            dead = Commander("Dead", os.getpid(), 1, host_name(), -1, exclusive)
+            dead = Commander("Dead", os.getpid(), 1, host_name(), pid_namespace(), -1, exclusive)
             board.add_message(CLAIMS, Commanders("cmd", (*before, dead)))
         alive = {each: exclusive for names in loaded for each, exclusive in names.items()}
         claims = board.get_message(CLAIMS)

@@ -29,7 +29,7 @@ def test_a_process_that_cannot_be_looked_up_is_judged_by_its_statuses(
     board.add_message(MIRROR, MirrorStatus(pid=1, partition_s=0.5))
     board.add_message(DRIVE, GO)  # by the pid of this process, which is another's there
     left(board, os.getpid(), born=1, namespace=pid_namespace() + 1)
-    status = MachineStatus(pid=os.getpid(), born=1, host=host_name())
+    status = MachineStatus(pid=os.getpid(), born=1, host=host_name(), namespace=pid_namespace() + 1)
     board.add_message(status_slot("Drives"), status)
     guard.look()
     assert board.get_message(DRIVE) == GO
@@ -45,7 +45,7 @@ class Elsewhere:
         board.add_message(MIRROR, MirrorStatus(pid=os.getpid(), partition_s=partition_s))
         board.add_message(DRIVE, GO)
         left(board, 4711, host="far", born=1)
-        status = MachineStatus(pid=4711, born=1, host="far")
+        status = MachineStatus(pid=4711, born=1, host="far", namespace=pid_namespace())
         board.add_message(status_slot("Drives"), status)
 
 

@@ -20,7 +20,7 @@ from llfsm.runtime import (
 )
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import BoundSlot, Slot, Whiteboard
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 from waiting import PATIENCE_S, wait_for
@@ -181,7 +181,9 @@ def test_a_machine_that_nobody_runs_is_unknown_and_others_are_named(
 @pytest.mark.parametrize("ask", ["index_of", "unload", "abandon", "machine", "stop_machine"])
 def test_what_is_done_here_only_knows_machines_here_only(board: Whiteboard, ask: str):
     parent = os.getppid()
-    status = MachineStatus("a", pid=parent, born=born(parent), host=host_name())
+    status = MachineStatus(
+        "a", pid=parent, born=born(parent), host=host_name(), namespace=pid_namespace()
+    )
     board.add_message(status_slot("Other"), status)
     arrangement = Arrangement([Asks], whiteboard=board)
     assert arrangement.is_running("Other")
@@ -226,7 +228,9 @@ def ask_all(directory: Directory) -> None:
 
 def test_asking_again_binds_no_slot_again():
     board, parent = CountingBoard(), os.getppid()
-    status = MachineStatus("a", pid=parent, born=born(parent), host=host_name())
+    status = MachineStatus(
+        "a", pid=parent, born=born(parent), host=host_name(), namespace=pid_namespace()
+    )
     board.add_message(status_slot("Other"), status)
     directory = Directory(board)
     ask_all(directory)

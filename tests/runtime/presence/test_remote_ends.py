@@ -15,7 +15,7 @@ import pytest
 from llfsm.runtime import UnknownMachineError
 from llfsm.runtime.presence.remote import SILENT_S, Directory, is_live
 from llfsm.whiteboard import Sample, Whiteboard
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import MachineStatus
 from waiting import wait_for
 
@@ -62,7 +62,12 @@ def test_a_stopped_process_is_listed_and_its_silence_grows(board: Whiteboard, pr
     wait_for(lambda: Directory(board).find("Worker").silent_s < SILENT_S, "still silent")
 
 
-ME = {"pid": os.getpid(), "born": born(os.getpid()), "host": host_name()}
+ME = {
+    "pid": os.getpid(),
+    "born": born(os.getpid()),
+    "host": host_name(),
+    "namespace": pid_namespace(),
+}
 
 NO_PID = 2**22 + 1  # beyond all that Linux gives
 
@@ -79,6 +84,8 @@ NO_PID = 2**22 + 1  # beyond all that Linux gives
         ({"host": "elsewhere"}, True, True),
         ({"host": "elsewhere"}, False, False),
         ({"host": "elsewhere", "pid": NO_PID}, True, True),
+        ({"namespace": 1}, False, False),
+        ({"namespace": 1, "pid": NO_PID}, True, True),
     ],
 )
 def test_who_is_live(changes: dict[str, Any], recent: bool, live: bool):

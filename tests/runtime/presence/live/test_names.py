@@ -10,7 +10,7 @@ import pytest
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Board, BoundSlot, Slot
-from llfsm.whiteboard.liveness import born, host_name
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 
@@ -48,7 +48,8 @@ def test_a_name_that_was_left_is_taken_again(board: Board):
 
 
 def test_the_name_of_a_dead_process_is_taken(board: Board):
-    dead = MachineStatus("a", pid=2**22 + 1, born=1, host=host_name())  # beyond all pids
+    pid = 2**22 + 1  # beyond all pids
+    dead = MachineStatus("a", pid=pid, born=1, host=host_name(), namespace=pid_namespace())
     board.add_message(status_slot("Idle"), dead)
     Arrangement([Idle], whiteboard=board, clock=ManualClock()).run(max_rounds=2)
     assert status_of(board, "Idle").loaded is False
@@ -57,7 +58,9 @@ def test_the_name_of_a_dead_process_is_taken(board: Board):
 
 def test_of_two_that_took_a_name_at_the_same_time_one_gives_way(board: Board):
     parent = os.getppid()
-    other = MachineStatus("z", pid=parent, born=born(parent), host=host_name())
+    other = MachineStatus(
+        "z", pid=parent, born=born(parent), host=host_name(), namespace=pid_namespace()
+    )
 
     def look(sleeps: int) -> None:
         if sleeps == 3:
@@ -74,7 +77,9 @@ def test_of_two_that_took_a_name_at_the_same_time_one_gives_way(board: Board):
 
 def test_under_its_new_name_a_machine_has_obeyed_nothing_yet(board: Board):
     parent = os.getppid()
-    other = MachineStatus("z", pid=parent, born=born(parent), host=host_name())
+    other = MachineStatus(
+        "z", pid=parent, born=born(parent), host=host_name(), namespace=pid_namespace()
+    )
     obeyed = []
 
     def look(sleeps: int) -> None:
