@@ -6,6 +6,7 @@
 #include "_fields.h"
 
 #include <math.h>
+#include <structmember.h>
 
 static PyTypeObject *port_type;
 static PyObject *sample_type; /* llfsm.whiteboard.board.Sample */
@@ -304,18 +305,6 @@ static PyObject *port_count(Port *self, void *unused)
                                             : NULL;
 }
 
-static PyObject *port_added(Port *self, void *unused)
-{
-    (void)unused;
-    return PyLong_FromUnsignedLongLong(self->added);
-}
-
-static PyObject *port_capacity(Port *self, void *unused)
-{
-    (void)unused;
-    return PyLong_FromUnsignedLongLong(self->slot.capacity);
-}
-
 static PyObject *port_retire(Port *self, PyObject *unused)
 {
     (void)unused;
@@ -335,9 +324,12 @@ static PyMethodDef port_methods[] = {
 
 static PyGetSetDef port_getset[] = {
     {"count", (getter)port_count, NULL, NULL, NULL},
-    {"added", (getter)port_added, NULL, NULL, NULL},
-    {"capacity", (getter)port_capacity, NULL, NULL, NULL},
     {NULL, NULL, NULL, NULL, NULL}};
+
+static PyMemberDef port_members[] = {
+    {"added", T_ULONGLONG, offsetof(Port, added), READONLY, NULL},
+    {"capacity", T_ULONGLONG, offsetof(Port, slot.capacity), READONLY, NULL},
+    {NULL, 0, 0, 0, NULL}};
 
 /* Final, so that the interpreter can call a port's methods directly. */
 static PyType_Slot port_type_slots[] = {
@@ -346,6 +338,7 @@ static PyType_Slot port_type_slots[] = {
     {Py_tp_traverse, port_traverse},
     {Py_tp_methods, port_methods},
     {Py_tp_getset, port_getset},
+    {Py_tp_members, port_members},
     {0, NULL}};
 
 static PyType_Spec port_spec = {

@@ -11,16 +11,7 @@ from .clock import Clock
 from .control import Control
 from .environment import BoardEnvironment, Environment
 from .errors import ArrangementEndedError, ExecutionError, OptionError
-from .events import (
-    Accepting,
-    End,
-    Failed,
-    Observer,
-    Reason,
-    Request,
-    RoundBegin,
-    RoundEnd,
-)
+from .events import Accepting, End, Failed, Observer, Reason, Request, RoundBegin, RoundEnd
 from .execution import Execution
 from .failure import logger
 from .loading import Library, Loadable, Loader, LoadOptions

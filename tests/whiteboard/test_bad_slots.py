@@ -181,7 +181,8 @@ def test_a_mirror_leaves_them_out(board: Whiteboard) -> None:
     def wall_ns(stamp_ns: int) -> int:
         return stamp_ns
 
-    exchange = Exchange(Store(board, 1, wall_ns, NoVersionLog()), Settings(), lambda: 0, lambda: 0)
+    store = Store(board, 1, wall_ns, NoVersionLog(), lambda: 2**62)
+    exchange = Exchange(store, Settings(), lambda: 0, lambda: 0)
     names = [info.name for info in board.slots()]
     for _ in range(2):
         (sent,) = exchange.collect(names, ignore_rates=True)

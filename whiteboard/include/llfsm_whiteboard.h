@@ -22,6 +22,9 @@
  * (lwb_word, lwb_count, lwb_wait and lwb_wait_any access shared memory only; other threads may use
  * the board at the same time.) A forked child may continue to use its parent's. Linux on 64-bit
  * machines only; elsewhere use boards that need no shared memory.
+ *
+ * All of it is one file, so that a program in another language needs to copy and include no more,
+ * and so that one reading shows each memory order beside the one it pairs with.
  */
 #ifndef LLFSM_WHITEBOARD_H
 #define LLFSM_WHITEBOARD_H

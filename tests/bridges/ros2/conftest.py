@@ -6,11 +6,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fake_rclpy import modules
 from free_ports import free_endpoint, free_port
 from llfsm.bridges.ros2.graph import Endpoint, Graph
 from llfsm.bridges.ros2.rclpy_transport.topics import RclpyPublisher
@@ -139,15 +139,8 @@ def middleware(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def fake_rclpy(monkeypatch: pytest.MonkeyPatch, types: TypeLibrary) -> None:
-    """Have the stand-in of fake_rclpy.py imported instead of rclpy."""
-    spec = importlib.util.spec_from_file_location(
-        "fake_rclpy", Path(__file__).with_name("fake_rclpy.py")
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    fake = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(fake)
-    for name, module in fake.modules(types).items():
+    """Have the stand-in imported instead of rclpy."""
+    for name, module in modules(types).items():
         monkeypatch.setitem(sys.modules, name, module)
 
 
