@@ -14,6 +14,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
+from llfsm.errors import did_you_mean
+
 from ..engine.errors import BundleError
 from .model import Fragment
 
@@ -257,7 +259,8 @@ class _Resolver(ast.NodeTransformer):
             return
         if name == UNTRANSLATED:
             raise untranslated(self._fragment, node)
-        raise self._error(node, f"nothing is called {name!r}")
+        near = did_you_mean(name, {*self._known.machine, *self._known.module})
+        raise self._error(node, f"nothing is called {name!r}{near}")
 
     def _error(self, node: Any, what: str) -> Exception:
         return self._fragment.error(what, node.lineno)

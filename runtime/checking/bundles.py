@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import ast
 import builtins
+import sys
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+from llfsm.errors import did_you_mean
 
 from ..bundles import PYTHON, Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from ..bundles.code import parse, parse_expression
@@ -25,14 +28,17 @@ from ..bundles.names import (
     resolve_method,
     untranslated,
 )  # fmt: skip
-from ..bundles.read import Reader
+from ..bundles.read import Reader, read_bundle
 from ..bundles.scope import CONTROLS, Scope
 from ..engine.errors import BundleError, DefinitionError, UnreachableStateWarning
 from ..engine.machine import Machine
+from ..engine.table import Table
+from .bundle_files import unread_files
 from .rules import findings_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
+from .typed_rules import typed_findings
 
-__all__ = ["check_bundle"]
+__all__ = ["bundle_subject", "check_bundle"]
 
 _ALWAYS_KNOWN = frozenset(
     (*dir(builtins), *vars(ModuleType("")), "__builtins__", "__class__", "__file__")
@@ -48,13 +54,19 @@ def check_bundle(folder: Path) -> list[Finding]:
     except BundleError as error:
         return sorted(_finding(each, folder) for each in (*wrong, error))
     findings = [_finding(each, folder) for each in wrong]
-    if bundle.language == PYTHON:
-        checker = _Checker(bundle)
+    checker = _Checker(bundle) if bundle.language == PYTHON else None
+    if checker is not None:
+        findings += unread_files(bundle, folder.resolve())
         findings += findings_of(checker.subject())
         findings += checker.findings
     if not any(each.severity == "error" for each in findings):
-        findings += _load(bundle, folder)
+        findings += _load(bundle, folder, checker)
     return sorted(set(findings))
+
+
+def bundle_subject(folder: Path) -> Subject:
+    """Return the bundle in `folder` as the rules see it; raise `BundleError`."""
+    return _Checker(read_bundle(folder)).subject()
 
 
 class _Lenient(Reader):
@@ -72,14 +84,14 @@ class _Lenient(Reader):
             return fragment.text.strip()
 
 
-def _load(bundle: Bundle, folder: Path) -> list[Finding]:
+def _load(bundle: Bundle, folder: Path, checker: _Checker | None) -> list[Finding]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnreachableStateWarning)  # there is a rule for it
-            compile_bundle(bundle)
+            machine = compile_bundle(bundle)
     except (BundleError, DefinitionError) as error:
         return [_finding(error, folder)]
-    return []
+    return [] if checker is None else checker.typed(machine.table)
 
 
 def _finding(error: BundleError | DefinitionError, folder: Path) -> Finding:
@@ -129,6 +141,7 @@ class _CheckedScope(Scope):
         super().__init__(set(within.included) if within else set(), within=within, prefix=prefix)
         self.included: set[str]
         self.everything: bool = within is not None and within.everything
+        self.module: dict[str, Any] = {}  # once the bundle is loaded
         self.checker = checker
 
     @property
@@ -173,6 +186,10 @@ class _CheckedScope(Scope):
             result.actuators.add(name)
             if "at_end" not in options:  # a use
                 result.declared[name] = Declared("actuator", place)
+        if isinstance(node.value, ast.Constant):
+            kind = type(node.value.value).__name__
+            text = f"a variable needs a type, as {name}: {kind} = {ast.unparse(node.value)}"
+            self.wrong(fragment.error(text, node.lineno))
         return _KINDS.get(called, "a port")
 
     def function(self, node: ast.FunctionDef, fragment: Fragment) -> None:
@@ -185,6 +202,17 @@ class _Checker:
         self.findings: list[Finding] = []
         self.attributes = {*dir(Machine)}
         self.result = Subject([], bundle.suspend, self.attributes)
+        self.scopes: dict[str, _CheckedScope] = {}  # by state; that of the machine is ""
+
+    def typed(self, table: Table) -> list[Finding]:
+        """Return what the rules that need types find, now that the bundle is loaded."""
+        names = vars(sys.modules[table.path])
+        self.scopes[""].module.update(names)
+        for state in table.states:
+            guards = [each.guard for each in state.transitions if each.guard is not None]
+            code = next(iter([*state.sections.values(), *guards]), None)
+            self.scopes[state.name].module.update(getattr(code, "__globals__", names))
+        return typed_findings(self.result, table)
 
     def subject(self) -> Subject:
         """Return the subject; errors in its names are added to `findings`."""
@@ -225,6 +253,7 @@ class _Checker:
         """Return the scope of the code of `source`."""
         prefix = "" if within is None else f"{source.name}."
         scope = _CheckedScope(self, within, prefix)
+        self.scopes["" if within is None else source.name] = scope
         scope.declare(source)
         self.attributes |= {meaning.attribute for meaning in scope.names.values()}
         return scope
@@ -240,7 +269,9 @@ class _Checker:
             self.add(error)
             return
         self.add_missing(node, fragment, known, scope)
-        self.result.methods[scope.prefix + node.name] = Code(node.body, MACHINE, fragment.source)
+        self.result.methods[scope.prefix + node.name] = Code(
+            node.body, MACHINE, fragment.source, scope.module
+        )
 
     def code(
         self, fragment: Fragment, scope: _CheckedScope, *, expression: bool = False
@@ -257,8 +288,9 @@ class _Checker:
             return None
         self.add_missing(tree, fragment, known, scope)
         if isinstance(tree, ast.Module):
-            return Code(tree.body, MACHINE, fragment.source)
-        return Code([ast.copy_location(ast.Return(tree), tree)], MACHINE, fragment.source)
+            return Code(tree.body, MACHINE, fragment.source, scope.module)
+        body = [ast.copy_location(ast.Return(tree), tree)]
+        return Code(body, MACHINE, fragment.source, scope.module)
 
     def add_missing(
         self, tree: ast.AST, fragment: Fragment, known: Known, scope: _CheckedScope
@@ -271,7 +303,8 @@ class _Checker:
             if node.id == UNTRANSLATED:
                 self.add(untranslated(fragment, node))
             elif not scope.everything:
-                self.add(fragment.error(f"nothing is called {node.id!r}", node.lineno))
+                near = did_you_mean(node.id, {*scope.names, *scope.included})
+                self.add(fragment.error(f"nothing is called {node.id!r}{near}", node.lineno))
 
     def warn_of_parameters(self, tree: ast.AST, fragment: Fragment) -> None:
         for node in ast.walk(tree):

@@ -8,13 +8,17 @@ from collections.abc import Callable, Iterator
 from types import FunctionType
 from typing import Any
 
+from llfsm.errors import did_you_mean
+
 from ..engine.machine import Machine
 from ..engine.source_text import parse_file, syntax_of
 from ..engine.state import State, Transition
 from .rules import findings_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
+from .typed_rules import typed_findings
+from .unbound import unbound_names
 
-__all__ = ["check_class"]
+__all__ = ["check_class", "class_subject"]
 
 
 def check_class(cls: type[Machine]) -> list[Finding]:
@@ -22,7 +26,14 @@ def check_class(cls: type[Machine]) -> list[Finding]:
 
     Only what the class itself declares can be unused: other classes may use what it inherits.
     """
-    return findings_of(_Reader(cls).subject())
+    reader = _Reader(cls)
+    subject = reader.subject()
+    return sorted({*findings_of(subject), *typed_findings(subject, cls.table), *reader.findings})
+
+
+def class_subject(cls: type[Machine]) -> Subject:
+    """Return `cls` as the rules see it."""
+    return _Reader(cls).subject()
 
 
 class _Reader:
@@ -30,6 +41,7 @@ class _Reader:
         self.cls = cls
         self.table = cls.table
         self.opaque = False
+        self.findings: list[Finding] = []
         self.file = getattr(sys.modules.get(cls.__module__), "__file__", None) or "<unknown>"
         self.definition = _class_definition(self.file, cls.__qualname__)
         self.line = self.definition.lineno if self.definition else 1
@@ -100,7 +112,14 @@ class _Reader:
             self.opaque = True
             return None
         body = node.body if isinstance(node.body, list) else [_returned(node.body)]
-        return Code(body, arguments[0].arg, function.__code__.co_filename)
+        file = function.__code__.co_filename
+        for name, line in unbound_names(function):
+            near = did_you_mean(name, {*function.__globals__, *sys.stdlib_module_names})
+            text = f"nothing is called {name!r}{near}"
+            if name in sys.stdlib_module_names:
+                text = f"nothing is called {name!r}; is an import missing?"
+            self.findings.append(Finding(file, line, "error", text))
+        return Code(body, arguments[0].arg, file, function.__globals__)
 
     def place(self, name: str) -> Place:
         """Return where the class gives `name` its meaning, or where the class begins."""

@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
+from llfsm.errors import did_you_mean
+
 from ..engine.table import dead_transitions, unreachable_states
 from .subject import Code, Finding, Place, Subject
-from .uses import uses_of
+from .uses import nodes_of, uses_of
 
 __all__ = ["findings_of"]
 
@@ -20,7 +22,7 @@ _UNUSED = {"variable": "used", "sensor": "read", "actuator": "called"}
 
 def findings_of(subject: Subject) -> list[Finding]:
     """Return what all rules find wrong, in the order of files and lines, each thing once."""
-    rules = (_unreachable, _dead, _unused, _unknown, _guards)
+    rules = (_unreachable, _dead, _unused, _unknown, _uninitialised, _guards)
     return sorted({finding for rule in rules for finding in rule(subject)})
 
 
@@ -40,7 +42,7 @@ def _dead(subject: Subject) -> Iterator[Finding]:
 
 
 def _unused(subject: Subject) -> Iterator[Finding]:
-    uses = [uses_of(code) for code in _all_code(subject)]
+    uses = [uses_of(code) for code in subject.all_code()]
     if subject.opaque or any(each.escapes for each in uses):
         return  # code that is not here may use them
     used = {name for each in uses for name in (*each.loaded, *each.stored)}
@@ -54,7 +56,7 @@ def _unused(subject: Subject) -> Iterator[Finding]:
 def _unknown(subject: Subject) -> Iterator[Finding]:
     if subject.attributes is None:
         return
-    code = list(_all_code(subject))
+    code = list(subject.all_code())
     uses = [uses_of(each) for each in code]
     if any(each.escapes for each in uses):
         return  # code that is not here may set them
@@ -62,7 +64,19 @@ def _unknown(subject: Subject) -> Iterator[Finding]:
     for piece, each in zip(code, uses, strict=True):
         for name, line in each.loaded.items():
             if name not in known:
-                yield Finding(piece.file, line, "error", f"the machine has no {name!r}")
+                near = did_you_mean(name, known)
+                yield Finding(piece.file, line, "error", f"the machine has no {name!r}{near}")
+
+
+def _uninitialised(subject: Subject) -> Iterator[Finding]:
+    code = subject.methods.get("__init__")
+    if code is None:
+        return
+    calls = (node.func for node in nodes_of(code) if isinstance(node, ast.Call))
+    if not any(isinstance(each, ast.Attribute) and each.attr == "__init__" for each in calls):
+        line = getattr(code.body[0], "lineno", 1)
+        text = "__init__ must call super().__init__(**variables); better declare variables"
+        yield Finding(code.file, line, "error", text)
 
 
 def _guards(subject: Subject) -> Iterator[Finding]:
@@ -90,10 +104,3 @@ def _effects(subject: Subject, guard: Code) -> Iterator[Finding]:
             elif name in subject.methods and name not in seen:
                 seen.add(name)
                 todo.append((subject.methods[name], where, through or f", through {name!r}"))
-
-
-def _all_code(subject: Subject) -> Iterator[Code]:
-    yield from subject.sections
-    yield from subject.methods.values()
-    for state in subject.states:
-        yield from (each.guard for each in state.transitions if each.guard is not None)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, TypeAlias
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 __all__ = [
     "CheckedState", "CheckedTransition", "Code", "Declared", "Finding", "Place", "Severity",
@@ -32,11 +33,12 @@ class Finding(NamedTuple):
 
 
 class Code(NamedTuple):
-    """Statements, and the name of their machine in them."""
+    """Statements, the name of their machine in them, and the names of their module."""
 
     body: Sequence[ast.AST]
     machine: str
     file: str
+    names: Mapping[str, Any] = MappingProxyType({})
 
     @property
     def is_true(self) -> bool:
@@ -87,3 +89,14 @@ class Subject:
     methods: dict[str, Code] = field(default_factory=dict)
     sections: list[Code] = field(default_factory=list)
     opaque: bool = False
+
+    def all_code(self) -> Iterator[Code]:
+        """Return the machine's code: sections, functions and guards."""
+        yield from self.sections
+        yield from self.methods.values()
+        yield from self.guards()
+
+    def guards(self) -> Iterator[Code]:
+        """Return the guards of all transitions."""
+        for state in self.states:
+            yield from (each.guard for each in state.transitions if each.guard is not None)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from .subject import Code
 
-__all__ = ["Uses", "uses_of"]
+__all__ = ["Uses", "nodes_of", "uses_of"]
 
 _Function: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 
@@ -34,6 +35,23 @@ def uses_of(code: Code) -> Uses:
     for node in code.body:
         visitor.visit(node)
     return visitor.uses
+
+
+def nodes_of(code: Code) -> Iterator[ast.AST]:
+    """Return the nodes of `code`, without functions in which the machine's name means another."""
+    todo = [*code.body]
+    while todo:
+        node = todo.pop()
+        if not (isinstance(node, _Function) and _hides(node, code.machine)):
+            yield node
+            todo += ast.iter_child_nodes(node)
+
+
+def _hides(node: _Function, name: str) -> bool:
+    """Return whether a function has a parameter of that name, so another object is called so."""
+    arguments = node.args
+    own = (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
+    return any(each.arg == name for each in own)
 
 
 class _Visitor(ast.NodeVisitor):
@@ -73,10 +91,8 @@ class _Visitor(ast.NodeVisitor):
         self._function(node)
 
     def _function(self, node: _Function) -> None:
-        arguments = node.args
-        for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
-            if each.arg == self._machine:
-                return  # another object of that name
+        if _hides(node, self._machine):
+            return
         self._depth += 1
         self.generic_visit(node)
         self._depth -= 1

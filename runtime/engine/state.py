@@ -177,7 +177,10 @@ class Transition:
     def __call__(self, guard: G) -> G:
         """Require `guard` too."""
         if self.guard is not None:
-            raise DefinitionError(f"state {_name(self.source)!r}: {self!r} has two guards")
+            raise DefinitionError(
+                f"state {_name(self.source)!r}: the transition to {_name(self.target)!r} "
+                f"has two guards"
+            )
         _check_code(self.source, "a guard", guard)
         self.guard = guard
         return guard

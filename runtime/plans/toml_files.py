@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from llfsm.errors import did_you_mean
+
 from ..engine.errors import ConfigurationError
 
 __all__ = ["line_of", "read_text", "read_toml"]
@@ -43,7 +45,10 @@ def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: 
         found = _WHERE.search(str(error))
         where = _steps(found[1]) if found else ()
         what = _WHERE.sub("", str(error))
-        raise _located(what, file, text, where, _unknown_key(what)) from error
+        key = _unknown_key(what)
+        if key is not None:
+            what = f"there is no key {key!r} here{did_you_mean(key, _keys(kind))}"
+        raise _located(what, file, text, where, key) from error
     except ConfigurationError as error:
         raise _located(error.what, file, text, error.where) from error
     except ValueError as error:  # a number of thousands of digits
@@ -117,6 +122,26 @@ def _located(
 def _unknown_key(what: str) -> str | None:
     found = re.search(r"unknown field `(.*)`", what)
     return found[1] if found else None
+
+
+def _keys(kind: Any) -> set[str]:
+    """Return the keys that tables of `kind` can have, on whatever level."""
+    keys: set[str] = set()
+    todo, seen = [msgspec.inspect.type_info(kind)], set[int]()
+    while todo:
+        found: Any = todo.pop()
+        if isinstance(found, msgspec.inspect.StructType):
+            if id(found.cls) not in seen:
+                seen.add(id(found.cls))
+                keys |= {field.encode_name for field in found.fields}
+                todo += [field.type for field in found.fields]
+        else:
+            parts = (getattr(found, name, ()) for name in ("types", "item_types"))
+            todo += [part for several in parts for part in several]
+            for name in ("item_type", "value_type"):
+                if hasattr(found, name):
+                    todo.append(getattr(found, name))
+    return keys
 
 
 def _steps(path: str) -> Path_:

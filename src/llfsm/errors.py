@@ -15,12 +15,14 @@ class LlfsmError(Exception):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'x' or 'y'?" for at most three similar names, "" if none is similar.
+    """Return "; did you mean 'x' or 'y'?" for at most two similar names, "" if none is similar.
 
     Case does not count. Error messages end with it.
     """
     from difflib import get_close_matches  # only an error needs it
 
     names = {each.casefold(): each for each in known}
-    near = [repr(names[each]) for each in get_close_matches(name.casefold(), names, cutoff=0.65)]
+    near = [
+        repr(names[each]) for each in get_close_matches(name.casefold(), names, n=2, cutoff=0.65)
+    ]
     return f"; did you mean {' or '.join(near)}?" if near else ""

@@ -21,9 +21,9 @@ direction = "to_ros"
 """
 
 BAD_FILES = {
-    "direction = 1": ("1", "unknown field `direction`"),
+    "direction = 1": ("1", "there is no key 'direction' here"),
     "[[relay]]\nslot = ": ("2", "Invalid value"),
-    GOOD + 'topc = "x"': ("5", "unknown field `topc`"),
+    GOOD + 'topc = "x"': ("5", "there is no key 'topc' here"),
     GOOD.replace("to_ros", "away"): ("4", "away"),
     GOOD + "depth = 0": ("5", ">= 1"),
     GOOD + "rate = -1": ("5", "> 0"),

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from llfsm.runtime.checking import Finding, check_bundle, check_class
-from llfsm.runtime.engine.errors import UnreachableStateWarning
+from llfsm.runtime.checking import Finding, check_arrangement, check_bundle, check_class
+from llfsm.runtime.engine.environment import BoardEnvironment
+from llfsm.runtime.engine.errors import FsmError, UnreachableStateWarning
+from llfsm.runtime.plans.plan import assemble, read_plan
+from llfsm.whiteboard import Whiteboard
 
 from .machine_names import MachineImportError, find_bundle, find_machine, search_modules_in
+from .run.arguments import parse_arguments
 
 __all__ = ["check"]
 
@@ -18,14 +23,15 @@ __all__ = ["check"]
 @click.command()
 @click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
 def check(machines: tuple[str, ...]) -> None:
-    """Check each MACHINE: one that ships, patrol.py:Patrol, or a .machine bundle.
+    """Check each MACHINE: one that ships, patrol.py:Patrol, a bundle, or an arrangement file.
 
     Print a line for each finding: FILE:LINE: error or warning: what is wrong. The exit status is 1
     if there is an error. Sections and expressions are read, never run.
 
     \b
     llfsm check RosWallTurttleBot
-    llfsm check patrol:Patrol Lamp.machine
+    llfsm check patrol.py Lamp.machine
+    llfsm check robot.toml
     """
     findings = sorted({finding for machine in machines for finding in _check(machine)})
     for file, line, severity, text in findings:
@@ -37,14 +43,37 @@ def check(machines: tuple[str, ...]) -> None:
 
 
 def _check(name: str) -> list[Finding]:
-    search_modules_in()
-    bundle = find_bundle(name)
+    return _check_file(Path(name)) if name.endswith(".toml") else _check_machine(name)
+
+
+def _check_file(file: Path) -> list[Finding]:
+    """Check the machines of an arrangement file, then what they are together."""
+    folders = (file.absolute().parent, Path())
+    definitions = {planned.definition for planned in read_plan(file).machines}
+    try:
+        found = [each for name in definitions for each in _check_machine(name, folders)]
+    except click.UsageError as error:  # there is no such machine
+        return [Finding(str(file.absolute()), 1, "error", error.message)]
+    if any(each.severity == "error" for each in found):
+        return found
+    resolved = parse_arguments([str(file)], None, (), ())
+    try:
+        environment = BoardEnvironment(Whiteboard.local())  # loaded, but never given a turn
+        assemble(resolved.plan, resolved.classes, environment, library=resolved.library)
+    except FsmError as error:
+        return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
+    return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes)
+
+
+def _check_machine(name: str, folders: Sequence[Path] = (Path(),)) -> list[Finding]:
+    search_modules_in(folders)
+    bundle = find_bundle(name, folders)
     if bundle is not None:
         return check_bundle(bundle)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnreachableStateWarning)  # a rule finds these
-            machine = find_machine(name)
+            machine = find_machine(name, folders)
     except MachineImportError as error:
         return [Finding(error.file, error.line, "error", error.problem)]
     return check_class(machine)

@@ -31,13 +31,23 @@ class MachineImportError(LlfsmError):
     """
 
     def __init__(self, cause: Exception, file: str, line: int):
-        text = cause.msg if isinstance(cause, SyntaxError) else str(cause)
-        if isinstance(cause, AttributeError) and cause.name is not None:
-            text += did_you_mean(cause.name, dir(cause.obj))
-        self.problem = f"{type(cause).__name__}: {text}"
+        self.problem = f"{type(cause).__name__}: {_text(cause)}"
         self.file = file
         self.line = line
         super().__init__(f"{file}:{line}: {self.problem}")
+
+
+def _text(error: Exception) -> str:
+    """Return what an error says, without paths, and what was meant by a name in it."""
+    if isinstance(error, SyntaxError):
+        return error.msg
+    if isinstance(error, AttributeError) and error.name is not None:
+        return str(error) + did_you_mean(error.name, dir(error.obj))
+    if isinstance(error, ImportError) and error.name in sys.modules:
+        text, _, _ = str(error).partition(" (")
+        name = text.split("'")[1] if text.startswith("cannot import name '") else ""
+        return text + did_you_mean(name, dir(sys.modules[error.name]))
+    return str(error)
 
 
 def find_bundle(name: str, folders: Iterable[Path] = _HERE) -> Path | None:

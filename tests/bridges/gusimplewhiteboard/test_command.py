@@ -144,7 +144,7 @@ def test_it_ends_with_the_board(native: Native, tmp_path: Path, board: str, path
         ("structures:CPose", "structures:CPosse", 16, "no ctypes structure 'structures:CPosse'"),
         ('"out"', '"up"', 17, "relay[1].direction: Invalid enum value 'up'"),
         ("period_ms = 1.0", "period_ms = 0", 2, "period_ms: Expected `float` > 0.0"),
-        ("slot = ", "slots = ", 6, "unknown field `slots`"),
+        ("slot = ", "slots = ", 6, "there is no key 'slots' here"),
     ],
 )
 def test_an_error_in_the_file_has_its_line(

@@ -1,0 +1,81 @@
+"""What is wrong with machines together: names that none of them has, slots that two command."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from llfsm.errors import did_you_mean
+
+from ..bundles import SUFFIX
+from ..engine.machine import Machine
+from ..plans.plan import Plan
+from .bundles import bundle_subject
+from .classes import class_subject
+from .subject import Code, Finding, Subject
+from .uses import nodes_of
+
+__all__ = ["check_arrangement"]
+
+_OF_A_MACHINE = frozenset({
+    "abandon", "index_of", "is_running", "is_suspended", "restart", "resume", "state_name_of",
+    "status", "suspend", "unload",
+})  # fmt: skip
+_LOADING = frozenset({"call_machine", "load", "load_suspended"})
+
+
+def check_arrangement(
+    file: Path, plan: Plan, classes: Mapping[str, type[Machine]]
+) -> list[Finding]:
+    """Return what is wrong with the machines of an arrangement file together.
+
+    `classes` are the machines' classes by name, in the plan's order. What is wrong with each of
+    them alone is not found here.
+    """
+    subjects = {cls: _subject(cls) for cls in classes.values()}
+    found = {*_unknown_names([*subjects.values()], {*classes})}
+    planned = zip(classes.items(), plan.machines, strict=True)
+    commanders = defaultdict(list)
+    for (name, cls), machine in planned:
+        for slot in {actuator.slot.name for actuator in cls.table.actuators.values()}:
+            commanders[machine.slots.get(slot, slot)].append(name)
+    for slot, names in commanders.items():
+        if len(names) > 1:
+            text = f"{' and '.join(names)} post to {slot!r}; is only one of them to run at a time?"
+            found.add(Finding(str(file), 1, "warning", text))
+    return sorted(found)
+
+
+def _subject(cls: type[Machine]) -> Subject:
+    folder = Path(cls.table.path)
+    is_bundle = folder.suffix == SUFFIX and folder.is_dir()
+    return bundle_subject(folder) if is_bundle else class_subject(cls)
+
+
+def _unknown_names(subjects: list[Subject], known: set[str]) -> Iterator[Finding]:
+    """Find requests to machines that the arrangement does not have and that no code loads."""
+    requests: list[tuple[Code, ast.Call, str]] = []
+    for subject in subjects:
+        for code in subject.all_code():
+            for node in nodes_of(code):
+                match node:
+                    case ast.Call(ast.Attribute(ast.Name(code.machine), called), arguments):
+                        name = _text(arguments[0]) if arguments else None
+                        if called in _LOADING:
+                            options = {each.arg: each.value for each in node.keywords}
+                            loaded = _text(options["name"]) if "name" in options else name
+                            if loaded is None:
+                                return  # under a name that is not here
+                            known.add(loaded)
+                        elif called in _OF_A_MACHINE and name is not None:
+                            requests.append((code, node, name))
+    for code, node, name in requests:
+        if name not in known:
+            text = f"no machine {name!r} in the arrangement; it has: {', '.join(sorted(known))}"
+            yield Finding(code.file, node.lineno, "warning", text + did_you_mean(name, known))
+
+
+def _text(node: ast.expr) -> str | None:
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None

@@ -1,0 +1,298 @@
+"""The types that expressions have, as far as messages, variables and literals determine them.
+
+A value's `Options` are the types one of which it has. They are empty where they are unknown,
+and then no rule finds anything: what code does with values from elsewhere is not checked.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+from collections import Counter
+from collections.abc import Callable, Mapping
+from enum import Enum
+from functools import cache
+from types import FunctionType, ModuleType, NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from ..engine.table import Table
+from .subject import Code
+from .uses import nodes_of
+
+__all__ = [
+    "MISSING",
+    "Options",
+    "Types",
+    "fields_of",
+    "is_message",
+    "may_be",
+    "named",
+    "options_of",
+]
+
+Options: TypeAlias = tuple[Any, ...]
+
+MISSING = object()
+_UNKNOWN: Options = ()
+_NUMBERS = {bool, int, float}
+_RESULTS: dict[Callable[..., Any], type] = {
+    all: bool, any: bool, bool: bool, callable: bool, float: float, hasattr: bool, int: int,
+    isinstance: bool, len: int, str: str,
+}  # fmt: skip
+_DISPLAYS = {ast.Tuple: tuple, ast.List: list, ast.Dict: dict, ast.Set: set, ast.JoinedStr: str}
+_COLLECTIONS = (tuple, list, set, frozenset)
+
+
+def options_of(annotation: Any) -> Options:
+    """Return the types that an annotation allows; none if one of them is unknown."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return options_of(get_args(annotation)[0])
+    if origin is Literal:
+        return tuple(dict.fromkeys(type(value) for value in get_args(annotation)))
+    if origin in (Union, UnionType):
+        found = [options_of(each) for each in get_args(annotation)]
+        return _joined(found)
+    if annotation is None:
+        return (NoneType,)
+    if annotation in (Any, object):
+        return _UNKNOWN
+    return (annotation,) if isinstance(origin or annotation, type) else _UNKNOWN
+
+
+@cache
+def fields_of(message: type[msgspec.Struct]) -> dict[str, msgspec.structs.FieldInfo]:
+    """Return the fields of a message class by name; none if its annotations do not resolve."""
+    try:
+        return {field.name: field for field in msgspec.structs.fields(message)}
+    except (NameError, AttributeError, TypeError):
+        return {}
+
+
+def is_message(option: Any) -> bool:
+    """Return whether a type is a message class."""
+    return isinstance(option, type) and issubclass(option, msgspec.Struct)
+
+
+def may_be(node: ast.expr, given: Options, annotation: Any) -> bool:
+    """Return whether an expression with the types `given` may have a value of `annotation`."""
+    wanted = options_of(annotation)
+    if not (given and wanted):
+        return True
+    try:
+        value = ast.literal_eval(node)
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        return any(_fits(one, other) for one in given for other in wanted)
+    try:
+        msgspec.convert(value, annotation)
+    except msgspec.ValidationError:
+        return False
+    except TypeError:  # msgspec does not know the type
+        return any(_fits(one, other) for one in given for other in wanted)
+    return True
+
+
+def named(options: Options) -> str:
+    """Return how to call types in a finding."""
+    names = [
+        "None" if each is NoneType else getattr(each, "__name__", str(each)) for each in options
+    ]
+    return " or ".join(dict.fromkeys(names))
+
+
+class Types:
+    """The types of the expressions in one piece of a machine's code."""
+
+    def __init__(self, code: Code, table: Table):
+        self._machine = code.machine
+        self._names: Mapping[str, Any] = code.names
+        self._table = table
+        self._locals = _assigned_once(code)
+        self._under_way: set[str] = set()
+
+    def of(self, node: ast.expr) -> Options:
+        """Return the types of an expression."""
+        match node:
+            case ast.Constant(value):
+                return (type(value),)
+            case ast.Attribute(ast.Name(self._machine), name):
+                return self._of_attribute(name)
+            case ast.Attribute(value, name):
+                return self._of_field(value, name) or self._of_known(node)
+            case ast.Name(name) if name in self._locals:
+                return self._of_local(name)
+            case ast.Name():
+                return self._of_known(node)
+            case ast.Call():
+                return self._of_call(node)
+            case ast.NamedExpr(_, value):
+                return self.of(value)
+            case ast.BoolOp(op, values):
+                return self._of_operands(op, values)
+            case ast.UnaryOp(ast.Not()):
+                return (bool,)
+            case ast.UnaryOp(ast.USub(), operand):
+                found = self.of(operand)
+                return found if {*found} <= {int, float} else _UNKNOWN
+            case ast.BinOp(left, op, right):
+                return self._of_arithmetic(op, self.of(left), self.of(right))
+            case ast.Compare():
+                return self._of_comparison(node)
+            case ast.IfExp(_, body, orelse):
+                return _joined([self.of(body), self.of(orelse)])
+            case ast.Subscript(value, index):
+                return _of_item(self.of(value), index)
+        return (_DISPLAYS[type(node)],) if type(node) in _DISPLAYS else _UNKNOWN
+
+    def value_of(self, node: ast.expr) -> Any:
+        """Return what a name of the module, or of a module or enum in it, is; else `MISSING`."""
+        match node:
+            case ast.Name(name) if name not in self._locals:
+                return self._names.get(name, getattr(builtins, name, MISSING))
+            case ast.Attribute(value, name):
+                within = self.value_of(value)
+                if isinstance(within, ModuleType) or (
+                    isinstance(within, type) and issubclass(within, Enum)
+                ):
+                    return getattr(within, name, MISSING)
+        return MISSING
+
+    def _of_attribute(self, name: str) -> Options:
+        if name in self._table.sensors:
+            sensor = self._table.sensors[name]
+            return tuple(dict.fromkeys((sensor.slot.type, type(sensor.default))))
+        if name in self._table.variables:
+            return options_of(self._table.variables[name].type)
+        found = getattr(self._table.states[0].owner, name, None)
+        return _result(found.fget) if isinstance(found, property) else _UNKNOWN
+
+    def _of_field(self, value: ast.expr, name: str) -> Options:
+        options = [each for each in self.of(value) if each is not NoneType]
+        if not all(map(is_message, options)):
+            return _UNKNOWN
+        fields = [fields_of(each)[name] for each in options if name in fields_of(each)]
+        return _joined([options_of(field.type) for field in fields])
+
+    def _of_local(self, name: str) -> Options:
+        value = self._locals[name]
+        if value is None or name in self._under_way:
+            return _UNKNOWN
+        self._under_way.add(name)
+        found = self.of(value)
+        self._under_way.remove(name)
+        return found
+
+    def _of_known(self, node: ast.expr) -> Options:
+        """Return the type of a constant of the module, written in capitals, or of an enum."""
+        value = self.value_of(node)
+        name = node.id if isinstance(node, ast.Name) else getattr(node, "attr", "")
+        simple = isinstance(value, bool | int | float | str | msgspec.Struct)
+        if isinstance(value, Enum) or (simple and name.isupper()):
+            return (type(value),)
+        return _UNKNOWN
+
+    def _of_call(self, node: ast.Call) -> Options:
+        match node.func:
+            case ast.Attribute(ast.Name(self._machine), name):
+                return _result(getattr(self._table.states[0].owner, name, None))
+        called = self.value_of(node.func)
+        if is_message(called):
+            return (called,)
+        return (
+            (_RESULTS[called],)
+            if isinstance(called, type | type(len)) and called in _RESULTS
+            else _UNKNOWN
+        )
+
+    def _of_operands(self, op: ast.boolop, values: list[ast.expr]) -> Options:
+        """Return what `and` returns: a false operand or the last; `or`: a true one or the last."""
+        found = [self.of(each) for each in values]
+        if not all(found):
+            return _UNKNOWN
+        never = NoneType if isinstance(op, ast.Or) else msgspec.Struct
+        kept = [
+            tuple(
+                each for each in options if not (isinstance(each, type) and issubclass(each, never))
+            )
+            for options in found[:-1]
+        ]
+        return tuple(dict.fromkeys(each for options in (*kept, found[-1]) for each in options))
+
+    def _of_arithmetic(self, op: ast.operator, left: Options, right: Options) -> Options:
+        both = {*left, *right}
+        if not (left and right and both <= _NUMBERS) or isinstance(op, ast.Pow | ast.MatMult):
+            return _UNKNOWN
+        if isinstance(op, ast.BitAnd | ast.BitOr | ast.BitXor) and both == {bool}:
+            return (bool,)
+        return (float,) if isinstance(op, ast.Div) or float in both else (int,)
+
+    def _of_comparison(self, node: ast.Compare) -> Options:
+        if all(isinstance(op, ast.Is | ast.IsNot | ast.In | ast.NotIn) for op in node.ops):
+            return (bool,)
+        known = all(self.of(each) for each in (node.left, *node.comparators))
+        return (bool,) if known else _UNKNOWN  # an array's comparison is an array
+
+
+def _joined(several: list[Options]) -> Options:
+    if not all(several):
+        return _UNKNOWN
+    return tuple(dict.fromkeys(each for options in several for each in options))
+
+
+def _fits(given: Any, wanted: Any) -> bool:
+    """Return whether a value of one type may be of another."""
+    one, other = get_origin(given) or given, get_origin(wanted) or wanted
+    if other is float and one is int:
+        return True
+    if one is bool:
+        return other in (bool, object)
+    if one in _COLLECTIONS and other in _COLLECTIONS:
+        return True
+    return issubclass(one, other) or issubclass(other, one)
+
+
+def _of_item(options: Options, index: ast.expr) -> Options:
+    """Return the types of an item of a tuple or of a string."""
+    if len(options) != 1 or isinstance(index, ast.Slice):
+        return _UNKNOWN
+    collection: Any = options[0]
+    if collection is str:
+        return (str,)
+    if get_origin(collection) is not tuple:
+        return _UNKNOWN
+    items = get_args(collection)
+    return _joined([options_of(each) for each in items if each is not ...])
+
+
+def _result(function: object) -> Options:
+    """Return the types that a function is annotated to return."""
+    if not isinstance(function, FunctionType):
+        return _UNKNOWN
+    try:
+        return options_of(get_type_hints(function).get("return", Any))
+    except (NameError, TypeError, AttributeError):
+        return _UNKNOWN
+
+
+def _assigned_once(code: Code) -> dict[str, ast.expr | None]:
+    """Return the names that the code binds itself, each with its value if it has only one."""
+    bound: Counter[str] = Counter()
+    values: dict[str, ast.expr | None] = {}
+    for node in nodes_of(code):
+        match node:
+            case ast.Assign([ast.Name(name)], value) | ast.AnnAssign(ast.Name(name), _, value):
+                values[name] = value
+            case ast.NamedExpr(ast.Name(name), value):
+                values[name] = value
+        match node:
+            case ast.Name(name, ast.Store() | ast.Del()):
+                bound[name] += 1
+            case ast.arg(name) | ast.MatchAs(name=str(name)) | ast.MatchStar(str(name)):
+                bound[name] += 2  # its value is not here
+            case ast.FunctionDef(name) | ast.ClassDef(name) | ast.ExceptHandler(name=str(name)):
+                bound[name] += 2
+            case ast.Import(aliases) | ast.ImportFrom(names=aliases):
+                bound.update(2 * [each.asname or each.name.partition(".")[0] for each in aliases])
+    return {name: values.get(name) if number == 1 else None for name, number in bound.items()}

@@ -1,0 +1,144 @@
+"""Usual mistakes, each with what is found before anything runs.
+
+The lists grow with every mistake that somebody makes. Each error is a line that names the place,
+what is wrong there and, where that is known, what was meant.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from llfsm.cli.root import main
+
+HERE = Path(__file__).parent
+HEAD = """\
+from llfsm.runtime import Actuator, Machine, Sensor, State
+from llfsm.whiteboard import Message, Slot
+from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from llfsm.whiteboard.messages.turtlesim import Pose
+"""
+# What the arrangements' machines are.
+ROBOT = """
+class Driver(Machine):
+    drive = Actuator(Slot("cmd_vel", Twist), at_end=Twist())
+    speed: float = 1.0
+    go = State()
+    done = State()
+
+    @go.internal
+    def _(self) -> None:
+        self.drive(Twist(linear=Vector3(x=self.speed)))
+
+    go.to(done, after_ms=100)
+
+
+class Boss(Machine):
+    driver: str = "Driver"
+    watch = State()
+    rest = State()
+
+    @watch.to(rest)
+    def all_is_well(self) -> bool:
+        return self.is_running(self.driver)
+
+    @rest.on_entry
+    def _(self) -> None:
+        self.suspend("Driver")
+"""
+# A bundle without a mistake; those with one replace some of its files.
+LAMP = {
+    "Language": "python",
+    "States": "OFF\nON\n",
+    "Lamp_Includes.py": "from llfsm.whiteboard import Message, Slot\n"
+    "from llfsm.runtime import Actuator, Sensor\n"
+    "class Request(Message):\n    wanted: bool = False\n",
+    "Lamp_Variables.py": "request = Sensor(Slot('request', Request), default=Request())\n"
+    "light = Actuator(Slot('light', Request))\ncount: int = 0\n",
+    "State_OFF_OnEntry.py": "light(Request(False))\n",
+    "State_OFF_Transition_0.expr": "request.wanted",
+    "State_OFF_Transition_0.target": "ON",
+    "State_ON_OnEntry.py": "light(Request(wanted=True))\ncount += 1\n",
+    "State_ON_Transition_0.expr": "not request.wanted",
+    "State_ON_Transition_0.target": "OFF",
+}
+LISTS = ("classes.toml", "bundles.toml", "arrangements.toml")
+
+
+def write_bundle(folder: Path, files: dict[str, str]) -> None:
+    (folder / "Lamp.machine").mkdir()
+    for name, text in {**LAMP, **files}.items():
+        if text != "missing":
+            (folder / "Lamp.machine" / name).write_text(text)
+
+
+def listed(name: str) -> list[Any]:
+    mistakes = tomllib.loads((HERE / name).read_text())["mistake"]
+    return [pytest.param(each, id=each["title"].replace(" ", "_")) for each in mistakes]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty current folder; the modules that a test imports are forgotten."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    before = {*sys.modules}
+    yield tmp_path
+    for name in {*sys.modules} - before:
+        del sys.modules[name]
+
+
+def check(*names: str) -> tuple[int, str]:
+    done = CliRunner().invoke(main, ["check", *names])
+    return done.exit_code, done.output
+
+
+def assert_found(mistake: dict[str, Any], status: int, output: str) -> None:
+    assert output == mistake["finds"]
+    assert status == (1 if "error: " in output.lower() else 0)
+
+
+@pytest.mark.parametrize("mistake", listed("classes.toml"))
+def test_in_a_class(here: Path, mistake: dict[str, Any]) -> None:
+    (here / "robot.py").write_text(HEAD + mistake["code"])
+    status, output = check("robot:M")
+    lines = [line.split(":", 2) for line in output.splitlines()]
+    shown = [f"{file}:{int(line) - HEAD.count(chr(10))}:{text}" for file, line, text in lines]
+    assert_found(mistake, status, "".join(f"{each}\n" for each in shown))
+
+
+def test_what_has_no_mistake(here: Path) -> None:
+    (here / "robot.py").write_text(HEAD + ROBOT)
+    (here / "fleet.toml").write_text(
+        "machine = [{definition='robot:Driver'}, {definition='robot:Boss'}]"
+    )
+    write_bundle(here, {})
+    assert check("fleet.toml", "Lamp") == (0, "no findings\n")
+
+
+@pytest.mark.parametrize("mistake", listed("bundles.toml"))
+def test_in_a_bundle(here: Path, mistake: dict[str, Any]) -> None:
+    write_bundle(here, mistake["files"])
+    assert_found(mistake, *check("Lamp"))
+
+
+@pytest.mark.parametrize("mistake", listed("arrangements.toml"))
+def test_in_an_arrangement(here: Path, mistake: dict[str, Any]) -> None:
+    (here / "robot.py").write_text(HEAD + ROBOT)
+    (here / "fleet.toml").write_text(mistake["code"])
+    assert_found(mistake, *check("fleet.toml"))
+
+
+def test_there_are_many_and_each_message_is_short() -> None:
+    mistakes = [param.values[0] for name in LISTS for param in listed(name)]
+    assert len(mistakes) >= 60
+    for mistake in mistakes:
+        assert mistake["finds"].strip()
+        for line in mistake["finds"].splitlines():
+            assert len(line) < 3 * 100
