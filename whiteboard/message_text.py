@@ -7,6 +7,8 @@ import json
 
 import msgspec
 
+from llfsm.errors import did_you_mean
+
 from .errors import MessageFieldError, MessageTypeError, name_fields
 from .message import Message
 from .schema import from_plain
@@ -40,9 +42,14 @@ def message_class(name: str) -> type[Message]:
         attribute = attribute.removeprefix("msg/")
         module = f"llfsm.whiteboard.messages.{package}"
     try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError, TypeError) as error:  # as of ".a:B"
+        within = importlib.import_module(module)
+    except (ImportError, ValueError, TypeError) as error:  # as of ".a:B"
         raise MessageTypeError(f"no message type {name!r}: {error}") from error
+    found = getattr(within, attribute, None)
+    if found is None:
+        types = [each for each, value in vars(within).items() if isinstance(value, type)]
+        near = did_you_mean(attribute, types)
+        raise MessageTypeError(f"no message type {name!r}: {module} has no {attribute!r}{near}")
     if not (isinstance(found, type) and issubclass(found, Message)):
         raise MessageTypeError(f"{name!r} is not a Message class")
     return found

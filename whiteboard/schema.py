@@ -15,6 +15,8 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
+from llfsm.errors import did_you_mean
+
 from .errors import MessageTypeError
 
 __all__ = [
@@ -186,7 +188,8 @@ def from_plain(value: Any, schema: Schema) -> Any:
     match schema, value:
         case {"type": "object", "properties": fields, "title": title}, dict():
             for name in value.keys() - fields.keys():
-                raise ValueError(f"{title} has no field {name!r}; it has {', '.join(fields)}")
+                near = did_you_mean(name, fields)
+                raise ValueError(f"{title} has no field {name!r}; it has {', '.join(fields)}{near}")
             return [from_plain(value.get(n, _zero(s)), s) for n, s in fields.items()]
         case {"anyOf": options}, dict() | list() | str():  # a union has at most one of each
             kind = {dict: "object", list: "array", str: "string"}[type(value)]

@@ -16,6 +16,9 @@ import pytest
 from click.testing import CliRunner
 
 from llfsm.cli.root import main
+from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.messages.geometry_msgs import Twist
+from own_boards import own_board
 
 HERE = Path(__file__).parent
 HEAD = """\
@@ -68,7 +71,8 @@ LAMP = {
     "State_ON_Transition_0.expr": "not request.wanted",
     "State_ON_Transition_0.target": "OFF",
 }
-LISTS = ("classes.toml", "bundles.toml", "arrangements.toml")
+LISTS = ("classes.toml", "bundles.toml", "arrangements.toml", "commands.toml")
+USAGE = ("Usage: ", "Try ")  # how click begins what precedes an error
 
 
 def write_bundle(folder: Path, files: dict[str, str]) -> None:
@@ -76,6 +80,18 @@ def write_bundle(folder: Path, files: dict[str, str]) -> None:
     for name, text in {**LAMP, **files}.items():
         if text != "missing":
             (folder / "Lamp.machine" / name).write_text(text)
+
+
+def run_beside(folder: Path, board: str, command: list[str]) -> tuple[int, str]:
+    """Return the status and the output of a command beside a module, a bundle and a board."""
+    (folder / "robot.py").write_text(HEAD + ROBOT)
+    write_bundle(folder, {})
+    with Whiteboard(board) as made:
+        made.add_message(Slot("cmd_vel", Twist), Twist())
+    done = CliRunner().invoke(main, [each.replace("{board}", board) for each in command])
+    shown = done.output.replace(str(folder), "HERE").replace(board, "BOARD")
+    lines = [each for each in shown.splitlines() if each and not each.startswith(USAGE)]
+    return done.exit_code, "".join(f"{line}\n" for line in lines)
 
 
 def listed(name: str) -> list[Any]:
@@ -133,6 +149,14 @@ def test_in_an_arrangement(here: Path, mistake: dict[str, Any]) -> None:
     (here / "robot.py").write_text(HEAD + ROBOT)
     (here / "fleet.toml").write_text(mistake["code"])
     assert_found(mistake, *check("fleet.toml"))
+
+
+@pytest.mark.parametrize("mistake", listed("commands.toml"))
+def test_in_a_command(here: Path, mistake: dict[str, Any]) -> None:
+    with own_board() as board:
+        status, output = run_beside(here, board, mistake["command"])
+    assert status in (1, 2)
+    assert output == mistake["finds"]
 
 
 def test_there_are_many_and_each_message_is_short() -> None:

@@ -171,7 +171,8 @@ def _import(module: str, name: str) -> ModuleType:
         return importlib.import_module(module)
     except Exception as error:  # of the module's own code, whatever it is
         if isinstance(error, ModuleNotFoundError) and _is_within(module, error.name):
-            raise click.UsageError(f"{name}: there is no module {error.name!r}") from error
+            near = did_you_mean(module, {file.stem for file in Path().glob(f"*{_PYTHON}")})
+            raise click.UsageError(f"{name}: there is no module {error.name!r}{near}") from error
         place = _place(error)
         if place is None:
             raise

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from llfsm.runtime.presence.commanders import contested_slots, described
-from llfsm.whiteboard import BoardError, Message, Sample, Slot, Whiteboard
+from llfsm.whiteboard import BoardError, Message, Sample, Slot, SlotNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.message_text import message_class, parse_message
 from llfsm.whiteboard.poller import BoardPoller
@@ -67,7 +67,10 @@ def get(slot: str, board: str) -> None:
 def add(slot: str, message: str, kind: str | None, board: str) -> None:
     """Add MESSAGE, a JSON object, to SLOT; omitted fields are zero. A new slot needs --type."""
     with Whiteboard(board, create=kind is not None) as wb:
-        target = wb.find(slot) if kind is None else Slot(slot, message_class(kind))
+        try:
+            target = wb.find(slot) if kind is None else Slot(slot, message_class(kind))
+        except SlotNotFoundError as error:
+            raise click.ClickException(f"{error}; a new slot needs --type") from error
         count = wb.add_message(target, parse_message(target, message))
         click.echo(f"message {count} of {slot}")
 
