@@ -18,7 +18,13 @@ import llfsm.whiteboard.mirror.daemon as mirror_daemon
 from llfsm.cli.root import main
 from llfsm.cli.whiteboard.daemon import daemon, read_status
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus, PeerStatus, Refusal
+from llfsm.whiteboard.messages.llfsm import (
+    MIRROR,
+    MirrorStatus,
+    PeerStatus,
+    QuotaStatus,
+    Refusal,
+)
 
 UNIT = Path(mirror_daemon.__file__).with_name("llfsm-whiteboard@.service")
 
@@ -31,7 +37,9 @@ def run(*arguments: str) -> tuple[int, str]:
 def test_status_shows_all_that_the_daemon_tells(tmp_path: Path) -> None:
     told = MirrorStatus(
         host="ab", pid=7, slots=3, left=10, entered=20, leave_rate=1.5, enter_rate=2.0,
-        conflicts=4, held_back=5, peers=(PeerStatus("laptop", "cd", 2.5, 1.25, 8, 1),),
+        conflicts=4, held_back=5, peers=(PeerStatus("laptop", "cd", 2.5, 1.25, 8, 1, "robot"),),
+        quotas=(QuotaStatus("", 3, 1024, 5 << 20, 512 << 20, 0),
+                QuotaStatus("robot", 1, 1024, 0, 512 << 20, 9)),
         refused=(Refusal("it is not listed: x", 6),),
     )  # fmt: skip
     with Whiteboard("board", directory=tmp_path) as board:
@@ -45,7 +53,9 @@ def test_status_shows_all_that_the_daemon_tells(tmp_path: Path) -> None:
         "entered    20, 2 a second\n"
         "conflicts  4\n"
         "held back  5\n"
-        "peer       cd laptop: lag 1.2 ms, 8 batches, 1 lost, silent for 2.5 s\n"
+        "peer       cd laptop, certificate robot: lag 1.2 ms, 8 batches, 1 lost, silent for 2.5 s\n"
+        "quota      other hosts: 3 of 1024 slots, 5 of 512 MiB, 0 over the rate\n"
+        "quota      robot: 1 of 1024 slots, 0 of 512 MiB, 9 over the rate\n"
         "refused    6 x it is not listed: x\n"
     )
     status, output = run("status", "-b", "board", "--directory", str(tmp_path), "--json")

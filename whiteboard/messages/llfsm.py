@@ -37,6 +37,7 @@ __all__ = [
     "MachineVariables",
     "MirrorStatus",
     "PeerStatus",
+    "QuotaStatus",
     "Recorder",
     "Refusal",
     "SafeValue",
@@ -278,6 +279,18 @@ class PeerStatus(Message):
     lag_ms: float  # from sending a batch to receiving it; as accurate as the clocks
     received: int  # batches
     lost: int  # batches that did not arrive
+    certificate: str = ""  # the name in it, if that is known
+
+
+class QuotaStatus(Message):
+    """What a host has taken of its quota, since the daemon started."""
+
+    name: str  # in its certificate; empty for all hosts that share a quota
+    slots: int  # that it has made here
+    max_slots: int
+    bytes: int  # of shared memory for them
+    max_bytes: int
+    over_rate: int  # messages of the network that were dropped
 
 
 class Refusal(Message):
@@ -304,6 +317,7 @@ class MirrorStatus(Message):
     conflicts: int = 0
     held_back: int = 0  # messages of slots that arrive too often; the newest enters later
     peers: tuple[PeerStatus, ...] = ()
+    quotas: tuple[QuotaStatus, ...] = ()
     refused: tuple[Refusal, ...] = ()
     partition_s: float = 3.0  # a host that was silent for so long counts as dead
 

@@ -9,8 +9,9 @@ import msgspec
 
 from ..errors import BoardClosedError, WhiteboardError
 from ..messages.llfsm import BELL, REQUESTS, Bell
-from .batches import Declaration, ReceivedBatch, Value, decoder
-from .peers import Peers
+from .batches import Declaration, ReceivedBatch, Value, decoder, footprint
+from .peers import Peers, Source
+from .quotas import Quotas
 from .refusals import Refusals, Refused
 from .routes import Route, Routes
 from .settings import Settings
@@ -23,13 +24,16 @@ T = TypeVar("T")
 _VALUES = decoder(Value)
 _DECLARATIONS = decoder(Declaration)
 _MAX_UNKNOWN = 4096  # types of senders to keep track of
+_MAX_DECLARATION = 1 << 20  # bytes, as of a schema on a board
+_MAX_REASON = 1000  # characters kept of why a slot cannot be used
+_NAMES_NS = 50_000_000  # between two looks for an unknown name: each reads the whole board
 _DAY_NS = 86_400 * 10**9
 
 
 class _Held(NamedTuple):
     """A message that came too soon after the previous one of its slot."""
 
-    sender: int
+    source: Source
     route: Route
     value: Value
 
@@ -42,6 +46,7 @@ class Arrivals:
         settings: which slots enter, and how large they may be.
         routes: the slots that are on the board.
         peers: the other hosts.
+        quotas: what each host may take.
         refusals: counts what does not enter.
         now_ns: a monotonic clock.
         wall_ns: the host's clock: the time since 1970.
@@ -54,6 +59,7 @@ class Arrivals:
         settings: Settings,
         routes: Routes,
         peers: Peers,
+        quotas: Quotas,
         refusals: Refusals,
         now_ns: Callable[[], int],
         wall_ns: Callable[[], int],
@@ -62,6 +68,7 @@ class Arrivals:
         self._settings = settings
         self._routes = routes
         self._peers = peers
+        self._quotas = quotas
         self._refusals = refusals
         self._now_ns = now_ns
         self._wall_ns = wall_ns
@@ -69,16 +76,19 @@ class Arrivals:
         self._busy_ns = 0  # until when an arriving message may be held back
         self.unknown: set[str] = set()
         """Slots whose type at a sender has to be queried."""
-        self._clashes: dict[tuple[str, int], str] = {}  # by slot and type
+        self._names: set[str] = set()  # of the board's slots, as read
+        self._names_ns = 0  # when they may be read again
         self.entered = 0
         self.conflicts = 0
         self.held_back = 0
 
-    def apply(self, batch: ReceivedBatch) -> None:
+    def apply(self, source: Source, batch: ReceivedBatch) -> None:
         """Add the messages of a batch; each one that cannot enter is refused on its own."""
-        sender = batch.sender
         declared = {}
         for raw in batch.declarations:
+            if memoryview(raw).nbytes > _MAX_DECLARATION:
+                self._refusals.add("a declaration that is too long", "a declaration is too long")
+                continue
             declaration = self._decode(_DECLARATIONS, raw, "declaration")
             if declaration is not None:
                 declared[declaration.slot] = declaration
@@ -89,13 +99,13 @@ class Arrivals:
             try:
                 route = self._routes.known(value.slot)
                 if route is None or route.cell.kind != value.kind or not route.enters:
-                    route = self._find_route(sender, value, declared.get(value.slot))
-                if route is not None and self._is_timely(sender, value):
-                    self._enter(sender, route, value)
+                    route = self._find_route(source, value, declared.get(value.slot))
+                if route is not None and self._is_timely(source, value):
+                    self._enter(source, route, value)
             except BoardClosedError:
                 return
             except (Refused, WhiteboardError) as error:
-                self._refuse(sender, value.slot, error)
+                self._refuse(source, value.slot, error)
 
     def _decode(self, of: msgspec.msgpack.Decoder[T], raw: msgspec.Raw, what: str) -> T | None:
         try:
@@ -105,7 +115,7 @@ class Arrivals:
             return None
 
     def _find_route(
-        self, sender: int, value: Value, declaration: Declaration | None
+        self, source: Source, value: Value, declaration: Declaration | None
     ) -> Route | None:
         """Return the route of a slot, made if necessary, if the sender's type is the board's.
 
@@ -116,51 +126,73 @@ class Arrivals:
             why = "the board is read-only" if self._settings.read_only else "not listed"
             self._refusals.add(f"{why}: {name}", f"slot {name!r}: {why}")
             return None
-        if declaration is not None:
+        exists = self._exists(name)
+        if exists and (route := self._routes.get(name)).cell.kind == value.kind:
             self.unknown.discard(name)
-            if not self._store.has(name):
-                self._make(declaration)
-        if self._routes.known(name) is not None or self._store.has(name):
-            route = self._routes.get(name)
-            if route.cell.kind == value.kind:
-                return route
-            if declaration is not None and len(self._clashes) < _MAX_UNKNOWN:
-                self._clashes[name, value.kind] = self._store.clash(route.cell, declaration)
-            clash = self._clashes.get((name, value.kind))
-            if clash is not None:
-                raise Refused(clash)
-        if len(self.unknown) < _MAX_UNKNOWN:
-            self.unknown.add(name)
-            self._peers.miss(sender)
-        return None
+            return route
+        failure = self._quotas.account(source.name).failure(name, value.kind)
+        if failure is not None:
+            raise Refused(failure)
+        if declaration is None:
+            if len(self.unknown) < _MAX_UNKNOWN:
+                self.unknown.add(name)
+                self._peers.miss(source)
+            return None
+        self.unknown.discard(name)
+        self._make(source, value.kind, declaration, exists=exists)
+        route = self._routes.get(name)
+        if route.cell.kind != value.kind:
+            raise Refused(f"slot {name!r}: the message is not of the type that its sender declares")
+        return route
 
-    def _make(self, declaration: Declaration) -> None:
+    def _exists(self, name: str) -> bool:
+        """Return whether a slot is on the board, or was when all names were read last."""
+        if self._routes.known(name) is not None or name in self._names:
+            return True
+        now_ns = self._now_ns()
+        if now_ns >= self._names_ns:
+            self._names_ns = now_ns + _NAMES_NS
+            self._names = {info.name for info in self._store.board.slots()}
+        return name in self._names
+
+    def _make(self, source: Source, kind: int, declaration: Declaration, *, exists: bool) -> None:
+        """Make a slot. Raise `Refused` if that fails, or if it exists with another type."""
+        name = declaration.slot
         if declaration.capacity > self._settings.largest:
             raise Refused(
-                f"slot {declaration.slot!r}: its capacity of {declaration.capacity} bytes exceeds "
-                f"this host's limit of {self._settings.largest}"
+                f"slot {name!r}: its capacity of {declaration.capacity} bytes exceeds this host's "
+                f"limit of {self._settings.largest}"
             )
-        self._store.declare(declaration)
+        account = self._quotas.account(source.name)
+        memory = 0 if exists else footprint(declaration)
+        account.take_slot(name, memory)
+        try:
+            if exists:
+                raise Refused(self._store.clash(self._routes.get(name).cell, declaration))
+            self._store.declare(declaration)
+        except Refused as refused:
+            account.fail(name, kind, memory, str(refused)[:_MAX_REASON])
+            raise
 
-    def _is_timely(self, sender: int, value: Value) -> bool:
+    def _is_timely(self, source: Source, value: Value) -> bool:
         """Return whether a message's version is not too far ahead of this host's clock."""
         ahead_ns = value.version.time - self._wall_ns()
         if ahead_ns <= self._settings.ahead_ns:
             return True
         # It may be this clock that is wrong: then the message is missed once the clock is set.
-        self._peers.miss_later(sender, value.version.time - self._settings.ahead_ns)
+        self._peers.miss_later(source, value.version.time - self._settings.ahead_ns)
         self._refusals.add(
-            f"from {sender:016x}: ahead of this host's clock",
+            f"from {source}: ahead of this host's clock",
             f"slot {value.slot!r}: its version is {ahead_ns / _DAY_NS:.1f} days ahead of this "
             f"host's clock, more than `ahead_s` permits; set the clocks of both hosts",
         )
         return False
 
-    def _refuse(self, sender: int, slot: str, error: Refused | WhiteboardError) -> None:
-        why = f"from {sender:016x}" if isinstance(error, Refused) else "no room"
+    def _refuse(self, source: Source, slot: str, error: Refused | WhiteboardError) -> None:
+        why = f"from {source}" if isinstance(error, Refused) else "no room"
         self._refusals.add(f"{why}: {slot}", str(error))
 
-    def _enter(self, sender: int, route: Route, value: Value) -> None:
+    def _enter(self, source: Source, route: Route, value: Value) -> None:
         """Add a message to the board, or hold it back if its slot arrives too often."""
         now_ns, slot = self._now_ns(), value.slot
         size, capacity = len(value.payload), route.cell.capacity
@@ -172,7 +204,7 @@ class Arrivals:
             self.held_back += 1
             held = self._held.get(slot)
             if held is None or held.value.version < value.version:
-                self._held[slot] = _Held(sender, route, value)
+                self._held[slot] = _Held(source, route, value)
             return
         outcome = self._store.enter(route.cell, value)
         if outcome is Outcome.OLDER:
@@ -193,7 +225,7 @@ class Arrivals:
                 try:
                     self._enter(*held)
                 except (Refused, WhiteboardError) as error:
-                    self._refuse(held.sender, slot, error)
+                    self._refuse(held.source, slot, error)
 
     def due_ns(self) -> list[int]:
         """Return when messages that are held back may enter, or arriving ones at once again."""

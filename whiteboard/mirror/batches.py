@@ -27,6 +27,7 @@ __all__ = [
     "decoder",
     "divide",
     "encode",
+    "footprint",
 ]
 
 VERSION = 2
@@ -34,6 +35,10 @@ VERSION = 2
 
 _CHUNK = 1 << 16  # bytes of messages in a batch; a longer message travels alone
 
+_BUFFERS = 4  # of each writer of a slot, as in llfsm_whiteboard.h
+_EACH_SLOT = Meta(max_length=4096)  # of a board; checked before memory is taken for the items
+
+_RawItems = Annotated[tuple[msgspec.Raw, ...], _EACH_SLOT]
 _Name = Annotated[str, Meta(min_length=1, max_length=255)]
 
 
@@ -76,8 +81,8 @@ class Batch(_Head, frozen=True, array_like=True, forbid_unknown_fields=True):
 class ReceivedBatch(_Head, frozen=True, array_like=True, forbid_unknown_fields=True):
     """A batch whose messages and declarations are still encoded."""
 
-    values: tuple[msgspec.Raw, ...]
-    declarations: tuple[msgspec.Raw, ...] = ()
+    values: _RawItems
+    declarations: _RawItems = ()
 
 
 class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
@@ -94,11 +99,16 @@ class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fie
 class StateQuery(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """Requests a host's messages that are newer than the known ones, given by their versions."""
 
-    known: tuple[tuple[_Name, Version], ...]
+    known: Annotated[tuple[tuple[_Name, Version], ...], _EACH_SLOT]
 
 
 encode = msgspec.msgpack.encode
 decoder = msgspec.msgpack.Decoder
+
+
+def footprint(declaration: Declaration) -> int:
+    """Return how many bytes of shared memory a slot takes that this process makes and adds to."""
+    return _BUFFERS * declaration.capacity + len(msgspec.json.encode(declaration.schema))
 
 
 def divide(values: list[Value]) -> list[list[Value]]:

@@ -28,7 +28,8 @@ from .batches import (
     encode,
 )
 from .merge import Version
-from .peers import Peers
+from .peers import Peers, Source
+from .quotas import Quotas
 from .refusals import Refusals
 from .routes import Route, Routes
 from .settings import Settings
@@ -47,7 +48,7 @@ _MAX_LISTED = 50  # hosts, and kinds of refusals, in a status
 class Query(NamedTuple):
     """A query to send to another host."""
 
-    host: int
+    source: Source
     gaps: int  # of that host; passed back at the end of the reply
     data: bytes
 
@@ -90,8 +91,16 @@ class Exchange:
         self._peers = Peers()
         self._refusals = Refusals()
         self._routes = Routes(store, settings, self._refusals)
+        self._quotas = Quotas(settings.quota)
         self._arrivals = Arrivals(
-            store, settings, self._routes, self._peers, self._refusals, now_ns, wall_ns
+            store,
+            settings,
+            self._routes,
+            self._peers,
+            self._quotas,
+            self._refusals,
+            now_ns,
+            wall_ns,
         )
         self._reported = _Reported(0, 0, now_ns())
 
@@ -159,9 +168,15 @@ class Exchange:
         with self._lock:
             if self._settings.read_only or not self._settings.enter:
                 return []
-            peers = self._peers.to_query(self._now_ns(), self._wall_ns())
-            data = encode(StateQuery(tuple(self._known()))) if peers else b""
-            return [Query(peer.sender, peer.gaps, data) for peer in peers]
+            now_ns = self._now_ns()
+            peers = self._peers.to_query(now_ns, self._wall_ns())
+            if not peers:
+                return []
+            known = tuple(self._known())
+            data = encode(StateQuery(known))
+            for peer in peers:  # who pretends to lose messages is not queried all the time
+                self._quotas.account(peer.source.name).charge(now_ns, messages=len(known))
+            return [Query(peer.source, peer.gaps, data) for peer in peers]
 
     def _known(self) -> list[tuple[str, Version]]:
         """Return the versions of the messages that other hosts may have, too."""
@@ -174,55 +189,78 @@ class Exchange:
         self._store.note()
         return known
 
-    def reply(self, data: bytes) -> list[bytes]:
-        """Return the reply to another host's query: the messages that are newer here."""
+    def reply(self, data: bytes, name: str = "") -> list[bytes]:
+        """Return the reply to another host's query: the messages that are newer here.
+
+        `name` is the one in its certificate. What it makes this host send counts as its traffic.
+        """
         with self._lock:
-            query = self._decode(_QUERIES, data, "query")
+            query = self._admit(_QUERIES, data, name, "query")
             if query is None:
                 return []
-            known, store = dict(query.known), self._store
+            known, store, routes = dict(query.known), self._store, self._routes.all()
             newer = [
                 route.cell
-                for name, route in self._routes.all()
+                for slot, route in routes
                 if route.leaves
                 and (version := store.version(route.cell)) is not None
-                and (name not in known or version > known[name])
+                and (slot not in known or version > known[slot])
             ]
             values = [value for value in map(store.latest, newer) if value is not None]
             store.note()
-            return self._pack(values, list(map(store.declaration, newer)), counted=False)
+            parts = self._pack(values, list(map(store.declaration, newer)), counted=False)
+            size = sum(map(len, parts))
+            self._quotas.account(name).charge(self._now_ns(), messages=len(routes), size=size)
+            return parts
 
     # ---- Receiving --------------------------------------------------------------------------
 
-    def receive_batch(self, data: bytes) -> None:
+    # Each method takes the name in the sender's certificate, which is empty if it is not known.
+
+    def receive_batch(self, data: bytes, name: str = "") -> None:
         """Handle a batch."""
         with self._lock:
-            batch = self._decode(_BATCHES, data, "batch")
+            batch = self._admit_batch(data, name, "batch")
             if batch is not None and batch.sender != self._store.host:
-                self._arrivals.apply(batch)
-                self._peers.receive(batch, self._now_ns(), self._wall_ns())
+                source = Source(name, batch.sender)
+                self._arrivals.apply(source, batch)
+                self._peers.receive(source, batch, self._now_ns(), self._wall_ns())
 
-    def receive_heartbeat(self, data: bytes) -> bool:
+    def receive_heartbeat(self, data: bytes, name: str = "") -> bool:
         """Handle a heartbeat; return whether it is the first one of that host."""
         with self._lock:
-            heartbeat = self._decode(_HEARTBEATS, data, "heartbeat")
+            heartbeat = self._admit(_HEARTBEATS, data, name, "heartbeat")
             if heartbeat is None or heartbeat.sender == self._store.host:
                 return False
-            return self._peers.receive(heartbeat, self._now_ns(), self._wall_ns())
+            source = Source(name, heartbeat.sender)
+            return self._peers.receive(source, heartbeat, self._now_ns(), self._wall_ns())
 
-    def receive_reply(self, data: bytes) -> None:
+    def receive_reply(self, data: bytes, name: str = "") -> None:
         """Handle one part of a reply."""
         with self._lock:
-            batch = self._decode(_BATCHES, data, "reply")
+            batch = self._admit_batch(data, name, "reply")
             if batch is not None:
-                self._arrivals.apply(batch)
+                self._arrivals.apply(Source(name, batch.sender), batch)
 
     def end_reply(self, query: Query, *, complete: bool = True) -> None:
         """Record that all parts of a reply have arrived, or that none will."""
         with self._lock:
-            self._peers.end_reply(query.host, query.gaps if complete else 0)
+            self._peers.end_reply(query.source, query.gaps if complete else 0)
 
-    def _decode(self, decoder: msgspec.msgpack.Decoder[T], data: bytes, what: str) -> T | None:
+    def _admit_batch(self, data: bytes, name: str, what: str) -> ReceivedBatch | None:
+        """Return a batch; None if it is malformed, or over the rates of its sender."""
+        batch = self._admit(_BATCHES, data, name, what)
+        if batch is not None:
+            messages = len(batch.values) + len(batch.declarations)
+            self._quotas.account(name).charge(self._now_ns(), messages=messages)
+        return batch
+
+    def _admit(
+        self, decoder: msgspec.msgpack.Decoder[T], data: bytes, name: str, what: str
+    ) -> T | None:
+        """Return decoded data; None if it is malformed, or over the rates of its sender."""
+        if not self._quotas.account(name).admits(len(data), self._now_ns()):
+            return None
         try:
             return decoder.decode(data)
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
@@ -264,6 +302,7 @@ class Exchange:
                 conflicts=arrivals.conflicts,
                 held_back=arrivals.held_back,
                 peers=tuple(peer.status(now.at_ns) for peer in self._peers)[:_MAX_LISTED],
+                quotas=tuple(self._quotas.status())[:_MAX_LISTED],
                 refused=self._refusals.report()[:_MAX_LISTED],
                 partition_s=self._settings.guard.partition_s,
             )

@@ -159,7 +159,7 @@ class Network:
             self._receiver.end_reply(query, complete=replied)
 
         self._session.get(
-            f"{self._root}/state/{query.host:016x}",
+            f"{self._root}/state/{query.source.host:016x}",
             Callback(receive, end, indirect=False),  # otherwise Zenoh starts a thread a call
             payload=query.data,
             timeout=_REPLY_TIMEOUT_S,

@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from ..messages.llfsm import PeerStatus
 from .batches import Heartbeat, ReceivedBatch
 
-__all__ = ["Peer", "Peers"]
+__all__ = ["Peer", "Peers", "Source"]
 
 _RETRY_NS = 500_000_000  # a host that does not reply is queried again after this time
 _FORGET_NS = 60_000_000_000  # a host that sends nothing is forgotten after this time
-_MAX_PEERS = 1000  # further hosts are not tracked, which bounds the memory
+_MAX_PEERS = 100  # of one certificate; further ones are not tracked, which bounds the memory
+
+
+class Source(NamedTuple):
+    """Who has sent a message."""
+
+    name: str
+    """In its certificate; empty if it is not known."""
+    host: int
+    """The id that it claims."""
+
+    def __str__(self) -> str:
+        return self.name or f"{self.host:016x}"
 
 
 class Peer:
     """What is known of another host."""
 
-    def __init__(self, sender: int) -> None:
-        self.sender = sender
+    def __init__(self, source: Source) -> None:
+        self.source = source
         self.name = ""
         self.born = -1
         self.number = 0  # of its latest batch
@@ -57,30 +70,33 @@ class Peer:
         """Return its status."""
         return PeerStatus(
             name=self.name,
-            host=f"{self.sender:016x}",
+            host=f"{self.source.host:016x}",
             silent_s=round((now_ns - self.received_ns) / 1e9, 3),
             lag_ms=round(self.lag_ns / 1e6, 3),
             received=self.received,
             lost=self.lost,
+            certificate=self.source.name,
         )
 
 
 class Peers:
-    """The other hosts, by id."""
+    """The other hosts, by who they are."""
 
     def __init__(self) -> None:
-        self._peers: dict[int, Peer] = {}
+        self._peers: dict[Source, Peer] = {}
 
     def __iter__(self) -> Iterator[Peer]:
         return iter(list(self._peers.values()))
 
-    def receive(self, message: ReceivedBatch | Heartbeat, now_ns: int, wall_ns: int) -> bool:
+    def receive(
+        self, source: Source, message: ReceivedBatch | Heartbeat, now_ns: int, wall_ns: int
+    ) -> bool:
         """Record a message; return whether its sender is new or has restarted."""
-        peer = self._peers.get(message.sender)
+        peer = self._peers.get(source)
         if peer is None:
-            if len(self._peers) >= _MAX_PEERS:
+            if sum(known.name == source.name for known in self._peers) >= _MAX_PEERS:
                 return False
-            peer = self._peers[message.sender] = Peer(message.sender)
+            peer = self._peers[source] = Peer(source)
         is_new = peer.born != message.born
         peer.receive(message, now_ns, wall_ns)
         return is_new
@@ -93,7 +109,7 @@ class Peers:
                 peer.missed_at_ns = None
                 peer.gaps += 1
             if now_ns - peer.received_ns > _FORGET_NS:
-                del self._peers[peer.sender]
+                del self._peers[peer.source]
             elif peer.filled != peer.gaps and (
                 peer.queried_ns is None or now_ns - peer.queried_ns >= _RETRY_NS
             ):
@@ -101,24 +117,24 @@ class Peers:
                 found.append(peer)
         return found
 
-    def miss(self, sender: int) -> None:
+    def miss(self, source: Source) -> None:
         """Record that a host has to be queried."""
-        peer = self._peers.get(sender)
+        peer = self._peers.get(source)
         if peer is not None and peer.filled == peer.gaps:
             peer.gaps += 1
 
-    def miss_later(self, sender: int, at_ns: int) -> None:
+    def miss_later(self, source: Source, at_ns: int) -> None:
         """Record that a host has to be queried when this host's clock reads `at_ns`."""
-        peer = self._peers.get(sender)
+        peer = self._peers.get(source)
         if peer is not None:
             peer.missed_at_ns = min(at_ns, peer.missed_at_ns or at_ns)
 
-    def end_reply(self, sender: int, gaps: int) -> None:
+    def end_reply(self, source: Source, gaps: int) -> None:
         """Record that a host has replied in full to a query sent after `gaps` gaps.
 
         With 0 gaps, the host was not reached (it may just have connected) and can be queried again.
         """
-        peer = self._peers.get(sender)
+        peer = self._peers.get(source)
         if peer is not None:
             peer.filled = max(peer.filled, gaps)
             peer.queried_ns = None

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER, WILL_BELL
 
-__all__ = ["DEFAULT_ENDPOINT", "GuardSettings", "Settings", "matcher"]
+__all__ = ["DEFAULT_ENDPOINT", "GuardSettings", "QuotaSettings", "Settings", "matcher"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # Zenoh's port, which a router of ROS uses, too
 
@@ -25,6 +25,19 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     partition_s: Annotated[float, Meta(ge=0.5, le=86_400)] = 3.0
     """Seconds: a machine that publishes no status for so long counts as dead."""
+
+
+class QuotaSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What each other host may take of this one."""
+
+    slots: Annotated[int, Meta(ge=0, le=4096)] = 1024
+    """How many slots it may make on the board, from the start of the daemon on."""
+    bytes: Annotated[int, Meta(ge=0, le=1 << 50)] = 1 << 29
+    """Of shared memory for these slots: four buffers each, and the schema."""
+    messages: Annotated[float, Meta(gt=0, le=1e9)] = 50_000.0
+    """Messages of slots per second."""
+    traffic: Annotated[float, Meta(gt=0, le=1e12)] = float(1 << 28)
+    """Bytes per second."""
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -51,6 +64,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Seconds: how far a message's version may be ahead of this host's clock. The default leaves
     room for a clock that is set to local time."""
     guard: GuardSettings = GuardSettings()
+    quota: QuotaSettings = QuotaSettings()
     zenoh: str | None = None
     """A configuration file for Zenoh, in JSON5: TLS, access control, queues."""
 

@@ -188,7 +188,7 @@ class World:
             if complete:
                 self.transmit(host, sender, "end", b"", lambda to: to.exchange.end_reply(query))
 
-        host = self.hosts[query.host]
+        host = self.hosts[query.source.host]
         self.transmit(sender, host, "query", query.data, reply)
 
     def run(self, ms: float) -> None:

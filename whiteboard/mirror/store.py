@@ -93,10 +93,6 @@ class Store:
                 raise Refused(f"slot {name!r} cannot be used: {error}") from error
         return cell
 
-    def has(self, name: str) -> bool:
-        """Return whether the board has the slot."""
-        return name in self._cells or any(info.name == name for info in self.board.slots())
-
     def latest(self, cell: Cell) -> Value | None:
         """Return the latest message of a slot, or None before the first.
 

@@ -36,7 +36,7 @@ class Part:
         self.board = LocalBoard("board", now_ns=lambda: self.now_ns)
         self.watch = self.board.watcher()
         self.set_ns = 0  # by how much its clock was set
-        chosen = Settings(**settings)
+        chosen = msgspec.convert(settings, Settings)
         wall_ns = lambda: self.now_ns + self.set_ns  # noqa: E731
         self.store = Store(
             self.board,

@@ -234,6 +234,34 @@ def test_a_version_from_far_ahead_splits_no_boards(pair: tuple[Host, Host]) -> N
         other.start(connect=[one])
 
 
+def test_small_messages_do_not_take_much_shared_memory(make_host: MakeHost, tmp_path: Path) -> None:
+    config = tmp_path / "host.toml"
+    config.write_text("[quota]\nslots = 3\nbytes = 6_000_000\n")
+    one, other = make_host("one"), make_host("other")
+    one.start()
+    other.start("--config", str(config), connect=[one])
+    one.add(1)
+    wait_for(lambda: other.get() == 1)
+    small = msgspec.msgpack.encode(Number(1))
+    with hostile_session(other) as session:
+        for number in range(8):
+            slot = number_slot(f"slot{number}", 1 << 20)
+            value = Value(slot.name, slot.fingerprint, Version(10**12, 255), small)
+            declaration = Declaration(slot.name, slot.capacity, slot.schema)
+            batch = Batch(255, 1, number, 10**12, (value,), (declaration,))
+            session.put(f"llfsm/{VERSION}/{NAME}/batches", msgspec.msgpack.encode(batch))
+        wait_for(lambda: sum(each["count"] for each in other.status()["refused"]) >= 7)
+    one.add(2)
+    wait_for(lambda: other.get() == 2)
+    one.add(3, number_slot("last"))
+    wait_for(lambda: other.get(number_slot("last")) == 3)
+    assert other.board.path.stat().st_blocks * 512 < 7_000_000
+    wait_for(lambda: [quota["slots"] for quota in other.status()["quotas"]] == [1])
+    (quota,) = other.status()["quotas"]
+    assert (quota["max_slots"], quota["max_bytes"]) == (3, 6_000_000)
+    assert 4 << 20 < quota["bytes"] < 5 << 20
+
+
 def hostile_session(host: Host) -> Any:
     """A Zenoh session connected to a host, without llfsm."""
     import zenoh

@@ -42,7 +42,7 @@ def test_what_was_from_too_far_ahead_is_asked_for_once_the_clock_is_set() -> Non
     assert part.board[NUMBER].count == 0
     assert part.exchange.queries() == []
     part.set_ns = 0
-    assert [query.host for query in part.exchange.queries()] == [2]
+    assert [query.source.host for query in part.exchange.queries()] == [2]
 
 
 def test_what_was_added_before_the_clock_was_set_back_holds_nobody_up() -> None:
@@ -68,7 +68,7 @@ def test_a_host_that_restarts_with_its_clock_set_back_is_asked_for_what_it_lost(
         queries = part.exchange.queries()
         for query in queries:
             part.exchange.end_reply(query)
-        return [query.host for query in queries]
+        return [query.source.host for query in queries]
 
     assert beat(born=10**12, number=5) == [2]
     assert beat(born=10**11, number=3) == [2]  # its messages before this heartbeat

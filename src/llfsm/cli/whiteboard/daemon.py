@@ -129,9 +129,15 @@ def _text(board: str, latest: MirrorStatus) -> str:
     ]
     for peer in latest.peers:
         silent = f", silent for {peer.silent_s:.1f} s" if peer.silent_s > 1 else ""
+        certified = f", certificate {peer.certificate}" if peer.certificate else ""
         lines.append(
-            f"peer       {peer.host} {peer.name}: lag {peer.lag_ms:.1f} ms, "
+            f"peer       {peer.host} {peer.name}{certified}: lag {peer.lag_ms:.1f} ms, "
             f"{peer.received} batches, {peer.lost} lost{silent}"
+        )
+    for quota in latest.quotas:
+        lines.append(
+            f"quota      {quota.name or 'other hosts'}: {quota.slots} of {quota.max_slots} slots, "
+            f"{quota.bytes >> 20} of {quota.max_bytes >> 20} MiB, {quota.over_rate} over the rate"
         )
     lines += [f"refused    {refusal.count} x {refusal.what}" for refusal in latest.refused]
     return "\n".join(lines)

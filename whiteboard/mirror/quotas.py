@@ -1,0 +1,112 @@
+"""What other hosts may take of this one: shared memory, and the daemon's time.
+
+A host is known by its certificate if the settings list who may write what. Otherwise, nothing
+proves who has sent a message, and all other hosts share one account: with an account for each id
+that is claimed, a host could have as many as it likes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..messages.llfsm import QuotaStatus
+from .refusals import Refused
+from .settings import QuotaSettings
+
+__all__ = ["Account", "Quotas"]
+
+_BURST_NS = 10**9  # a host that was idle may be ahead of its rate by what this time allows
+
+
+class _Bucket:
+    """Lets `per_s` of something pass a second: nothing passes while earlier costs are unpaid.
+
+    So one piece may be larger than what passes in a second, and is paid off afterwards.
+    """
+
+    def __init__(self, per_s: float) -> None:
+        self._cost_ns = 1e9 / per_s
+        self._paid_ns = 0.0
+
+    def charge(self, amount: int, now_ns: int) -> None:
+        """Add to what has to be paid off."""
+        self._paid_ns = max(self._paid_ns, now_ns - _BURST_NS) + amount * self._cost_ns
+
+    def is_paid(self, now_ns: int) -> bool:
+        """Return whether something may pass."""
+        return self._paid_ns <= now_ns
+
+
+class Account:
+    """What one host has taken."""
+
+    def __init__(self, settings: QuotaSettings) -> None:
+        self._settings = settings
+        self._traffic = _Bucket(settings.traffic)
+        self._messages = _Bucket(settings.messages)
+        self._failed: dict[tuple[str, int], str] = {}
+        self.slots = 0
+        self.bytes = 0
+        self.over_rate = 0
+
+    def admits(self, size: int, now_ns: int) -> bool:
+        """Take `size` bytes of traffic; return False, counted, if the host is over a rate."""
+        if not (self._traffic.is_paid(now_ns) and self._messages.is_paid(now_ns)):
+            self.over_rate += 1
+            return False
+        self._traffic.charge(size, now_ns)
+        return True
+
+    def charge(self, now_ns: int, *, messages: int, size: int = 0) -> None:
+        """Take the time for messages, looked at or sent, and the traffic for what is sent."""
+        self._messages.charge(messages, now_ns)
+        self._traffic.charge(size, now_ns)
+
+    def failure(self, name: str, kind: int) -> str | None:
+        """Return why a slot with this type could not be used before; None if it was not tried."""
+        return self._failed.get((name, kind))
+
+    def take_slot(self, name: str, memory: int) -> None:
+        """Take a slot and its shared memory; raise `Refused` if that is over the quota."""
+        limits = self._settings
+        if self.slots >= limits.slots:
+            raise Refused(f"slot {name!r}: over the quota of {limits.slots} slots")
+        if self.bytes + memory > limits.bytes:
+            raise Refused(
+                f"slot {name!r}: with its {memory} bytes of shared memory, its sender would be "
+                f"over the quota of {limits.bytes}"
+            )
+        self.slots += 1
+        self.bytes += memory
+
+    def fail(self, name: str, kind: int, memory: int, why: str) -> None:
+        """Record that a slot that was taken cannot be used. It stays counted: it has cost time."""
+        self.bytes -= memory
+        self._failed[name, kind] = why
+
+
+class Quotas:
+    """The accounts of the other hosts, by the name in their certificate; "" for all without."""
+
+    def __init__(self, settings: QuotaSettings) -> None:
+        self._settings = settings
+        self._accounts: dict[str, Account] = {}
+
+    def account(self, name: str) -> Account:
+        """Return the account of a host."""
+        account = self._accounts.get(name)
+        if account is None:
+            account = self._accounts[name] = Account(self._settings)
+        return account
+
+    def status(self) -> Iterator[QuotaStatus]:
+        """Return what each host has taken."""
+        for name, taken in self._accounts.items():
+            yield QuotaStatus(
+                name=name,
+                slots=taken.slots,
+                max_slots=self._settings.slots,
+                bytes=taken.bytes,
+                max_bytes=self._settings.bytes,
+                over_rate=taken.over_rate,
+            )
