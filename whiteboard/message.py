@@ -10,7 +10,7 @@ from weakref import WeakValueDictionary
 import msgspec
 
 from .errors import MessageTypeError
-from .schema import Schema, describe, limits, summarize
+from .schema import MADE_FROM, Schema, describe, excess, limits, summarize
 
 __all__ = ["M", "Message", "type_from_schema"]
 
@@ -64,10 +64,13 @@ _in_use: WeakValueDictionary[bytes, type[Message]] = WeakValueDictionary()
 def type_from_schema(schema: Schema) -> type[Message]:
     """Return a class for a slot whose Python class is not available, as tools need it.
 
-    As long as a class is in use, it is returned for each equal schema. Raise
-    :class:`.MessageTypeError` unless it is a schema as :func:`.describe` makes it.
+    As long as a class is in use, it is returned for each equal schema. It checks everything in the
+    schema but patterns. Raise :class:`.MessageTypeError` unless it is a schema as :func:`.describe`
+    makes it, neither too deep nor too large.
     """
     try:
+        if too_much := excess(schema):
+            raise MessageTypeError(f"not a message's schema: {too_much}")
         text = msgspec.json.encode(schema)
         cls = _in_use.get(text)
         if cls is None:
@@ -89,7 +92,7 @@ def _made(schema: Schema) -> type[Message]:
         title.rpartition("/")[2],
         (Message,),
         {"type_name": title},
-        lambda namespace: namespace.update(__annotations__=dict(fields)),
+        lambda namespace: namespace.update({"__annotations__": dict(fields), MADE_FROM: schema}),
     )
 
 

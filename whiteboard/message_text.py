@@ -26,7 +26,7 @@ def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
     try:
         plain = from_plain(json.loads(text), slot.schema)
         return msgspec.convert(plain, slot.type)
-    except ValueError as error:  # includes msgspec's
+    except (ValueError, RecursionError) as error:  # includes msgspec's; and of nested JSON
         what = name_fields(slot.type, error)
         raise MessageFieldError(f"slot {slot.name!r}: invalid message: {what}") from error
 

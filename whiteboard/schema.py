@@ -20,9 +20,11 @@ from llfsm.errors import did_you_mean
 from .errors import MessageTypeError
 
 __all__ = [
+    "MADE_FROM",
     "Schema",
     "describe",
     "differences",
+    "excess",
     "fingerprint",
     "from_plain",
     "limits",
@@ -31,6 +33,9 @@ __all__ = [
 ]
 
 Schema = dict[str, Any]
+
+MADE_FROM = "__made_from__"
+"""The attribute of a class that was made from a schema, which it holds."""
 
 _MUTABLE = {
     mi.ListType: "a list is mutable; use tuple[X, ...]",
@@ -42,6 +47,11 @@ _MUTABLE = {
     mi.DataclassType: "use a Message instead of a dataclass",
     mi.TypedDictType: "a dict is mutable; use a Message",
 }
+
+# Of a foreign schema; a field of a message in a message adds two levels. Deep ones exhaust the
+# stack of whatever follows them, and large ones the time of whoever lists slots.
+_DEEPEST = 64
+_MOST_MEMBERS = 20_000
 
 # The limits of msgspec's types, by their names in JSON schema.
 _OF_NUMBERS = {
@@ -66,6 +76,9 @@ def describe(cls: type) -> Schema:
             msgspec.msgpack.Decoder(field.type)
         except TypeError as error:  # a union whose members a decoder cannot distinguish
             raise MessageTypeError(f"{cls.__qualname__}.{field.name}: {error}") from error
+    made_from: Schema | None = vars(cls).get(MADE_FROM)
+    if made_from is not None:
+        return made_from
     return _schema(mi.type_info(cls), cls.__qualname__, ())
 
 
@@ -126,6 +139,21 @@ def _limits(node: mi.Type, names: dict[str, str]) -> Schema:
     return {key: value for key, value in found.items() if value is not None}
 
 
+def excess(schema: Schema) -> str:
+    """Return why a schema of another process is too deep or too large to work with, or ""."""
+    level: list[Any] = [schema]
+    members = 0
+    for _ in range(_DEEPEST):
+        members += sum(map(len, level))
+        if members > _MOST_MEMBERS:
+            return f"its schema has more than {_MOST_MEMBERS} members"
+        values = (v for each in level for v in (each.values() if isinstance(each, dict) else each))
+        level = [value for value in values if isinstance(value, dict | list)]
+        if not level:
+            return ""
+    return f"its schema is nested more than {_DEEPEST} deep"
+
+
 def fingerprint(schema: Schema) -> int:
     """Return a 64-bit hash, equal exactly if two schemas are."""
     import hashlib  # here, because it takes a tenth of the time of importing the whiteboard
@@ -165,9 +193,12 @@ def summarize(schema: Schema) -> str:
 
 
 def limits(schema: Schema) -> dict[str, Any]:
-    """Return the limits in a schema as arguments of `msgspec.Meta`."""
+    """Return the limits in a foreign schema as arguments of `msgspec.Meta`, but no pattern.
+
+    A pattern can take longer than the robot lives to match a short text.
+    """
     names = _OF_NUMBERS | _OF_TEXTS | _OF_ARRAYS
-    return {names[key]: value for key, value in schema.items() if key in names}
+    return {names[k]: value for k, value in schema.items() if k in names and k != "pattern"}
 
 
 def to_plain(value: Any) -> Any:
@@ -183,24 +214,42 @@ def from_plain(value: Any, schema: Schema) -> Any:
     """Convert JSON values to the arrays that a message's decoder accepts.
 
     Omitted fields are zero, empty or false. Raise ``ValueError`` for a field that the schema does
-    not have.
+    not have, and if the omitted ones are millions.
     """
+    return _filled(value, schema, _Zeros())
+
+
+class _Zeros:
+    """The values of the fields that are omitted, of which a short text can require gigabytes."""
+
+    def __init__(self) -> None:
+        self._left = 1 << 22
+
+    def of(self, schema: Schema) -> Any:
+        self._left -= _least_values(schema)
+        if self._left < 0:
+            raise ValueError("it leaves out millions of values, which must be there")
+        return _zero(schema)
+
+
+def _filled(value: Any, schema: Schema, zeros: _Zeros) -> Any:
     match schema, value:
         case {"type": "object", "properties": fields, "title": title}, dict():
             for name in value.keys() - fields.keys():
                 near = did_you_mean(name, fields)
                 raise ValueError(f"{title} has no field {name!r}; it has {', '.join(fields)}{near}")
-            return [from_plain(value.get(n, _zero(s)), s) for n, s in fields.items()]
+            given = ((value[n] if n in value else zeros.of(s), s) for n, s in fields.items())
+            return [_filled(v, s, zeros) for v, s in given]
         case {"anyOf": options}, dict() | list() | str():  # a union has at most one of each
             kind = {dict: "object", list: "array", str: "string"}[type(value)]
             for option in options:
                 if option.get("type") == kind:
-                    return from_plain(value, option)
+                    return _filled(value, option, zeros)
             return value
         case {"prefixItems": items}, list() if len(items) == len(value):
-            return [from_plain(v, s) for v, s in zip(value, items, strict=True)]
+            return [_filled(v, s, zeros) for v, s in zip(value, items, strict=True)]
         case {"type": "array", "items": dict() as item}, list():
-            return [from_plain(v, item) for v in value]
+            return [_filled(v, item, zeros) for v in value]
         case {"contentEncoding": "base64"}, str():
             return binascii.a2b_base64(value, strict_mode=True)
         case _:
@@ -224,3 +273,19 @@ def _zero(schema: Schema) -> Any:
         case {"type": kind}:
             return {"boolean": False, "string": "", "object": {}}.get(kind)
     return None
+
+
+def _least_values(schema: Schema) -> int:
+    """Return how many values, and bytes, the zero of a schema has with all its fields."""
+    match schema:
+        case {"anyOf": [*options]}:
+            return 1 if {"type": "null"} in options else _least_values(options[0])
+        case {"prefixItems": items}:
+            return 1 + sum(map(_least_values, items))
+        case {"type": "array"}:
+            return 1 + int(schema.get("minItems", 0) * _least_values(schema["items"]))
+        case {"contentEncoding": "base64", "minLength": length}:
+            return 1 + int(length)
+        case {"properties": fields}:
+            return 1 + sum(map(_least_values, fields.values()))
+    return 1

@@ -16,7 +16,7 @@ from .board import Board, BoundSlot, SlotInfo, Waiter
 from .board_files import DIRECTORY, board_files, board_path, default_name, remove_board
 from .errors import SchemaClash, SharedMemoryUnavailableError, SlotNotFoundError
 from .message import M, Message
-from .schema import Schema
+from .schema import Schema, excess
 from .slots import Slot
 
 try:
@@ -186,9 +186,11 @@ def _info(
 def _schema(text: bytes) -> tuple[Schema, str]:
     """Return a schema and "", or an empty schema and why the text is invalid."""
     try:
-        return msgspec.json.decode(text, type=Schema), ""
+        schema = msgspec.json.decode(text, type=Schema)
     except (msgspec.DecodeError, RecursionError) as error:
         return {}, f"its schema is not a JSON object: {error}"
+    too_much = excess(schema)
+    return ({} if too_much else schema), too_much
 
 
 class BoardInfo(NamedTuple):

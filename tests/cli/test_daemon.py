@@ -25,6 +25,7 @@ from llfsm.whiteboard.messages.llfsm import (
     QuotaStatus,
     Refusal,
 )
+from waiting import PATIENCE_S
 
 UNIT = Path(mirror_daemon.__file__).with_name("llfsm-whiteboard@.service")
 
@@ -133,6 +134,25 @@ def test_the_unit_calls_the_command_as_it_is() -> None:
     assert (llfsm, group, command) == ("llfsm", "whiteboard", "daemon")
     options = {name for parameter in daemon.params for name in parameter.opts}
     assert {part for part in arguments if part.startswith("--")} <= options
+
+
+def test_systemd_restarts_a_daemon_that_gives_no_sign_of_life() -> None:
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.read(UNIT)
+    assert int(parser["Service"]["WatchdogSec"]) >= 3  # it gives one each second
+    assert parser["Service"]["Restart"] == "on-failure"
+
+
+def test_each_status_is_a_sign_of_life(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
+        supervisor.bind(str(tmp_path / "notify"))
+        supervisor.settimeout(PATIENCE_S)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        with Whiteboard("board", directory=tmp_path) as board:
+            publish = mirror_daemon.status_publisher(board)
+            for _ in range(2):
+                publish(MirrorStatus())
+                assert supervisor.recv(100) == b"WATCHDOG=1"
 
 
 def test_systemd_is_told_when_it_is_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

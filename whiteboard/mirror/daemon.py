@@ -43,9 +43,13 @@ def daemon(board: Whiteboard, settings: Settings) -> Iterator[Mirror]:
 
 
 def status_publisher(board: Whiteboard) -> Callable[[MirrorStatus], None]:
-    """Return a function that publishes a status on the board, for `llfsm whiteboard status`."""
+    """Return a function that publishes a status on the board, for `llfsm whiteboard status`.
+
+    The supervisor gets a sign of life with each, and restarts a daemon that publishes none.
+    """
 
     def publish(status: MirrorStatus) -> None:
+        notify_supervisor("WATCHDOG=1")
         try:
             board.add_message(MIRROR, status)
         except WhiteboardError as error:  # mirroring goes on without

@@ -193,6 +193,20 @@ def test_a_channel_whose_metadata_are_no_numbers_is_an_error(
         Recording(file)
 
 
+@pytest.mark.timeout(60)  # it would take for ever
+def test_patterns_of_the_file_are_not_run(file: Path) -> None:
+    text = "a" * 50 + "!"
+    field = {"type": "string", "pattern": "^(a+)+$"}
+    schema = {"title": "Odd", "type": "object", "properties": {"t": field}, "required": ["t"]}
+    with foreign_writer(file) as writer:
+        number = writer.register_schema("Odd", "jsonschema", msgspec.json.encode(schema))
+        about = {"writer": "1", "capacity": "1024", "wraps": "0"}
+        channel = writer.register_channel("x", "json", number, about)
+        writer.add_message(channel, 1, msgspec.json.encode({"t": text}), 1, 1)
+    ((slot, recorded),) = Recording(file).messages()
+    assert slot.sample(recorded).message.t == text
+
+
 @pytest.mark.parametrize("deep", [500, 100_000])
 def test_a_schema_that_is_deeply_nested_is_an_error(file: Path, deep: int) -> None:
     with foreign_writer(file) as writer:
