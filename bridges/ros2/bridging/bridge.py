@@ -83,16 +83,12 @@ class Bridge:
         """Give the programs that command robots through the bridge time to command a stop.
 
         It waits while a process lives that has added to a slot relayed to ROS, and ``at_most`` so
-        many seconds: machines that are asked to stop have a grace period of one.
+        many seconds: machines that are asked to stop have a grace period of one. That their board
+        was removed asks them, too.
         """
         until = time.monotonic() + at_most
-        while time.monotonic() < until and self._commanded():
+        while time.monotonic() < until and any(map(_is_commanded, self._to_ros)):
             time.sleep(_LOOK_S)  # nothing signals the end of another user's or parent's process
-
-    def _commanded(self) -> bool:
-        if not self._board.alive:
-            return False
-        return any(map(_is_commanded, self._to_ros))
 
     def _connect(self, plan: BridgePlan, transport: Transport) -> None:
         node = transport.node(plan.node.node, plan.node.namespace)
@@ -166,6 +162,6 @@ class Bridge:
 def _is_commanded(relay: ToRos[Any]) -> bool:
     try:
         sample = relay.slot.sample()
-    except WhiteboardError:  # unreadable, or the board is gone
+    except WhiteboardError:  # unreadable, or the board is closed
         return False
     return sample is not None and sample.writer != os.getpid() and writer_lives(sample)

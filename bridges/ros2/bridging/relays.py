@@ -13,7 +13,7 @@ import threading
 import time
 from typing import Generic
 
-from llfsm.whiteboard import BoundSlot, Sample
+from llfsm.whiteboard import BoundSlot, Sample, WhiteboardError
 from llfsm.whiteboard.errors import BoardClosedError
 from llfsm.whiteboard.message import M
 
@@ -58,9 +58,8 @@ class ToRos(Generic[M]):
         self._period = period
         self._begin = time.monotonic() + (history if latched and echo else 0.0)
         self._over = threading.Event()
-        self._subscription = slot.subscribe(
-            self._relay, after=0 if latched else slot.count, on_error=self._failed
-        )
+        self._seen = 0 if latched else slot.count
+        self._subscription = slot.subscribe(self._relay, after=self._seen, on_error=self._failed)
 
     def finish(self) -> None:
         """Ask for the end after publishing what is on the slot by now."""
@@ -68,10 +67,23 @@ class ToRos(Generic[M]):
         self._subscription.finish()
 
     def close(self) -> None:
-        """Wait for the end."""
+        """Wait for the end, and publish what machines added after their board was removed.
+
+        The removal has ended the subscription, but it has also asked the machines to stop.
+        """
         self._subscription.close()
+        try:
+            sample = self.slot.sample()
+        except WhiteboardError:  # closed, or unreadable, which has been reported
+            return
+        if sample is not None and sample.count > self._seen:
+            try:
+                self._pass_on(sample)
+            except Exception as error:
+                self._failed(error)
 
     def _relay(self, sample: Sample[M]) -> None:
+        self._seen = sample.count
         begun = time.monotonic()
         if begun < self._begin:
             self._over.wait(self._begin - begun)

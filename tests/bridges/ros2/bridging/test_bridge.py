@@ -14,9 +14,11 @@ from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.whiteboard import Slot, SlotTypeError
+from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.std_msgs import Bool
 from memory_transport import MemoryTransport
+from waiting import wait_for
 
 TO_ROS = {"slot": "lamp", "type": "std_msgs/msg/Bool", "direction": "to_ros"}
 LAMP = Slot("lamp", Bool)
@@ -29,6 +31,7 @@ with Whiteboard("test", directory=sys.argv[1]) as board:
     board.add_message(Slot("lamp", Bool), Bool(True))
     print("added", flush=True)
     sys.stdin.read()
+    board.add_message(Slot("lamp", Bool), Bool(False))
 """
 
 
@@ -74,6 +77,22 @@ def test_a_bridge_on_a_board_that_was_removed_ends(start, board):
     board.remove()
     bridge.linger(FOR_EVER)
     bridge.close()
+
+
+def test_what_a_process_adds_as_its_board_was_removed_is_published(
+    start, board, peer, seen, types, commander
+):
+    got = seen()
+    of = types.message("std_msgs/msg/Bool")
+    peer.node("robot").subscription("lamp", of, lambda each: got(each.decode().data))
+    bridge = start(relay=[TO_ROS])
+    remove_board(board.name, board.path.parent)
+    # The subscription notices, as nothing is added for a while, and ends.
+    wait_for(lambda: not bridge._to_ros[0]._subscription.active)
+    commander.stdin.close()
+    bridge.linger(FOR_EVER)
+    bridge.close()
+    got.wait(lambda got: got == [False])
 
 
 def test_a_bridge_that_cannot_begin_leaves_nothing_behind(board, memory, peer):
