@@ -214,12 +214,16 @@ class Guard:
 class GuardThread:
     """Guard a board of this host in a thread, within a ``with`` block.
 
-    The board may be made later, and removed and made again.
+    The board may be made later, and removed and made again. It begins after `after_s` seconds: what
+    passes the safe values on may not be ready before.
     """
 
-    def __init__(self, name: str, directory: str | os.PathLike[str] = DIRECTORY) -> None:
+    def __init__(
+        self, name: str, directory: str | os.PathLike[str] = DIRECTORY, *, after_s: float = 0.0
+    ) -> None:
         self._name = name
         self._directory = directory
+        self._after_s = after_s
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="guard", daemon=True)
 
@@ -233,6 +237,7 @@ class GuardThread:
 
     def _run(self) -> None:
         problem = ""
+        self._over.wait(self._after_s)
         while not self._over.is_set():
             try:
                 with Whiteboard(self._name, directory=self._directory, create=False) as board:

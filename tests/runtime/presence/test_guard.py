@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import signal
+import time
 from contextlib import ExitStack, closing
 
 import msgspec
@@ -202,3 +203,11 @@ def test_a_board_without_room_for_the_bell_is_guarded(board: Whiteboard) -> None
     with closing(Guard(board)) as guard:
         guard.look()
     assert is_executed(board)
+
+
+def test_a_guard_that_is_to_wait_posts_nothing_before(board: Whiteboard, runs: Runs) -> None:
+    kill(runs.start())
+    begin = time.monotonic()
+    with GuardThread(board.name, after_s=0.3):
+        wait_for(lambda: is_executed(board), "the will is executed")
+    assert time.monotonic() - begin >= 0.3

@@ -24,6 +24,7 @@ from .counts import show_until
 __all__ = ["run_bridge"]
 
 _POLL_S = 0.25  # between two looks whether the whiteboard still exists
+_MEET_S = 1.0  # for the robot's nodes to find the bridge's: a safe value must not be too early
 
 
 def run_bridge(configured: Configured, options: BridgeOptions) -> None:
@@ -51,7 +52,7 @@ def _run(configured: Configured, options: BridgeOptions) -> None:
             stack.callback(board.remove)
         bridge = Bridge(plan, board, transport)
         stack.callback(bridge.close)
-        stack.enter_context(GuardThread(board.name))
+        stack.enter_context(GuardThread(board.name, after_s=_MEET_S))
         if options.until_eof:
             end_with_input()
         where = f"ROS domain {transport.domain}, whiteboard {board.name}"
