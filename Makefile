@@ -21,13 +21,14 @@ VENV_MADE := $(VENV)/pyvenv.cfg
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test check bench soak sanitize clean
+.PHONY: help setup demo test check safety bench soak sanitize clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
 	@echo "make test      run the tests"
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
+	@echo "make safety    measure how soon the robot stops, whatever happens (2 min)"
 	@echo "make bench     measure us and the peers in one run"
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
 	@echo "               processes are, ten topics at 1 kHz, three hosts, killed machines: half an hour"
@@ -72,6 +73,11 @@ sanitize: $(VENV)/.ready-test
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/whiteboard tests/stress \
 	    --ignore tests/whiteboard/mirror \
 	    --deselect tests/whiteboard/test_shared.py::test_a_process_that_uses_a_hundred_slots_is_small
+
+# Alone: the same tests are part of `make test`, where times depend on what else runs.
+safety: $(VENV)/.ready-test
+	LLFSM_TIMES=check $(PYTEST) -q -s tests/bridges/ros2/stopping \
+	    tests/whiteboard/mirror/test_partition.py
 
 bench: $(VENV)/.ready-bench
 	@mkdir -p out

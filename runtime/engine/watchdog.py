@@ -2,8 +2,8 @@
 
 It looks at the stack of the thread that runs the arrangement, so that a ringlet costs nothing more.
 A section hangs if the same call is still running after the limit. Python code, sleeps and C code
-that releases the GIL are seen; C code that holds it stops this thread, too, and is reported when it
-returns.
+that releases the GIL are seen. C code that holds it stops this thread, too, as a signal that stops
+the process does: all that can be done is to log afterwards that nothing ran.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ __all__ = ["RunningCall", "Watchdog", "running_call", "stop_by_signal"]
 
 _BEAT_S = 0.25  # between two statuses of a machine that hangs
 _PATIENCE_S = 0.5  # after a signal, until a call that still runs is reported
+_STANDSTILL_S = 0.5  # by which the watchdog itself is later than on a machine that is busy
 _RUNTIME = os.path.dirname(os.path.dirname(__file__))
 
 
@@ -107,9 +108,15 @@ class Watchdog:
         pause_s = min(self._limit_s / 4, 0.05)
         over = False
         while not over:
-            over = self._over.wait(pause_s)
+            slept_s = time.monotonic()
+            due_s = slept_s + pause_s
+            if latest is not None and not hangs:
+                due_s = min(due_s, since_s + self._limit_s)
+            over = self._over.wait(due_s - slept_s)
             now_s = time.monotonic()
             call = None if over else running_call(self._watched)
+            if now_s - due_s > self._limit_s + _STANDSTILL_S:
+                report_standstill(call, now_s - due_s)
             if call is None or not call.is_same(latest):
                 if hangs and latest is not None:
                     logger().error("%s has returned after %.3g s", latest.where, now_s - since_s)
@@ -137,6 +144,17 @@ def report_hang(arrangement: Arrangement, call: RunningCall, seconds: float) -> 
     board = arrangement.whiteboard
     if board is not None:
         seat.post_safe("at_failure", board)
+
+
+def report_standstill(call: RunningCall | None, seconds: float) -> None:
+    """Log that no thread of this process ran; `call` is what the watched one runs since."""
+    where = "" if call is None else f"; it goes on with {call.where}"
+    logger().warning(
+        "this process has not run for %.3g s, as C code held the interpreter's lock or a signal "
+        "stopped it%s",
+        seconds,
+        where,
+    )
 
 
 def stop_by_signal(arrangement: Arrangement, cause: str) -> None:

@@ -125,16 +125,17 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             yield rcl
 
 
-@pytest.fixture
-def middleware(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+@pytest.fixture(scope="module")
+def middleware(request: pytest.FixtureRequest) -> Iterator[str]:
     """Return what carries rclpy's messages; if that is Zenoh, have it meet at our router."""
     import rclpy
 
     name: str = rclpy.get_rmw_implementation_identifier()
-    if name == "rmw_zenoh_cpp":
-        router = request.getfixturevalue("router")
-        monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{router}"]')
-    return name
+    with pytest.MonkeyPatch.context() as environment:
+        if name == "rmw_zenoh_cpp":
+            router = request.getfixturevalue("router")
+            environment.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{router}"]')
+        yield name
 
 
 @pytest.fixture

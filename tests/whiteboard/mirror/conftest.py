@@ -15,6 +15,8 @@ from free_ports import free_endpoint
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from programs import program
 
+from .switch import HOSTS, Switch, address
+
 LLFSM = [sys.executable, "-m", "llfsm.cli"]
 NAME = "mirrored"
 
@@ -153,3 +155,22 @@ def certify(tmp_path: Path) -> Certify:
         return config
 
     return certify
+
+
+@pytest.fixture
+def switch() -> Iterator[Switch]:
+    program("iproute2")
+    switch = Switch()
+    try:
+        try:
+            switch.make()
+        except subprocess.CalledProcessError as error:
+            pytest.skip(f"network namespaces are not permitted here: {error.stderr.strip()}")
+        yield switch
+    finally:
+        switch.remove()
+
+
+@pytest.fixture
+def hosts(switch: Switch, make_host: MakeHost) -> list[Host]:
+    return [make_host(f"host{i}", f"tcp/{address(i)}:7447", switch.prefix(i)) for i in range(HOSTS)]

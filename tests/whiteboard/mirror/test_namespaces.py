@@ -2,94 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from programs import program
 from waiting import wait_for
 
-from .conftest import Host, MakeHost
+from .conftest import Host
+from .switch import HOSTS, Switch, address, run
 
 pytestmark = pytest.mark.timeout(240)
-
-HOSTS = 3
-
-
-def run(command: str) -> None:
-    subprocess.run(command.split(), check=True, capture_output=True, text=True)
-
-
-class Switch:
-    """Namespaces `hosts`, connected by a bridge in one more."""
-
-    def __init__(self) -> None:
-        base = f"llfsm{os.getpid()}"
-        self.name = f"{base}s"
-        self.hosts = [f"{base}h{i}" for i in range(HOSTS)]
-
-    def make(self) -> None:
-        for name in (self.name, *self.hosts):
-            run(f"ip netns add {name}")
-            run(f"ip -n {name} link set lo up")
-        run(f"ip -n {self.name} link add bridge type bridge")
-        run(f"ip -n {self.name} link set bridge up")
-        for i, host in enumerate(self.hosts):
-            run(f"ip -n {self.name} link add port{i} type veth peer name eth netns {host}")
-            run(f"ip -n {host} addr add {address(i)}/24 dev eth")
-            run(f"ip -n {host} link set eth address {hardware(i)} up")
-            for other in set(range(HOSTS)) - {i}:  # else a host is looked for, once a second
-                run(f"ip -n {host} neigh add {address(other)} lladdr {hardware(other)} dev eth")
-            run(f"ip -n {self.name} link set port{i} up")
-            self.join(i)
-
-    def cut(self, host: int) -> None:
-        """Drop all packets from and to a host, without an error."""
-        run(f"ip -n {self.name} link set port{host} nomaster")
-
-    def join(self, host: int) -> None:
-        run(f"ip -n {self.name} link set port{host} master bridge")
-
-    def remove(self) -> None:
-        for name in (self.name, *self.hosts):
-            subprocess.run(["ip", "netns", "del", name], capture_output=True, check=False)
-
-
-def address(host: int) -> str:
-    return f"10.99.0.{host + 1}"
-
-
-def hardware(host: int) -> str:
-    return f"02:00:00:00:00:{host + 1:02x}"
-
-
-@pytest.fixture
-def switch() -> Iterator[Switch]:
-    program("iproute2")
-    switch = Switch()
-    try:
-        try:
-            switch.make()
-        except subprocess.CalledProcessError as error:
-            pytest.skip(f"network namespaces are not permitted here: {error.stderr.strip()}")
-        yield switch
-    finally:
-        switch.remove()
-
-
-@pytest.fixture
-def hosts(switch: Switch, make_host: MakeHost) -> list[Host]:
-    return [
-        make_host(f"host{i}", f"tcp/{address(i)}:7447", ["ip", "netns", "exec", name])
-        for i, name in enumerate(switch.hosts)
-    ]
 
 
 class Watch:
