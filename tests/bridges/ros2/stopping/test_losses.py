@@ -20,6 +20,7 @@ from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.std_msgs import Int32
 from memory_transport import MemoryWorld
 from robot import Robot, memory_bridge, memory_robot, report
+from small_disks import small_disk
 from waiting import wait_for
 from wheels import CMD_VEL
 
@@ -214,16 +215,10 @@ def full_of_files(board: Whiteboard) -> None:
         board.add_message(Slot("one/more", Int32), Int32())
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """Mount a file system of 2 MiB."""
-    mount = ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(tmp_path)]
-    try:
-        subprocess.run(mount, check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("no file system may be mounted here")
-    yield tmp_path
-    subprocess.run(["umount", str(tmp_path)], check=True)
+@pytest.fixture(name="small_disk")
+def _small_disk(tmp_path: Path) -> Iterator[Path]:
+    with small_disk(tmp_path, "2m"):
+        yield tmp_path
 
 
 @pytest.mark.parametrize("fill", [full_of_slots, full_of_files])
