@@ -48,7 +48,8 @@ class JournalRecorder:
         self._me = Recorder(pid, born(pid))
         names = {info.name for info in board.slots()}
         while f"{JOURNALS}{len(self._slots)}" in names or not self._slots:
-            self._add_slot()  # what it holds was meant for an earlier recorder
+            self._add_slot()
+        self._taken = [slot.count for slot in self._slots]  # that was meant for an earlier recorder
         self.other = self._claim()
 
     def _claim(self) -> int:
@@ -60,12 +61,14 @@ class JournalRecorder:
                 return 0
 
     def _add_slot(self) -> None:
-        slot = self._board[journal_slot(len(self._slots))]
-        self._slots.append(slot)
-        self._taken.append(slot.count)
+        self._slots.append(self._board[journal_slot(len(self._slots))])
+        self._taken.append(0)
 
     def _add_spare_slot(self) -> None:
-        """Read one slot more than are in use, so that the next journal is seen at once."""
+        """Read one slot more than are in use, so that the next journal is seen at once.
+
+        Another one may have begun there already, if two began since the last poll.
+        """
         try:
             self._add_slot()
         except BoardClosedError:

@@ -186,11 +186,21 @@ class McapFile:
             raise
         except Exception:  # as before: what was found so far is all there is
             pass
+        unread: list[int] = []  # chunks
         for number, chunk in enumerate(self.chunks):
-            last = number + 1 == len(self.chunks)  # its own index may be cut
-            if last or not self.channels.keys() >= {*chunk.channels}:
-                channels = tuple(self.messages(number))
-                self.chunks[number] = chunk._replace(channels=channels if last else chunk.channels)
+            last = number + 1 == len(self.chunks)
+            if not last and self._has_defined(chunk.channels):
+                unread.append(number)
+                continue
+            channels = tuple(self.messages(number))
+            if last:  # its own index may be cut
+                self.chunks[number] = chunk._replace(channels=channels)
+            # A channel may be defined at the end of a chunk, and have its first message in a later.
+            while unread and not self._has_defined(self.chunks[number].channels):
+                self.messages(unread.pop())
+
+    def _has_defined(self, channels: Sequence[int]) -> bool:
+        return self.channels.keys() >= {*channels}
 
     def _step_through(self, file: IO[bytes]) -> None:
         offset = MAGIC_SIZE

@@ -9,10 +9,13 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
 from mcap.records import Message
@@ -116,6 +119,40 @@ def test_wherever_it_is_cut_all_flushed_before_is_there(file: Path) -> None:
         assert not recording.complete
         assert same(found, written[: len(found)])
         assert len(found) >= 20 * sum(size <= length for size in flushed)
+
+
+@settings(max_examples=60)
+@given(st.lists(st.sampled_from(["reading", "other", "journal", "entry", "flush"]), max_size=16))
+@example(["reading", "flush", "reading", "journal", "flush", "entry"])
+def test_whatever_was_flushed_is_there_in_whichever_chunk_its_channel_was_defined(
+    steps: list[str],
+) -> None:
+    board, written, entries = Whiteboard.local(), [], Counter[int]()
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "run.mcap"
+        with RecordingWriter(file, {}) as writer:
+            journals = []
+            for step in steps:
+                if step == "journal":
+                    about = {"session": f"{len(journals)}-0", "writer": str(len(journals))}
+                    journals.append(writer.add_journal({**about, "whole": "yes"}))
+                elif step == "entry" and journals:
+                    writer.add_entry(
+                        journals[-1], {"event": "Asked", "action": "stop", "machine": None}
+                    )
+                    entries[len(journals) - 1] += 1
+                elif step == "flush":
+                    writer.flush()
+                elif step in ("reading", "other"):
+                    slot = READING if step == "reading" else OTHER
+                    written += (new := samples_of(board, slot, [Reading()]))
+                    writer.add(*new[0])
+            writer.flush()
+            whole = file.read_bytes()
+        recording = Recording(make_cut(file, whole, len(whole)))
+        assert same(plain(recording), written)
+        found = {each.process: len([*recording.entries(each)]) for each in recording.journals}
+        assert {process: number for process, number in found.items() if number} == entries
 
 
 def test_a_damaged_byte_costs_no_more_than_what_comes_after(file: Path) -> None:

@@ -183,6 +183,23 @@ def arrange(board: Whiteboard, clock: ManualClock, **options: int) -> Arrangemen
     return Arrangement([Blink], environment=JournalledEnvironment(live, handover.journal))
 
 
+def test_all_that_begin_between_two_polls_are_recorded(board: Whiteboard, file: Path) -> None:
+    clock = ManualClock()
+    with RecordingWriter(file, {}) as writer:
+        receiver = JournalRecorder(board, writer)
+        arrangements = [arrange(board, clock) for _ in range(3)]
+        for _ in range(10):
+            receiver.poll()
+            clock.advance(ms=30)
+            for arrangement in arrangements:
+                arrangement.round()
+        receiver.close()
+    recording = Recording(file)
+    for journal in recording.journals:
+        assert sum(entry["event"] == "Turn" for entry in recording.entries(journal)) >= 5
+    assert len(recording.journals) == 3
+
+
 def test_what_was_lost_is_in_the_file_and_ends_the_comparison(
     board: Whiteboard, file: Path
 ) -> None:
