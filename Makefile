@@ -86,10 +86,10 @@ bench: $(VENV)/.ready-bench
 SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
 	LLFSM_STRESS=20 $(PYTEST) -s tests/stress/test_stress.py
-	$(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
-	$(BIN)/python tests/soak/relays.py
-	$(BIN)/python tests/soak/hosts.py
-	$(BIN)/python tests/soak/guard.py
+	PYTHONPATH=tests $(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
+	PYTHONPATH=tests $(BIN)/python tests/soak/relays.py
+	PYTHONPATH=tests $(BIN)/python tests/soak/hosts.py
+	PYTHONPATH=tests $(BIN)/python tests/soak/guard.py
 
 # One stamp a set of extras; each is made again when what it depends on changes.
 $(VENV)/.ready: EXTRAS = draw,ros,hosts,record,view

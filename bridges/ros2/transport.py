@@ -33,10 +33,10 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from llfsm.whiteboard.message import M, Message
 
-from .graph import Graph
+from .graph import Endpoint, Graph, Role
 from .lifetime import Closable
 from .qos import SERVICE, TOPIC, Qos
-from .ros_names import NO_REMAPPING
+from .ros_names import NO_REMAPPING, Names
 
 if TYPE_CHECKING:
     from .types import RosMessage, RosService
@@ -242,8 +242,11 @@ class Node(Closable):
     :class:`.TransportClosedError` after ``close``.
     """
 
-    name: str
-    """The full name, with the namespace."""
+    def __init__(self, owner: Closable, names: Names) -> None:
+        super().__init__(owner)
+        self.name = names.full_node
+        """The full name, with the namespace."""
+        self._names = names
 
     @abstractmethod
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> Publisher[M]:
@@ -275,6 +278,14 @@ class Node(Closable):
 
         An error that the handler raises fails the request and is reported as a notice.
         """
+
+    def _end(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Endpoint:
+        """Describe an endpoint of this node."""
+        self._check_open()
+        return Endpoint(role, self.name, self._names.full(name), of.name, of.type_hash, qos)
+
+    def __str__(self) -> str:
+        return f"the node {self.name}"
 
 
 class Transport(Closable):

@@ -7,7 +7,7 @@ from typing import Any
 
 from llfsm.bridges.ros2.defaults import check_domain
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
-from llfsm.bridges.ros2.graph import Endpoint, Graph, Role
+from llfsm.bridges.ros2.graph import Graph, Role
 from llfsm.bridges.ros2.notices import Notifier, log_notice
 from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
 from llfsm.bridges.ros2.ros_names import NO_REMAPPING, Names
@@ -73,9 +73,7 @@ class MemoryTransport(Transport):
 
 class _MemoryNode(Node, Member):
     def __init__(self, owner: MemoryTransport, site: Site, names: Names) -> None:
-        super().__init__(owner)
-        self.name = names.full_node
-        self._names = names
+        super().__init__(owner, names)
         self.join(site, self.name)
 
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> MemoryPublisher[M]:
@@ -112,12 +110,5 @@ class _MemoryNode(Node, Member):
             end = self._end(Role.SERVER, service, of, qos)
             return MemoryServer(self, self.site, self.name, end, of, handler)
 
-    def _end(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Endpoint:
-        self._check_open()
-        return Endpoint(role, self.name, self._names.full(name), of.name, of.type_hash, qos)
-
     def _close(self) -> None:
         self.site.world.leave(self)
-
-    def __str__(self) -> str:
-        return f"the node {self.name}"

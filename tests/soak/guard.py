@@ -21,8 +21,6 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from driving import DRIVE, SAFE, Runs
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import will_slot

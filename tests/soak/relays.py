@@ -27,9 +27,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from endpoint import free_endpoint
 from use import Use
 
+from free_ports import free_endpoint
 from llfsm.bridges.ros2.graph import Graph, Role
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.router import open_router

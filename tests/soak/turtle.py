@@ -21,9 +21,9 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
-from endpoint import free_endpoint
 from use import Use
 
+from free_ports import free_endpoint
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board

@@ -9,7 +9,7 @@ from llfsm.whiteboard.message import M
 
 from ..defaults import check_domain, default_domain
 from ..errors import TransportClosedError
-from ..graph import Endpoint, Graph, Role
+from ..graph import Graph, Role
 from ..notices import Notifier, log_notice
 from ..qos import SERVICE, TOPIC, Qos
 from ..ros_names import NO_REMAPPING, Names
@@ -70,10 +70,8 @@ class RclpyTransport(Transport):
 
 class _RclpyNode(Node):
     def __init__(self, owner: RclpyTransport, world: RclpyContext, names: Names) -> None:
-        super().__init__(owner)
-        self.name = names.full_node
+        super().__init__(owner, names)
         self._world = world
-        self._names = names
         self._node = world.new_node(names)
 
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> RclpyPublisher[M]:
@@ -109,12 +107,5 @@ class _RclpyNode(Node):
             name = self._names.full(service)
             return RclpyServer(self, self._world, self._node, name, of, handler, qos)
 
-    def _end(self, role: Role, topic: str, of: RosMessage[Any], qos: Qos) -> Endpoint:
-        self._check_open()
-        return Endpoint(role, self.name, self._names.full(topic), of.name, of.type_hash, qos)
-
     def _close(self) -> None:
         self._world.remove_node(self._node)
-
-    def __str__(self) -> str:
-        return f"the node {self.name}"

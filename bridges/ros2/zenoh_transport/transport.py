@@ -14,7 +14,7 @@ from llfsm.whiteboard.message import M
 
 from ..defaults import check_domain, default_domain
 from ..errors import TransportClosedError
-from ..graph import Endpoint, Graph, Role
+from ..graph import Graph, Role
 from ..notices import Notifier, log_notice
 from ..qos import SERVICE, TOPIC, Qos
 from ..ros_names import NO_REMAPPING, Names
@@ -152,9 +152,7 @@ class _ZenohNode(Node):
         connection: Connection,
         numbers: itertools.count[int],
     ) -> None:
-        super().__init__(owner)
-        self.name = names.full_node
-        self._names = names
+        super().__init__(owner, names)
         self._token_key = token
         self._connection = connection
         self._numbers = numbers
@@ -189,15 +187,10 @@ class _ZenohNode(Node):
         with self._lifetime:
             return ZenohServer(self, self._endpoint(Role.SERVER, service, of, qos), of, handler)
 
-    def __str__(self) -> str:
-        return f"the node {self.name}"
-
     def _endpoint(
         self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos
     ) -> ZenohEndpoint:
-        self._check_open()
-        full = self._names.full(name)
-        end = Endpoint(role, self.name, full, of.name, of.type_hash, qos)
+        end = self._end(role, name, of, qos)
         return ZenohEndpoint(
             self._connection, self._token_key, next(self._numbers), end, of.dds_name
         )
