@@ -6,9 +6,7 @@ what is wrong there and, where that is known, what was meant.
 
 from __future__ import annotations
 
-import sys
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -97,17 +95,6 @@ def run_beside(folder: Path, board: str, command: list[str]) -> tuple[int, str]:
 def listed(name: str) -> list[Any]:
     mistakes = tomllib.loads((HERE / name).read_text())["mistake"]
     return [pytest.param(each, id=each["title"].replace(" ", "_")) for each in mistakes]
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An empty current folder; the modules that a test imports are forgotten."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    before = {*sys.modules}
-    yield tmp_path
-    for name in {*sys.modules} - before:
-        del sys.modules[name]
 
 
 def check(*names: str) -> tuple[int, str]:

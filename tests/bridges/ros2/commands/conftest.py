@@ -112,6 +112,11 @@ def own_router(run: Callable[..., Running], free_port: int) -> Callable[[], Runn
     return start
 
 
+def where(board: Whiteboard, domain: int, router: str) -> list[str]:
+    """Return the options of a bridge for these."""
+    return f"--board {board.name} --domain {domain} --router {router} --transport zenoh".split()
+
+
 @pytest.fixture
 def bridge(
     run: Callable[..., Running], board: Whiteboard, domain: int, router: str
@@ -119,17 +124,7 @@ def bridge(
     """Start a bridge on the test's board, in its domain."""
 
     def start(*arguments: str, at: str = router) -> Running:
-        where = (
-            "--board",
-            board.name,
-            "--domain",
-            str(domain),
-            "--router",
-            at,
-            "--transport",
-            "zenoh",
-        )
-        process = run("bridge", *arguments, *where)
+        process = run("bridge", *arguments, *where(board, domain, at))
         process.says("whiteboard")
         return process
 

@@ -18,23 +18,16 @@ from llfsm.bridges.ros2.graph import Role
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import String
 
+from .conftest import where
+
 
 def test_a_terminal_has_a_table_that_changes_and_notices_above_it(
     board, domain, router, peer, types
 ):
     controller, terminal = pty.openpty()
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
-    where = (
-        "--board",
-        board.name,
-        "--domain",
-        str(domain),
-        "--router",
-        router,
-        "--transport",
-        "zenoh",
-    )
-    command = ["bridge", "ros2", "--to-ros", "pinpong:std_msgs/msg/String", *where]
+    to_ros = ["--to-ros", "pinpong:std_msgs/msg/String"]
+    command = ["bridge", "ros2", *to_ros, *where(board, domain, router)]
     screen = pyte.Screen(120, 24)
     stream = pyte.ByteStream(screen)
 
