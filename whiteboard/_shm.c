@@ -369,7 +369,7 @@ static PyObject *look_up(const char *module_name, const char *name)
 static int add_shared_methods(void)
 {
     PyObject *bound_slot = look_up("llfsm.whiteboard.board", "BoundSlot");
-    const char *const names[] = {"subscribe", "stream"};
+    const char *const names[] = {"subscribe", "stream", "on_add"};
     int status = bound_slot ? 0 : -1;
     for (size_t i = 0; !status && i < sizeof names / sizeof *names; i++) {
         PyObject *method = PyObject_GetAttrString(bound_slot, names[i]);

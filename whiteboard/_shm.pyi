@@ -48,5 +48,5 @@ class Port(BoundSlot[_M]):
     def retire(self) -> None: ...
 
 def wait_any(
-    board: Board, after: dict[BoundSlot[Any], int], timeout: float, woken: bytearray, /
+    board: Board, seen: dict[BoundSlot[Any], int], timeout: float, woken: bytearray, /
 ) -> list[BoundSlot[Any]]: ...

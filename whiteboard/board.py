@@ -156,11 +156,12 @@ class BoundSlot(ABC, Generic[M]):
 class Waiter(Protocol):
     """Waits for new messages in any of several slots; see :meth:`Board.waiter`."""
 
-    def wait(self, after: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
+    def wait(self, seen: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
         """Block until a slot has a message newer than its number; return all slots that have.
 
-        Return none after ``timeout`` seconds, and at a :meth:`wake`. Raise
-        :class:`.BoardClosedError` if the board is closed.
+        Their numbers in ``seen`` become those of the newest messages. Return none after
+        ``timeout`` seconds, and at a :meth:`wake`. Raise :class:`.BoardClosedError` if the board
+        is closed.
         """
         ...
 

@@ -232,12 +232,12 @@ class _LocalWaiter:
         self._woken = False
         self._changed = threading.Condition(board.lock)
 
-    def wait(self, after: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
-        cells = [slot.cell for slot in after if isinstance(slot, _LocalSlot)]
+    def wait(self, seen: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
+        cells = [slot.cell for slot in seen if isinstance(slot, _LocalSlot)]
 
         def newer() -> list[BoundSlot[Any]]:
             self._board.check_open()
-            return [slot for slot, count in after.items() if slot.count > count]
+            return [slot for slot, count in seen.items() if slot.count > count]
 
         with self._changed:
             for cell in cells:
@@ -248,7 +248,9 @@ class _LocalWaiter:
                 for cell in cells:
                     cell.awaited_by.remove(self._changed)
             self._woken = False
-            return newer()
+            found = newer()
+            seen.update((slot, slot.count) for slot in found)
+            return found
 
     def wake(self) -> None:
         with self._changed:

@@ -160,8 +160,8 @@ class _SharedWaiter:
         self._core = core
         self._woken = bytearray(1)
 
-    def wait(self, after: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
-        return _shm.wait_any(self._core, after, timeout, self._woken)
+    def wait(self, seen: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
+        return _shm.wait_any(self._core, seen, timeout, self._woken)
 
     def wake(self) -> None:
         self._woken[0] = 1

@@ -44,6 +44,7 @@ class Arrangement(Control):
         clock: the only source of time (default: a `MonotonicClock`).
         environment: what machines learn from and act on, instead of a whiteboard and a clock.
         idle_us: how long to sleep after a round in which nothing fired.
+        wake: end that sleep when a machine has a new message to read (clfsm's is False).
         period_us: begin rounds at this fixed period instead, the n-th of them n periods after the
             first. Turns that end after the next round is due are counted as overruns.
         timetable: give each machine its turns at its own times instead, a cycle a round.
@@ -72,6 +73,7 @@ class Arrangement(Control):
         clock: Clock | None = None,
         environment: Environment | None = None,
         idle_us: int = 10_000,
+        wake: bool = True,
         period_us: int | None = None,
         timetable: Timetable | None = None,
         timed: bool = False,
@@ -93,12 +95,12 @@ class Arrangement(Control):
         if period_us is not None and timetable is not None:
             raise OptionError("give period_us or a timetable, not both")
         if environment is None:
-            live = self.live
-            environment = Environment(clock) if whiteboard is None else live(whiteboard, clock)
+            environment = Environment(clock) if whiteboard is None else self.live(whiteboard, clock)
         elif whiteboard is not None or clock is not None:
             raise OptionError("give an environment, or a whiteboard and a clock, not both")
         super().__init__(environment)
         self.idle_us = idle_us
+        self.wake = wake
         self.timetable = timetable
         self.unload_accepting = unload_accepting
         self.on_error = on_error
@@ -196,8 +198,7 @@ class Arrangement(Control):
             self._fail(seat, error)
         finally:
             if not first_round:  # those that rounds give it are still to come
-                past = caller is None or caller.index > seat.index
-                seat.first_round = self.rounds + past
+                seat.first_round = self.rounds + (caller is None or caller.index > seat.index)
             if seat in self._outer:
                 for sensor, value in snapshot:
                     setattr(seat.machine, sensor, value)
@@ -285,6 +286,7 @@ class Arrangement(Control):
         if not self.stopping and self.environment.may_stop(cause):
             self.stop_cause = cause
             self.stopping = True
+            self.environment.wake()
 
     def unload_stopped(self, grace_ns: int) -> None:
         """Unload the machines that were asked to stop alone so long ago."""
@@ -344,15 +346,13 @@ class Arrangement(Control):
         """Unload a machine whose ringlet ended in an accepting state, unless it must stay."""
         if seat.suspended:
             action = "kept: suspended"
-        elif not self.unload_accepting:
-            action = "kept: -u"
-            seat.accepted = True
-        elif seat.request in (Request.SUSPEND, Request.RESTART):
+        elif self.unload_accepting and seat.request in (Request.SUSPEND, Request.RESTART):
             action = f"kept: scheduled for {seat.request}"
         else:
-            action = "unloaded"
-            seat.accepted = True
-            self._vacate(seat)
+            action = "unloaded" if self.unload_accepting else "kept: -u"
+            seat.accept()
+            if self.unload_accepting:
+                self._vacate(seat)
         if self.observers:
             self.emit(Accepting(*self.stamp(), seat.index, seat.name, action))
 

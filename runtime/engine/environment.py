@@ -79,6 +79,7 @@ class Environment:
     """A world without a whiteboard, and the interface of every other environment."""
 
     whiteboard: Board | None = None
+    _woken = False
 
     def __init__(self, clock: Clock | None = None):
         self.clock: Clock = clock or MonotonicClock()
@@ -94,6 +95,21 @@ class Environment:
     def attend(self, arrangement: Arrangement) -> Attendant | None:
         """Return what attends to a run of the arrangement between its rounds, if anything does."""
         return None
+
+    def sleep_until_ns(self, deadline_ns: int) -> bool:
+        """Sleep until `deadline_ns`, or until there is something new for the machines.
+
+        Return whether there is. Only on the host's monotonic clock can a sleep end early.
+        """
+        woken, self._woken = self._woken, False
+        if woken and isinstance(self.clock, MonotonicClock):
+            return True
+        self.clock.sleep_until_ns(deadline_ns)
+        return False
+
+    def wake(self) -> None:
+        """Let the sleep end, or the next one; from any thread, and from a signal's handler."""
+        self._woken = True
 
     # What machines learn and do
 
@@ -157,16 +173,28 @@ class BoardEnvironment(Environment):
     def __init__(self, whiteboard: Board, clock: Clock | None = None):
         super().__init__(clock)
         self.whiteboard = whiteboard
-        self._publishers: dict[str, list[BoundSlot[Any]]] = {}  # of each machine
+        from .news import News  # here, as it imports the whiteboard
+
+        self.news = News(whiteboard, self.clock)
 
     @property
     def alive(self) -> bool:
         """Whether the whiteboard is neither closed nor removed."""
         return self.whiteboard.alive
 
+    def sleep_until_ns(self, deadline_ns: int) -> bool:
+        """Sleep until `deadline_ns`, or until a machine has a new message to read."""
+        if isinstance(self.clock, MonotonicClock):
+            return self.news.sleep_until_ns(deadline_ns)
+        return super().sleep_until_ns(deadline_ns)
+
+    def wake(self) -> None:
+        """Let the sleep end, or the next one."""
+        self.news.wake()
+
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return the slot's own `get`, or one that replaces None by the sensor's default."""
-        get, default = self.whiteboard[slot].get, sensor.default
+        get, default = self._reader(machine, slot).get, sensor.default
         if default is None:
             return get
 
@@ -185,18 +213,22 @@ class BoardEnvironment(Environment):
         start_count: int | None = None,
     ) -> AgedRead:
         """Return what reads the slot and compares its stamps with the clock."""
-        return BoardAgedRead(sensor, self.whiteboard[slot], self.clock, start_count)
+        return BoardAgedRead(sensor, self._reader(machine, slot), self.clock, start_count)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return the `add` of a handle that is the machine's own."""
         publisher = self.whiteboard.publisher(slot)
-        self._publishers.setdefault(machine, []).append(publisher)
+        self.news.posts(machine, slot.name, publisher)
         return publisher.add
 
     def unloaded(self, machine: str) -> None:
         """Retire the machine's handles, which a thread of it may still hold."""
-        for publisher in self._publishers.pop(machine, ()):
-            publisher.retire()
+        self.news.retire(machine)
+
+    def _reader(self, machine: str, slot: Slot[Any]) -> BoundSlot[Any]:
+        reader = self.whiteboard[slot]
+        self.news.reads(machine, slot.name, reader)
+        return reader
 
 
 def _no_whiteboard(machine: str, slot: Slot[Any]) -> LoadError:

@@ -29,6 +29,7 @@ class Execution:
         self._now = arrangement.clock.now_ns
         self._grace_ns = round(grace_s * 1e9)
         self._give_up_ns: int | None = None  # when the grace period ends
+        self._woken = False  # whether the last sleep between rounds ended early
         self._attendant = arrangement.environment.attend(arrangement)
         self._watchdog = None
         if watchdog_ms is not None:
@@ -50,7 +51,7 @@ class Execution:
             fired = arrangement.round()
             if arrangement.reason is not None:  # a machine or an observer has ended it
                 return arrangement.reason
-            self._look(idle=not fired)
+            self._look(idle=not fired and not self._woken)
             if max_rounds is not None and arrangement.rounds >= max_rounds:
                 return Reason.MAX_ROUNDS
             finished = arrangement.finished
@@ -59,6 +60,7 @@ class Execution:
                 finished = False
             if not finished and self._grace_is_over():
                 return Reason.STOPPED
+            self._woken = False
             if not arrangement.paced and not fired and arrangement.idle_us:
                 self._sleep(arrangement.idle_us * 1_000)
             elif arrangement.rounds % _BUSY_ROUNDS == 0:
@@ -71,7 +73,7 @@ class Execution:
         left_ns = due_ns - self._now()
         if left_ns > 0:
             self._report_sleep(left_ns)
-        self._nap(due_ns, self._is_over)
+        self._nap(due_ns, self._is_over, self._sleep_until)
         return not self._is_over()
 
     def end(self) -> None:
@@ -80,31 +82,43 @@ class Execution:
             self._attendant.end()
 
     def _sleep(self, duration_ns: int) -> None:
-        """Sleep between rounds; a stop that is asked for meanwhile cuts it short."""
+        """Sleep between rounds; news, a request or a stop cuts it short."""
         arrangement = self._arrangement
         stopping = arrangement.stopping
         deadline_ns = self._now() + duration_ns
         self._report_sleep(duration_ns)
-        self._nap(
+        self._woken = self._nap(
             deadline_ns,
             lambda: arrangement.stopping is not stopping or self._grace_is_over(),
+            arrangement.environment.sleep_until_ns if arrangement.wake else self._sleep_until,
         )
-        self._look_at_world()
-        self._look(idle=True)
+        if not self._woken:  # else there is no time, as in rounds without a sleep
+            self._look_at_world()
+            self._look(idle=True)
 
     def _report_sleep(self, duration_ns: int) -> None:
         self._arrangement.emit(IdleSleep(*self._arrangement.stamp(), duration_ns))
 
-    def _nap(self, deadline_ns: int, is_over: Callable[[], bool]) -> None:
+    def _nap(
+        self, deadline_ns: int, is_over: Callable[[], bool], sleep: Callable[[int], bool]
+    ) -> bool:
+        """Sleep until the deadline, unless `is_over`; return whether news has ended the sleep."""
         # Look before each nap: what the looking takes must not delay a turn that is due.
         while (now_ns := self._now()) < deadline_ns:
             self._look_at_world()
             self._look(idle=False)
             if is_over():
-                return
-            self._arrangement.clock.sleep_until_ns(min(deadline_ns, now_ns + _NAP_NS))
+                return False
+            news = sleep(min(deadline_ns, now_ns + _NAP_NS))
             if self._attendant is not None:
                 self._attendant.obey()  # a request made in the sleep is one for the next turn
+            if news:
+                return True
+        return False
+
+    def _sleep_until(self, deadline_ns: int) -> bool:
+        self._arrangement.clock.sleep_until_ns(deadline_ns)
+        return False
 
     def _is_over(self) -> bool:
         return self._arrangement.reason is not None or self._grace_is_over()

@@ -56,6 +56,7 @@ class Seat:
         "_aged",
         "accepted",
         "arrangement",
+        "called",
         "current",
         "doing",
         "entered_ns",
@@ -118,6 +119,7 @@ class Seat:
         self.sensors: tuple[tuple[str, Read], ...] = ()
         self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
         self.taken = True
+        self.called = False  # whether another machine waits for its end
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failure: Failure | None = None  # what its code has raised
         self.hang = ""  # where its code hangs, as a watchdog has found
@@ -273,10 +275,17 @@ class Seat:
         name = self.renamed.get(slot.name)
         return slot if name is None else type(slot)(name, slot.type, slot.capacity)
 
+    def accept(self) -> None:
+        """Note that the machine has ended a ringlet in an accepting state."""
+        if not self.accepted:
+            self.accepted = True
+            self._wake_caller()
+
     def finish(self) -> None:
         """Leave the seat and post the `at_end` messages; nothing if that was done before."""
         if self.taken:
             self.taken = False
+            self._wake_caller()
             self.post_safe("at_end")
             self._close_actuators()
             self.arrangement.environment.unloaded(self.name)
@@ -285,7 +294,13 @@ class Seat:
         """Note that code of the machine has raised, and post the `at_failure` messages."""
         self.failure = failure
         self.request = None
+        self._wake_caller()
         self.post_safe("at_failure")
+
+    def _wake_caller(self) -> None:
+        """Let no sleep keep a machine that has called this one from seeing how it stands."""
+        if self.called:
+            self.arrangement.environment.wake()
 
     def post_safe(
         self, when: Literal["at_suspend", "at_end", "at_failure"], board: Board | None = None

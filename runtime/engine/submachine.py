@@ -23,6 +23,7 @@ class Submachine(Generic[M_co]):
 
     def __init__(self, seat: Seat):
         self._seat = seat
+        seat.called = True
 
     def __repr__(self) -> str:
         how = "done" if self.done else "failed" if self.failed else f"in {self.machine.state_name}"

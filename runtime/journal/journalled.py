@@ -64,6 +64,14 @@ class JournalledEnvironment(Environment):
         """Return what attends in the other environment."""
         return self._inner.attend(arrangement)
 
+    def sleep_until_ns(self, deadline_ns: int) -> bool:
+        """Sleep in the other environment: what ended a sleep need not be kept."""
+        return self._inner.sleep_until_ns(deadline_ns)
+
+    def wake(self) -> None:
+        """Let the sleep in the other environment end."""
+        self._inner.wake()
+
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return a function that keeps each message that is another one than before."""
         return self._keeping(

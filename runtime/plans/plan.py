@@ -66,6 +66,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     machines: tuple[PlannedMachine, ...] = msgspec.field(name="machine", default=())
     board: str | None = None
     idle_us: NotNegative = 10_000
+    wake: bool = True
     period_us: Positive | None = None
     unload_accepting: bool = True
     on_error: Literal["stop", "suspend"] = "stop"
@@ -118,6 +119,7 @@ def assemble(
     arrangement = Arrangement(
         environment=environment,
         idle_us=plan.idle_us,
+        wake=plan.wake,
         period_us=plan.period_us,
         timetable=timetable,
         timed=timed,

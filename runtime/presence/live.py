@@ -52,7 +52,9 @@ class LiveEnvironment(BoardEnvironment):
         """Return what publishes the machines' statuses; None if the whiteboard has gone."""
         if not self.alive:
             return None
-        from .reporting import Presence  # here, as it brings the whiteboard's messages
+        from llfsm.whiteboard.messages.llfsm import BELL  # here, as few need the messages
+
+        from .reporting import Presence
 
         self._presence = Presence(
             arrangement,
@@ -62,6 +64,7 @@ class LiveEnvironment(BoardEnvironment):
             self._will_after_ms,
             self._claimed(),
         )
+        self.news.heed(self.whiteboard[BELL])
         return self._presence
 
     def loaded(self, machine: str, path: str) -> None:

@@ -208,12 +208,14 @@ class Presence:
 
     def obey(self) -> None:
         """Obey the requests that have come."""
-        with suppress(BoardClosedError):  # which stops the arrangement, when it looks
+        try:
             rung = self._bell.count
             if rung != self._rung:
                 self._rung = rung
                 self._has_rung = True
                 self._obey_all()
+        except BoardClosedError:  # which stops the arrangement, when it looks
+            pass
 
     def add(self, name: str) -> None:
         """Claim the slots of a machine that was loaded."""
@@ -261,6 +263,7 @@ class Presence:
             action = None if entry is None else entry.request()
             if action is not None and standing is not None:
                 obey[action](standing.machine)
+                self._arrangement.environment.wake()
 
     def _post(self, now_ns: int) -> None:
         left = set(self._entries)

@@ -7,12 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.messages.std_msgs import Int64
+from waiting import PATIENCE_S
 
 from .conftest import Llfsm, exists, wait_for_line
 
 MODULE = """
-from llfsm.runtime import Actuator, Machine, State
+import time
+from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
 
@@ -34,6 +37,22 @@ class Counter(Machine):
     def at_zero(self) -> bool:
         self.left -= 1
         return self.left < 0
+
+class Echo(Machine):
+    asked = Sensor(Slot("in", Int64))
+    out = Actuator(OUT)
+    A = State()
+    B = State()
+    A.to(B, when=lambda m: m.asked is not None)
+
+    @A.internal
+    def _(self) -> None:
+        print("turn", time.monotonic_ns(), flush=True)
+
+    @A.on_exit
+    def _(self) -> None:
+        print("turn", time.monotonic_ns(), flush=True)
+        self.out(self.asked)
 
 class Broken(Machine):
     A = State()
@@ -127,6 +146,25 @@ def test_a_machine_may_start_suspended(llfsm: Llfsm, board: str) -> None:
 
 def test_accepting_machines_stay_with_u(llfsm: Llfsm, board: str) -> None:
     assert llfsm.run("run", "mine:Counter", "-u", "-b", board).returncode == 0
+
+
+def test_a_message_of_another_process_ends_the_idle_sleep(llfsm: Llfsm, board: str) -> None:
+    process = llfsm.start("run", "mine:Echo", "-i", "600000000", "-q", "-b", board)
+    wait_for_line(process, "turn")
+    with Whiteboard(board) as wb:
+        wb.add_message(Slot("in", Int64), Int64(7))
+        answer = wb[Slot("out", Int64)].wait(after=0, timeout=PATIENCE_S)
+    assert answer is not None
+    assert answer.message == Int64(7)
+
+
+def test_with_no_wake_it_does_not(llfsm: Llfsm, board: str) -> None:
+    process = llfsm.start("run", "mine:Echo", "--no-wake", "-i", "300000", "-q", "-b", board)
+    first = wait_for_line(process, "turn")
+    with Whiteboard(board) as wb:
+        wb.add_message(Slot("in", Int64), Int64(7))
+    second = wait_for_line(process, "turn")
+    assert int(second.split()[1]) - int(first.split()[1]) >= 300_000_000
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

@@ -17,6 +17,8 @@ import pytest
 from llfsm.whiteboard import Board, BoardClosedError, Message, Slot, Whiteboard
 from waiting import wait_for
 
+from .conftest import mirrored
+
 
 class Point(Message):
     x: float = 0.0
@@ -46,8 +48,10 @@ def test_it_returns_the_slots_that_are_newer(board: Board) -> None:
         slot.add(Point())
     waiter = board.waiter()
     assert waiter.wait({a: 1, b: 1, c: 0}, LONG_S) == [a]
-    assert waiter.wait({a: 0, b: 0, c: 0}, LONG_S) == [a, b]
-    assert waiter.wait({a: 2, b: 1, c: 0}, 0.0) == []
+    seen = {a: 0, b: 0, c: 0}
+    assert waiter.wait(seen, LONG_S) == [a, b]
+    assert seen == {a: 2, b: 1, c: 0}
+    assert waiter.wait(seen, 0.0) == []
 
 
 def test_it_times_out(board: Board) -> None:
@@ -75,7 +79,6 @@ def test_it_is_woken_by_every_add(board: Board) -> None:
         for i in range(300):
             ready.wait()
             assert waiter.wait(seen, LONG_S) == [slots[i % 3]]
-            seen[slots[i % 3]] += 1
         adding.result()
     assert time.monotonic() - start < 300 * 0.05  # else it was not woken, but looked by itself
 
@@ -153,6 +156,23 @@ def test_a_handle_knows_what_it_has_added(board: Board) -> None:
     others.add(Point())
     assert mine.add_after(Point(), 2) == 0
     assert (mine.added, others.added) == (2, 3)
+
+
+def test_what_a_mirror_enters_wakes_too(tmp_path: Path) -> None:
+    with (
+        mirrored(tmp_path) as endpoint,
+        Whiteboard("board", directory=tmp_path) as there,
+        Whiteboard.connect(endpoint, "board") as here,
+        ThreadPoolExecutor(2) as pool,
+    ):
+        a, b = here[A], there[B]
+        waiting = [
+            pool.submit(here.waiter().wait, {a: 0}, LONG_S),
+            pool.submit(there.waiter().wait, {b: 0}, LONG_S),
+        ]
+        there.add_message(A, Point())
+        here.add_message(B, Point())
+        assert [each.result() for each in waiting] == [[a], [b]]
 
 
 def test_slots_of_another_board_are_refused(shared: Whiteboard, tmp_path: Path) -> None:

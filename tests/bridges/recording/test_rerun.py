@@ -16,6 +16,7 @@ from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Machine, ManualClock, Requirement, Timetable, Trace
+from llfsm.runtime.engine.events import IdleSleep
 from llfsm.runtime.journal import entries as journal
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.liveness import born, host_name
@@ -93,6 +94,23 @@ def test_a_run_in_real_time_with_idle_sleeps_happens_again() -> None:
 
     run.arrangement.attach(feed)
     run.arrangement.run(grace_s=0.1)
+    difference, trace = run.again(MACHINES)
+    assert difference is None
+    assert list(map(repr, trace)) == list(map(repr, run.trace))
+
+
+def test_a_run_whose_sleeps_were_ended_by_messages_happens_again() -> None:
+    run = Run(MACHINES, idle_us=600_000_000)
+
+    def feed(event: object) -> None:
+        if isinstance(event, IdleSleep):
+            run.board.add_message(COMMAND, Number(run.arrangement.rounds // 3))
+            if run.arrangement.rounds >= 60:
+                run.arrangement.stop()
+
+    run.arrangement.attach(feed)
+    run.arrangement.run(grace_s=0.1)
+    assert sum(event["event"] == "IdleSleep" for event in run.entries) > 20
     difference, trace = run.again(MACHINES)
     assert difference is None
     assert list(map(repr, trace)) == list(map(repr, run.trace))

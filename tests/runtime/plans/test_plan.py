@@ -95,6 +95,7 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
         """
         board = "robot"
         idle_us = 0
+        wake = false
         unload_accepting = false
         on_error = "suspend"
 
@@ -122,6 +123,7 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
     assert told == Plan(
         board="robot",
         idle_us=0,
+        wake=False,
         unload_accepting=False,
         on_error="suspend",
         machines=(
@@ -151,7 +153,11 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
     arrangement = made(told)
     assert names(arrangement) == ["left", "Counter"]
     assert arrangement.is_suspended("Counter")
-    assert (arrangement.idle_us, arrangement.unload_accepting) == (0, False)
+    assert (arrangement.idle_us, arrangement.wake, arrangement.unload_accepting) == (
+        0,
+        False,
+        False,
+    )
     assert arrangement.on_error == "suspend"
 
 

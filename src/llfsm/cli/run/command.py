@@ -64,6 +64,11 @@ __all__ = ["run"]
     help="Sleep this many microseconds (10000) after a round in which no transition fired.",
 )
 @click.option(
+    "--no-wake",
+    is_flag=True,
+    help="Sleep to the end, as clfsm does; else a new message for a machine ends the sleep.",
+)
+@click.option(
     "--period",
     "period_us",
     metavar="US",
@@ -110,6 +115,7 @@ def run(
     quiet: bool,
     keep: bool,
     idle_us: int | None,
+    no_wake: bool,
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
     watchdog_ms: int | None,
@@ -136,7 +142,7 @@ def run(
         raise click.UsageError("--record keeps one run, -n may start several: leave out one")
     resolved = parse_arguments(machines, table, suspended, preloaded)
     plan = _with_options(
-        resolved.plan, keep, idle_us, period_us, on_error, watchdog_ms, will_after_ms
+        resolved.plan, keep, idle_us, no_wake, period_us, on_error, watchdog_ms, will_after_ms
     )
     _log()
     with (
@@ -183,6 +189,7 @@ def _with_options(
     plan: Plan,
     keep: bool,
     idle_us: int | None,
+    no_wake: bool,
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
     watchdog_ms: int | None,
@@ -195,6 +202,7 @@ def _with_options(
         plan,
         unload_accepting=plan.unload_accepting and not keep,
         idle_us=plan.idle_us if idle_us is None else idle_us,
+        wake=plan.wake and not no_wake,
         period_us=period_us or plan.period_us,
         on_error=on_error or plan.on_error,
         watchdog_ms=watchdog_ms or plan.watchdog_ms,
