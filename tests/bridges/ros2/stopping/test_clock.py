@@ -79,8 +79,8 @@ def test_a_clock_that_is_set_stops_nothing_and_keeps_nothing_from_stopping(
     where = ("--router", router)
     bridge = bridge_process(rig.board, processes, "zenoh", *where, env=environment)
     zenoh_robot(rig.robot, processes, router)
-    machine = rig.drive("--watchdog", "200", "--will-after", "500", env=clock.environment)
-    for offset_s in (24 * HOUR_S, -24 * HOUR_S, 0):
+    machine = rig.drive("--watchdog", "5000", "--will-after", "1500", env=clock.environment)
+    for offset_s in (-24 * HOUR_S, 0, 24 * HOUR_S):
         clock.set(offset_s)
         lives_on(rig)
         assert rig.will == "left"
