@@ -112,6 +112,24 @@ class Control:
         """Return where each machine stands, in order of index, with None for each hole."""
         return tuple(None if seat is None else seat.standing() for seat in self._roster.seats)
 
+    def marks(self) -> dict[str, tuple[object, ...]]:
+        """Return by name what other processes learn of each machine; equal as long as it is."""
+        return {
+            name: (
+                seat.current,
+                seat.previous,
+                seat.request,
+                seat.entered_ns,
+                seat.failure,
+                seat.hang,
+            )
+            for name, seat in self._roster.named.items()
+        }
+
+    def standing(self, name: str) -> Standing:
+        """Return where a machine stands."""
+        return self._roster.find(name).standing()
+
     def arrival(self, name: str) -> Arrival:
         """Return how a machine has come into its state."""
         return self._roster.find(name).arrival()

@@ -51,7 +51,8 @@ class Execution:
             fired = arrangement.round()
             if arrangement.reason is not None:  # a machine or an observer has ended it
                 return arrangement.reason
-            self._look(idle=not fired and not self._woken)
+            sleeps = not fired and (arrangement.paced or arrangement.idle_us > 0)
+            self._look(idle=sleeps and not self._woken)
             if max_rounds is not None and arrangement.rounds >= max_rounds:
                 return Reason.MAX_ROUNDS
             finished = arrangement.finished

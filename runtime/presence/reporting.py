@@ -173,6 +173,8 @@ class Presence:
         self._pid = os.getpid()
         self._born = born(self._pid)
         self._entries: dict[str, _Entry] = {}
+        self._marks: dict[str, tuple[object, ...]] = {}  # of the machines as last published
+        self._beat_due_ns = 0  # when the first of them is to be published again
         self._bell = board[BELL]
         self._rung = self._bell.count
         self._has_rung = False  # since namesakes were looked for
@@ -232,6 +234,7 @@ class Presence:
                 latest = entry.published._replace(hang=self._arrangement.hang(name))
                 arrival = self._arrangement.arrival(name)
                 entry.post(latest, self._status(name, latest, arrival, now_ns), now_ns)
+                self._marks.pop(name, None)  # it may look the same again when it has returned
 
     def end(self) -> None:
         """Post that the machines are gone."""
@@ -263,37 +266,42 @@ class Presence:
             action = None if entry is None else entry.request()
             if action is not None and standing is not None:
                 obey[action](standing.machine)
+                self._marks.pop(standing.machine, None)  # the count of requests has changed
                 self._arrangement.environment.wake()
 
     def _post(self, now_ns: int) -> None:
-        left = set(self._entries)
-        for standing in self._arrangement.standings():
-            if standing is None:
-                continue
-            left.discard(standing.machine)
-            entry = self._entries.get(standing.machine)
-            if entry is None:
-                entry = self._add(standing.machine)
-            arrival = self._arrangement.arrival(standing.machine)
-            latest = _Published(
-                standing.state,
-                standing.suspended,
-                standing.request or "",
-                entry.obeyed,
-                arrival.entered_ns,
-                self._arrangement.failure(standing.machine),
-                self._arrangement.hang(standing.machine),
-            )
-            if latest != entry.published or now_ns - entry.beat_ns >= _BEAT_NS:
-                entry.keep()
-                latest = latest._replace(obeyed=entry.obeyed)
-                entry.post(latest, self._status(standing.machine, latest, arrival, now_ns), now_ns)
-                if entry.published_name != self._namesakes.get(entry.name, entry.name):
-                    self._report_name(entry)
-        for name in left:
-            self._entries.pop(name).leave()
-            self._namesakes.pop(name, None)
+        marks = self._arrangement.marks()
+        if marks != self._marks or now_ns >= self._beat_due_ns:
+            for name in self._entries.keys() - marks:
+                self._entries.pop(name).leave()
+                self._namesakes.pop(name, None)
+            for name, mark in marks.items():
+                entry = self._entries.get(name) or self._add(name)
+                if mark != self._marks.get(name) or now_ns - entry.beat_ns >= _BEAT_NS:
+                    self._describe(entry, now_ns)
+            self._marks = marks
+            beats = [entry.beat_ns for entry in self._entries.values()]
+            self._beat_due_ns = min(beats, default=now_ns) + _BEAT_NS
         self._post_variables(now_ns)
+
+    def _describe(self, entry: _Entry, now_ns: int) -> None:
+        standing = self._arrangement.standing(entry.name)
+        arrival = self._arrangement.arrival(entry.name)
+        latest = _Published(
+            standing.state,
+            standing.suspended,
+            standing.request or "",
+            entry.obeyed,
+            arrival.entered_ns,
+            self._arrangement.failure(entry.name),
+            self._arrangement.hang(entry.name),
+        )
+        if latest != entry.published or now_ns - entry.beat_ns >= _BEAT_NS:
+            entry.keep()
+            latest = latest._replace(obeyed=entry.obeyed)
+            entry.post(latest, self._status(entry.name, latest, arrival, now_ns), now_ns)
+            if entry.published_name != self._namesakes.get(entry.name, entry.name):
+                self._report_name(entry)
 
     def _add(self, name: str) -> _Entry:
         entry = self._entries[name] = _Entry(

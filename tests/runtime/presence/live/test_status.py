@@ -8,12 +8,14 @@ from itertools import pairwise
 import pytest
 
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
-from llfsm.runtime.engine.events import RoundEnd
+from llfsm.runtime.engine.events import Event, RoundEnd
+from llfsm.runtime.engine.seat import Arrival
+from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import status_slot
 
-from .machines import Clock, Idle, Spins, Steps, status_of
+from .machines import Clock, Idle, Spins, Steps, ask, status_of
 
 
 def test_whenever_the_arrangement_sleeps_the_board_tells_how_each_machine_is(board: Board):
@@ -139,3 +141,50 @@ def test_a_machine_that_is_unloaded_is_gone_from_the_board_while_others_go_on(bo
 
     arrangement = Arrangement([Steps, Idle], whiteboard=board, clock=Clock(look))
     arrangement.run(max_rounds=8)
+
+
+def test_a_machine_whose_standing_holds_is_not_described_again(board: Board):
+    described = []
+
+    class Counting(Arrangement):
+        def arrival(self, name: str) -> Arrival:
+            described.append(name)
+            return super().arrival(name)
+
+    clock = ManualClock()
+    arrangement = Counting([Idle] * 5, whiteboard=board, clock=clock, idle_us=1_000)
+    arrangement.run(max_rounds=100)
+    at_load_and_when_entered = 2 * 5
+    assert len(described) == at_load_and_when_entered
+
+    described.clear()
+    arrangement = Counting([Idle] * 5, whiteboard=board, clock=clock, idle_us=1_000)
+    arrangement.attach(lambda event: arrangement.suspend("Idle.3") if clock_is_at(event) else None)
+    arrangement.run(max_rounds=100)
+    assert [described.count(name) for name in ("Idle.2", "Idle.3")] == [2, 2 + 2]
+    # when the request has come, and when it has taken effect
+
+
+def clock_is_at(event: Event) -> bool:
+    return isinstance(event, RoundEnd) and event.round == 50
+
+
+def test_each_request_is_counted_although_it_asks_for_the_same(board: Board):
+    arrangement = Arrangement([Idle], whiteboard=board, clock=ManualClock())
+    presence = Presence(arrangement, board)
+    for obeyed in (1, 2, 3):
+        ask(board, "Idle", "suspend")
+        presence.look(idle=True)
+        assert status_of(board, "Idle").obeyed == obeyed
+
+
+def test_a_machine_that_hangs_no_more_is_published_at_once(board: Board):
+    machine = Idle()
+    arrangement = Arrangement([machine], whiteboard=board, clock=ManualClock())
+    presence = Presence(arrangement, board)
+    machine._seat.hang = "in a loop"
+    presence.publish_hang("Idle")
+    assert status_of(board, "Idle").hung
+    machine._seat.hang = ""
+    presence.look(idle=True)
+    assert not status_of(board, "Idle").hung
