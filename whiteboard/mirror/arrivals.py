@@ -14,7 +14,7 @@ from .peers import Peers, Source
 from .quotas import Quotas
 from .refusals import Refusals, Refused
 from .routes import Route, Routes
-from .settings import Settings
+from .settings import Settings, matcher
 from .store import Outcome, Store
 
 __all__ = ["Arrivals"]
@@ -27,6 +27,7 @@ _MAX_UNKNOWN = 4096  # types of senders to keep track of
 _MAX_DECLARATION = 1 << 20  # bytes, as of a schema on a board
 _MAX_REASON = 1000  # characters kept of why a slot cannot be used
 _NAMES_NS = 50_000_000  # between two looks for an unknown name: each reads the whole board
+_NOTHING = matcher(())
 _DAY_NS = 86_400 * 10**9
 
 
@@ -72,6 +73,7 @@ class Arrivals:
         self._refusals = refusals
         self._now_ns = now_ns
         self._wall_ns = wall_ns
+        self._access = {name: matcher(globs) for name, globs in settings.access.items()}
         self._held: dict[str, _Held] = {}
         self._busy_ns = 0  # until when an arriving message may be held back
         self.unknown: set[str] = set()
@@ -96,6 +98,8 @@ class Arrivals:
             value = self._decode(_VALUES, raw, "message")
             if value is None:
                 continue
+            if not self._may_add(source, value.slot):
+                continue
             try:
                 route = self._routes.known(value.slot)
                 if route is None or route.cell.kind != value.kind or not route.enters:
@@ -106,6 +110,13 @@ class Arrivals:
                 return
             except (Refused, WhiteboardError) as error:
                 self._refuse(source, value.slot, error)
+
+    def _may_add(self, source: Source, slot: str) -> bool:
+        """Return whether the sender may add to a slot, which other hosts may do, too."""
+        if not self._access or self._access.get(source.name, _NOTHING)(slot):
+            return True
+        self._refusals.add(f"from {source}: {slot}", f"slot {slot!r}: {source} may not add to it")
+        return False
 
     def _decode(self, of: msgspec.msgpack.Decoder[T], raw: msgspec.Raw, what: str) -> T | None:
         try:

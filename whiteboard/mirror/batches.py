@@ -30,8 +30,8 @@ __all__ = [
     "footprint",
 ]
 
-VERSION = 2
-"""Of this protocol; hosts with another version do not receive each other's messages."""
+VERSION = 3
+"""Of this protocol; hosts with another version only report each other."""
 
 _CHUNK = 1 << 16  # bytes of messages in a batch; a longer message travels alone
 

@@ -104,6 +104,10 @@ class Mirror:
         """Count something that the network has refused, and log it once."""
         self._exchange.refuse(what, why)
 
+    def refusals(self) -> list[str]:
+        """Return what was refused, the most frequent first."""
+        return [refusal.what for refusal in self._exchange.status().refused]
+
     # ---- In the network's threads -----------------------------------------------------------
 
     def receive_link(self) -> None:
@@ -111,24 +115,24 @@ class Mirror:
         self._stop.wait(_SETTLE_S)
         self._network.send_heartbeat(self._exchange.heartbeat())
 
-    def receive_batch(self, data: bytes) -> None:
+    def receive_batch(self, data: bytes, name: str) -> None:
         """Handle a batch."""
-        self._exchange.receive_batch(data)
+        self._exchange.receive_batch(data, name)
         self._send_queries()
 
-    def receive_heartbeat(self, data: bytes) -> None:
+    def receive_heartbeat(self, data: bytes, name: str) -> None:
         """Handle a heartbeat; answer the first one, so that its sender need not wait for ours."""
-        if self._exchange.receive_heartbeat(data):
+        if self._exchange.receive_heartbeat(data, name):
             self._network.send_heartbeat(self._exchange.heartbeat())
         self._send_queries()
 
-    def receive_query(self, data: bytes) -> list[bytes]:
+    def receive_query(self, data: bytes, name: str) -> list[bytes]:
         """Return the reply to a query, in parts."""
-        return self._exchange.reply(data)
+        return self._exchange.reply(data, name)
 
-    def receive_reply(self, data: bytes) -> None:
+    def receive_reply(self, data: bytes, name: str) -> None:
         """Handle one part of a reply."""
-        self._exchange.receive_reply(data)
+        self._exchange.receive_reply(data, name)
 
     def end_reply(self, query: Query, *, complete: bool) -> None:
         """Handle the end of a reply."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import suppress
-from threading import Thread
+from threading import Condition, Thread
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from ..errors import BoardClosedError, NetworkError
 from .batches import VERSION
 from .exchange import Query
+from .keys import Keys, asker_in, name_in, version_in
 from .settings import Settings
-from .zenoh_config import LEASE_MS, configure, endpoints
+from .zenoh_config import LEASE_MS, certificate_name, configure, endpoints
 from .zenoh_internals import callback_in_receiver, error_text, limit_link, use_few_threads
 
 if TYPE_CHECKING:
@@ -34,20 +35,56 @@ class Receiver(Protocol):
     def receive_link(self) -> None:
         """Handle a new connection."""
 
-    def receive_batch(self, data: bytes) -> None:
+    # The name of the other host is the one in its certificate; empty if that is not proven.
+
+    def receive_batch(self, data: bytes, name: str) -> None:
         """Handle a batch."""
 
-    def receive_heartbeat(self, data: bytes) -> None:
+    def receive_heartbeat(self, data: bytes, name: str) -> None:
         """Handle a heartbeat."""
 
-    def receive_query(self, data: bytes) -> list[bytes]:
+    def receive_query(self, data: bytes, name: str) -> list[bytes]:
         """Return the reply to another host's query, in parts."""
 
-    def receive_reply(self, data: bytes) -> None:
+    def receive_reply(self, data: bytes, name: str) -> None:
         """Handle one part of the reply to a query of ours."""
 
     def end_reply(self, query: Query, *, complete: bool) -> None:
         """Handle the end of a reply; it is `complete` unless none arrived."""
+
+    def refuse(self, what: str, why: str) -> None:
+        """Count something that was refused."""
+
+
+class _Queries:
+    """The queries that wait for an answer, one of each host: who asks often displaces nobody."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, zenoh.Query] = {}
+        self._closed = False
+        self._changed = Condition()
+
+    def put(self, query: zenoh.Query) -> None:
+        """Let a query wait, in place of an earlier one; dropped if too many hosts ask."""
+        key = str(query.key_expr)
+        with self._changed:
+            if key in self._waiting or len(self._waiting) < _MAX_PENDING:
+                self._waiting[key] = query
+                self._changed.notify()
+
+    def take(self) -> zenoh.Query:
+        """Wait for a query; raise EOFError when closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._closed)
+            if self._closed:
+                raise EOFError
+            return self._waiting.pop(next(iter(self._waiting)))
+
+    def close(self) -> None:
+        """Drop what waits, and end the wait."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
 
 
 class Network:
@@ -71,9 +108,9 @@ class Network:
             raise NetworkError(
                 "Zenoh is not installed; install llfsm with it: pip install 'llfsm[hosts]'"
             ) from error
-        self._root = f"llfsm/{VERSION}/{board}"
-        self._host = host
+        self._access = settings.access
         config = configure(settings, mode)
+        self._keys = Keys(board, host, certificate_name(config))
         self.listens = endpoints(config, "listen")
         """The endpoints where other hosts reach this one."""
         try:
@@ -87,35 +124,49 @@ class Network:
             "express": True,
             "allowed_destination": zenoh.Locality.REMOTE,
         }
-        # All hosts share one key: Zenoh computes the route of a key that is subscribed to by its
-        # own name once, and the route of one that matches a wildcard for each message.
-        self._batches = self._session.declare_publisher(f"{self._root}/batches", **outgoing)
-        self._heartbeats = self._session.declare_publisher(f"{self._root}/beats", **outgoing)
+        self._batches = self._session.declare_publisher(self._keys.batches, **outgoing)
+        self._heartbeats = self._session.declare_publisher(self._keys.beats, **outgoing)
+        self._queries = _Queries()
         self._declared: list[Any] = []
         self._threads: list[Thread] = []
 
     def join(self, receiver: Receiver) -> None:
         """Start to receive from other hosts, and to answer them."""
         import zenoh
-        from zenoh.handlers import FifoChannel
+        from zenoh.handlers import Callback, FifoChannel
 
         self._receiver = receiver
-        session, root = self._session, self._root
+        session, keys = self._session, self._keys
         remote: dict[str, Any] = {"allowed_origin": zenoh.Locality.REMOTE}
-        batch = callback_in_receiver(receiver.receive_batch)
-        heartbeat = callback_in_receiver(receiver.receive_heartbeat)
-        queries = session.declare_queryable(
-            f"{root}/state/{self._host:016x}", FifoChannel(_MAX_PENDING)
-        )
+        batch = callback_in_receiver(self._receive_batch)
+        heartbeat = callback_in_receiver(self._receive_heartbeat)
+        queries = Callback(self._queries.put, indirect=False)
         links = session.info.declare_link_events_listener(FifoChannel(_MAX_PENDING), history=True)
         self._declared += [
-            session.declare_subscriber(f"{root}/batches", batch, **remote),
-            session.declare_subscriber(f"{root}/beats", heartbeat, **remote),
-            queries,
+            session.declare_subscriber(keys.all_batches, batch, **remote),
+            session.declare_subscriber(keys.all_beats, heartbeat, **remote),
+            session.declare_queryable(keys.queries, queries),
             links,
         ]
-        self._serve(queries.handler.recv, self._answer)
+        self._serve(self._queries.take, self._answer)
         self._serve(links.handler.recv, self._link)
+
+    def _name(self, key: str) -> str:
+        """Return the name of the host that has used a key; empty if nothing proves it."""
+        return name_in(key) if self._access else ""
+
+    def _receive_batch(self, key: str, data: bytes) -> None:
+        self._receiver.receive_batch(data, self._name(key))
+
+    def _receive_heartbeat(self, key: str, data: bytes) -> None:
+        version = version_in(key)
+        if version == str(VERSION):
+            self._receiver.receive_heartbeat(data, self._name(key))
+        else:
+            self._receiver.refuse(
+                f"a host with version {version} of the protocol",
+                f"this host has version {VERSION}; install the same llfsm on both",
+            )
 
     def _serve(self, take: Callable[[], T], handle: Callable[[T], None]) -> None:
         """Handle slow events in a thread of their own, until their source is closed."""
@@ -125,7 +176,7 @@ class Network:
             while True:
                 try:
                     event = take()
-                except zenoh.ZError:
+                except (zenoh.ZError, EOFError):
                     return
                 with suppress(BoardClosedError, zenoh.ZError):  # the board or the asker is gone
                     handle(event)
@@ -153,13 +204,13 @@ class Network:
             nonlocal replied
             if reply.ok is not None:
                 replied = True
-                self._receiver.receive_reply(reply.ok.payload.to_bytes())
+                self._receiver.receive_reply(reply.ok.payload.to_bytes(), query.source.name)
 
         def end() -> None:
             self._receiver.end_reply(query, complete=replied)
 
         self._session.get(
-            f"{self._root}/state/{query.source.host:016x}",
+            self._keys.query(query.source),
             Callback(receive, end, indirect=False),  # otherwise Zenoh starts a thread a call
             payload=query.data,
             timeout=_REPLY_TIMEOUT_S,
@@ -170,7 +221,8 @@ class Network:
         with query:
             payload = query.payload
             data = b"" if payload is None else payload.to_bytes()
-            for part in self._receiver.receive_query(data):
+            name = asker_in(str(query.key_expr)) if self._access else ""
+            for part in self._receiver.receive_query(data, name):
                 query.reply(query.key_expr, part)
 
     def _link(self, event: zenoh.LinkEvent) -> None:
@@ -179,12 +231,16 @@ class Network:
         if event.kind == SampleKind.PUT:
             if not limit_link(event.link, LEASE_MS):
                 _log.debug("no socket found for %s; it keeps Zenoh's time limits", event.link)
+            name = event.link.auth_identifier
+            if self._access and name not in self._access:
+                self._receiver.refuse("a connection", f"`access` does not list {name!r}")
             self._receiver.receive_link()
 
     def close(self) -> None:
         """Leave the network; nothing is received any more."""
         for declared in self._declared:
             declared.undeclare()
+        self._queries.close()
         for thread in self._threads:
             thread.join()
         self._session.close()

@@ -39,10 +39,11 @@ class RemoteBoard(LocalBoard):
         self._thread.start()
         atexit.register(self.close)  # Zenoh's threads must not outlive the interpreter
         if not self._mirror.wait_for_reply(_TIMEOUT_S):
+            refusals = "".join(f"; refused: {what}" for what in self._mirror.refusals())
             self.close()
             raise NetworkError(
                 f"{endpoint}: no answer for the whiteboard {name!r}; start `llfsm whiteboard "
-                f"daemon` there, with an endpoint that is reachable from this host"
+                f"daemon` there, with an endpoint that is reachable from this host{refusals}"
             )
 
     def _run(self) -> None:

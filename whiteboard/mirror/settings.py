@@ -17,6 +17,7 @@ __all__ = ["DEFAULT_ENDPOINT", "GuardSettings", "QuotaSettings", "Settings", "ma
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # Zenoh's port, which a router of ROS uses, too
 
+_CertificateName = Annotated[str, Meta(pattern=r"^[^/*$?#\s]{1,64}$")]
 _Rate = Annotated[float, Meta(gt=0, le=10_000)]
 
 
@@ -52,6 +53,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Globs of the slots that other hosts receive."""
     enter: tuple[str, ...] = ("*",)
     """Globs of the slots that other hosts may add to."""
+    access: dict[_CertificateName, tuple[str, ...]] = {}
+    """Globs of the slots that a host may add to, by the name in its certificate; others may add
+    to none. Empty: all hosts that can connect may add to what `enter` lists."""
     read_only: bool = False
     """Let nothing enter: other hosts may only read this host's board."""
     rate: _Rate = 100.0

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import NetworkError
+from .certificate import common_name
+from .keys import access_control, usable_name
 from .settings import DEFAULT_ENDPOINT, Settings
 from .zenoh_internals import error_text
 
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["LEASE_MS", "configure", "endpoints"]
+__all__ = ["LEASE_MS", "certificate_name", "configure", "endpoints"]
 
 # A broken connection is noticed within this time and retried at this interval, so that boards
 # agree soon after it. (A connection that survived the break would wait for TCP's own, doubling
@@ -59,6 +62,9 @@ def configure(settings: Settings, mode: str) -> zenoh.Config:
     if settings.multicast:
         values["scouting/multicast/enabled"] = True
         values["scouting/multicast/autoconnect"] = _FULL_MESH
+    if settings.access:
+        _check_certificates(config)
+        values["access_control"] = access_control(settings.access)
     for key, value in values.items():
         try:
             config.insert_json5(key, json.dumps(value))
@@ -81,6 +87,32 @@ def _defaults(mode: str) -> dict[str, Any]:
         "transport/unicast/open_timeout": _OPEN_MS,
         "transport/unicast/accept_timeout": _OPEN_MS,
     }
+
+
+def _check_certificates(config: zenoh.Config) -> None:
+    """Raise :class:`.NetworkError` if access cannot be controlled by certificates."""
+    if config.get_json("transport/link/tls/enable_mtls") != "true":
+        raise NetworkError(
+            "`access` names hosts by their certificates: let `zenoh` name a Zenoh configuration "
+            "file with `enable_mtls: true` and this host's certificate"
+        )
+    if config.get_json("access_control/enabled") == "true":
+        raise NetworkError("access_control is in the Zenoh configuration file, and in `access`")
+
+
+def certificate_name(config: zenoh.Config) -> str:
+    """Return the name in this host's certificate, or ``-``; raise :class:`.NetworkError`."""
+    for side in ("connect", "listen"):
+        key = f"transport/link/tls/{side}_certificate"
+        path, encoded = (json.loads(config.get_json(key + end)) for end in ("", "_base64"))
+        if path is None and encoded is None:
+            continue
+        try:
+            text = Path(path).read_text() if path else b64decode(encoded).decode()
+            return usable_name(common_name(text))
+        except (OSError, ValueError) as error:
+            raise NetworkError(f"{key} {path or ''}: {error}") from error
+    return "-"
 
 
 def _read(path: str) -> zenoh.Config:

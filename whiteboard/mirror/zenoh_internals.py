@@ -50,9 +50,9 @@ def use_few_threads() -> None:
 
 
 def callback_in_receiver(
-    receive: Callable[[bytes], object],
+    receive: Callable[[str, bytes], object],
 ) -> zenoh.handlers.Callback[zenoh.Sample]:
-    """Return a handler that calls `receive` in the thread that has received the message.
+    """Return a handler that calls `receive` with key and payload, in the thread that received them.
 
     Assumes that this is one of a few threads of Zenoh's pool, and that each callback creates a
     thread state of Python and deletes it at its end, which costs more than the callback. One
@@ -67,7 +67,7 @@ def callback_in_receiver(
         if thread not in attached and len(attached) < _MAX_ATTACHED:
             attached.add(thread)
             pythonapi.PyGILState_Ensure()
-        receive(sample.payload.to_bytes())
+        receive(str(sample.key_expr), sample.payload.to_bytes())
 
     return Callback(callback, indirect=False)
 

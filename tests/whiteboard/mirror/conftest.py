@@ -44,12 +44,14 @@ class Host:
         self._prefix = prefix
         self.process: subprocess.Popen[str] | None = None
 
-    def start(self, *arguments: str, connect: Sequence[Host] = ()) -> None:
+    def start(
+        self, *arguments: str, connect: Sequence[Host] = (), program: Sequence[str] = LLFSM
+    ) -> None:
         """Start its daemon and wait until it is ready."""
         connections = [part for host in connect for part in ("--connect", host.endpoint)]
         with (self.directory / "log").open("a") as log:
             self.process = subprocess.Popen(
-                [*self._prefix, *LLFSM, "whiteboard", "daemon", *self.select, "--listen",
+                [*self._prefix, *program, "whiteboard", "daemon", *self.select, "--listen",
                  self.endpoint, *connections, *arguments],
                 text=True, stdout=subprocess.PIPE, stderr=log,
             )  # fmt: skip
@@ -101,6 +103,17 @@ class Host:
         if self.process is not None:
             self.end(signal.SIGKILL)
         self.board.close()
+
+
+def plain_session(host: Host, zenoh_file: Path | None = None) -> Any:
+    """Return a Zenoh session connected to a host, without llfsm."""
+    import zenoh
+
+    config = zenoh.Config() if zenoh_file is None else zenoh.Config.from_file(str(zenoh_file))
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{host.endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
 
 
 MakeHost = Callable[..., Host]

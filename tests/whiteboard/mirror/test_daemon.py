@@ -6,18 +6,26 @@ import os
 import signal
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 
-from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard import Message, NetworkError, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board, version_log_path
 from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Value
 from llfsm.whiteboard.mirror.merge import Version
 from waiting import wait_for
 
-from .conftest import LLFSM, NAME, NUMBER, Host, MakeHost, Number, number_slot
+from .conftest import (
+    LLFSM,
+    NAME,
+    NUMBER,
+    Host,
+    MakeHost,
+    Number,
+    number_slot,
+    plain_session,
+)
 
 
 @pytest.fixture
@@ -222,8 +230,8 @@ def test_a_version_from_far_ahead_splits_no_boards(pair: tuple[Host, Host]) -> N
     version = Version(2**62 - 1, 255)
     value = Value("number", NUMBER.fingerprint, version, msgspec.msgpack.encode(Number(666)))
     batch = msgspec.msgpack.encode(Batch(255, 1, 1, 10**12, (value,)))
-    with hostile_session(other) as session:
-        session.put(f"llfsm/{VERSION}/{NAME}/batches", batch)
+    with plain_session(other) as session:
+        session.put(f"llfsm/{VERSION}/{NAME}/batches/-", batch)
         wait_for(lambda: other.status()["refused"] != [])
     for value in range(2, 6):
         for number, host in enumerate((one, other)):
@@ -243,13 +251,13 @@ def test_small_messages_do_not_take_much_shared_memory(make_host: MakeHost, tmp_
     one.add(1)
     wait_for(lambda: other.get() == 1)
     small = msgspec.msgpack.encode(Number(1))
-    with hostile_session(other) as session:
+    with plain_session(other) as session:
         for number in range(8):
             slot = number_slot(f"slot{number}", 1 << 20)
             value = Value(slot.name, slot.fingerprint, Version(10**12, 255), small)
             declaration = Declaration(slot.name, slot.capacity, slot.schema)
             batch = Batch(255, 1, number, 10**12, (value,), (declaration,))
-            session.put(f"llfsm/{VERSION}/{NAME}/batches", msgspec.msgpack.encode(batch))
+            session.put(f"llfsm/{VERSION}/{NAME}/batches/-", msgspec.msgpack.encode(batch))
         wait_for(lambda: sum(each["count"] for each in other.status()["refused"]) >= 7)
     one.add(2)
     wait_for(lambda: other.get() == 2)
@@ -262,17 +270,6 @@ def test_small_messages_do_not_take_much_shared_memory(make_host: MakeHost, tmp_
     assert 4 << 20 < quota["bytes"] < 5 << 20
 
 
-def hostile_session(host: Host) -> Any:
-    """A Zenoh session connected to a host, without llfsm."""
-    import zenoh
-
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", f'["{host.endpoint}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    return zenoh.open(config)
-
-
 def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     pair: tuple[Host, Host],
 ) -> None:
@@ -281,9 +278,9 @@ def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     one, other = pair
     wait_for(lambda: other.get() == 1)
     flooded = number_slot("flooded")
-    with hostile_session(other) as session:
+    with plain_session(other) as session:
         sender = session.declare_publisher(
-            f"llfsm/{VERSION}/{NAME}/batches",
+            f"llfsm/{VERSION}/{NAME}/batches/-",
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
         for number in range(2000):
@@ -313,3 +310,38 @@ def test_nonsense_and_a_flood_leave_the_daemon_and_other_slots_alone(
     }
     assert other.log.count("refused:") == 2
     assert other.get() == 1
+
+
+OTHER_VERSION = """
+import sys
+from llfsm.whiteboard.mirror import batches
+batches.VERSION = int(sys.argv.pop(1))
+import llfsm.cli.__main__
+"""
+
+
+def test_a_host_of_version_2_whose_keys_had_no_names_is_reported(make_host: MakeHost) -> None:
+    one = make_host("one")
+    one.start()
+    with plain_session(one) as session:
+        wait_for(
+            lambda: one.status()["refused"] != [],
+            between=lambda: session.put(f"llfsm/2/{NAME}/beats", b""),
+        )
+    assert "a host with version 2 of the protocol" in one.log
+
+
+def test_hosts_with_other_versions_of_the_protocol_report_each_other(make_host: MakeHost) -> None:
+    one, other = make_host("one"), make_host("other")
+    one.start()
+    other.start(connect=[one], program=[LLFSM[0], "-c", OTHER_VERSION, "99"])
+    one.add(1)
+    for host, theirs, ours in ((one, 99, VERSION), (other, VERSION, 99)):
+        report = f"a host with version {theirs} of the protocol: this host has version {ours}"
+        wait_for(lambda host=host: host.status()["refused"] != [])
+        assert host.log.count(f"refused: {report}; install the same llfsm on both") == 1
+        assert [each["what"][: len(report)] for each in host.status()["refused"]] == [report]
+    assert other.get() is None
+    one.end()  # to which the other one forwards
+    with pytest.raises(NetworkError, match=r"no answer.*refused: a host with version 99 of the"):
+        Whiteboard.connect(other.endpoint, NAME)

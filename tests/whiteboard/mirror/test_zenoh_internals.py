@@ -51,7 +51,7 @@ use_few_threads()
 here = zenoh.open(configure(Settings(listen=(endpoint,)), "peer"))
 there = zenoh.open(configure(Settings(listen=(), connect=(endpoint,)), "peer"))
 mine, calls, names, some = threading.local(), [], set(), threading.Event()
-def receive(_):
+def receive(*_):
     names.add(Path("/proc/thread-self/comm").read_text().strip())
     mine.calls = getattr(mine, "calls", 0) + 1
     calls.append(mine.calls)

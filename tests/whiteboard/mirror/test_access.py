@@ -1,0 +1,137 @@
+"""Who may add to which slots, by the names in certificates made here."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from llfsm.whiteboard import NetworkError, Whiteboard
+from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Heartbeat, Value
+from llfsm.whiteboard.mirror.merge import Version
+from llfsm.whiteboard.mirror.settings import Settings
+from llfsm.whiteboard.mirror.zenoh_config import configure
+from waiting import wait_for
+
+from .conftest import (
+    NAME,
+    Certify,
+    Host,
+    MakeHost,
+    Number,
+    free_endpoint,
+    number_slot,
+    plain_session,
+)
+from .part import Part, batch
+
+GOAL, ARM = number_slot("operator/goal"), number_slot("robot/arm")
+
+
+@pytest.fixture
+def robot(make_host: MakeHost, certify: Certify, tmp_path: Path) -> Host:
+    """A host that lets two others add to some slots."""
+    settings = tmp_path / "robot.toml"
+    settings.write_text('[access]\nlaptop = ["operator/*"]\ntablet = ["*"]\n')
+    robot = make_host("robot", free_endpoint("localhost", "tls"))
+    robot.start("--config", str(settings), "--zenoh", str(certify("robot", "ours")))
+    return robot
+
+
+def refused(host: Host) -> set[str]:
+    return {each["what"] for each in host.status()["refused"]}
+
+
+def test_each_host_adds_to_the_slots_that_it_may(
+    robot: Host, make_host: MakeHost, certify: Certify
+) -> None:
+    laptop, stranger = (
+        make_host(name, free_endpoint("localhost", "tls")) for name in ("laptop", "stranger")
+    )
+    laptop.start("--zenoh", str(certify("laptop", "ours")), connect=[robot])
+    stranger.start("--zenoh", str(certify("stranger", "ours")), connect=[robot])
+    robot.add(1, ARM)
+    wait_for(lambda: laptop.get(ARM) == 1)
+    stranger.add(666, GOAL)
+    laptop.add(666, ARM)
+    laptop.add(2, GOAL)
+    wait_for(lambda: robot.get(GOAL) == 2)
+    wait_for(
+        lambda: (
+            refused(robot)
+            >= {"from laptop: robot/arm", "a connection: `access` does not list 'stranger'"}
+        )
+    )
+    status = robot.status()
+    assert robot.get(ARM) == 1
+    assert [peer["certificate"] for peer in status["peers"]] == ["laptop"]
+    assert [quota["name"] for quota in status["quotas"]] == ["laptop"]
+    with Whiteboard.connect(robot.endpoint, NAME, zenoh=str(certify("tablet", "ours"))) as tablet:
+        tablet.add_message(ARM, Number(3))
+        wait_for(lambda: robot.get(ARM) == 3)
+        assert tablet.get_message(GOAL) == Number(2)
+
+
+def test_a_host_does_not_pass_for_another(robot: Host, certify: Certify) -> None:
+    """Whatever it claims: Zenoh lets it use no keys but those of its certificate's name."""
+    with plain_session(robot, certify("laptop", "ours")) as session:
+        root = f"llfsm/{VERSION}/{NAME}"
+        forged = [
+            session.declare_publisher(f"{root}/{kind}/{name}")
+            for name in ("tablet", "-", "robot")
+            for kind in ("batches", "beats")
+        ]
+        own = session.declare_publisher(f"{root}/batches/laptop")
+        beat = msgspec.msgpack.encode(Heartbeat(7, 1, 1, 10**12, "tablet"))
+
+        def send(number: int) -> None:
+            value = msgspec.msgpack.encode(Number(number))
+            version = Version(10**12 + number, 7)
+            slots = GOAL, ARM
+            values = tuple(Value(s.name, s.fingerprint, version, value) for s in slots)
+            declarations = tuple(Declaration(s.name, s.capacity, s.schema) for s in slots)
+            data = msgspec.msgpack.encode(Batch(7, 1, number, 10**12, values, declarations))
+            for publisher in forged:
+                publisher.put(beat if "beats" in str(publisher.key_expr) else data)
+            own.put(data)
+
+        for number in range(1, 20):
+            send(number)
+            wait_for(lambda number=number: robot.get(GOAL) == number)
+        assert robot.get(ARM) is None
+    wait_for(lambda: refused(robot) == {"from laptop: robot/arm"})
+    assert [quota["name"] for quota in robot.status()["quotas"]] == ["laptop"]
+
+
+def test_what_may_not_enter_from_any_host_may_not_from_a_listed_one() -> None:
+    part = Part(access={"laptop": ["*"]}, enter=["operator/*"])
+    part.exchange.receive_batch(batch(1, ARM), "laptop")
+    part.exchange.receive_batch(batch(2, GOAL), "laptop")
+    part.exchange.receive_batch(batch(3, number_slot("operator/speed")), "tablet")
+    assert [info.name for info in part.board.slots()] == ["operator/goal"]
+    assert part.refused() == {"not listed: robot/arm": 1, "from tablet: operator/speed": 1}
+
+
+def test_hosts_of_one_certificate_share_a_quota_and_others_do_not() -> None:
+    part = Part(access={"laptop": ["*"], "tablet": ["*"]}, quota={"slots": 2})
+    for host, name in enumerate(("laptop", "laptop", "laptop", "tablet"), 2):
+        part.exchange.receive_batch(batch(1, number_slot(f"slot{host}"), host=host), name)
+    assert [info.name for info in part.board.slots()] == ["slot2", "slot3", "slot5"]
+    assert {quota.name: quota.slots for quota in part.exchange.status().quotas} == {
+        "laptop": 2,
+        "tablet": 1,
+    }
+
+
+def test_access_needs_certificates(tmp_path: Path, certify: Certify) -> None:
+    config = tmp_path / "plain.json5"
+    config.write_text("{}")
+    for file in (None, str(config)):
+        with pytest.raises(NetworkError, match="`enable_mtls: true`"):
+            configure(Settings(access={"laptop": ("*",)}, zenoh=file), "peer")
+    tls = json.loads(certify("robot", "ours").read_text())
+    config.write_text(json.dumps({**tls, "access_control": {"enabled": True}}))
+    with pytest.raises(NetworkError, match="in the Zenoh configuration file, and in `access`"):
+        configure(Settings(access={"laptop": ("*",)}, zenoh=str(config)), "peer")
