@@ -21,6 +21,7 @@ from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MachineDefinition
 
 from .access import AccessMiddleware
 from .broadcaster import Broadcaster
+from .connections import log_exhaustion_once
 from .diagram_data import SECTIONS, diagram_data
 from .errors import RequestError
 from .frames import FrameEncoder
@@ -49,6 +50,7 @@ def make_app(source: PageSource, *, host: str, token: str, control: bool) -> Acc
     async def life(_: Starlette) -> AsyncIterator[None]:
         nonlocal broadcaster
         broadcaster = Broadcaster(source)  # here, because it belongs to the running loop
+        log_exhaustion_once(asyncio.get_running_loop())
         yield
         source.close()
 

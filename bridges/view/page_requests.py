@@ -63,7 +63,7 @@ def decode(text: str) -> PageRequest:
     """Return a request of a page, or raise `RequestError`."""
     try:
         request: PageRequest = _decoder.decode(text)
-    except ValueError as error:  # also msgspec's, which is one
+    except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
         raise RequestError(f"invalid request: {error}") from error
     return request
 

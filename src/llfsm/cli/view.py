@@ -99,6 +99,7 @@ def _serve(source: PageSource, *, host: str, port: int, open_page: bool, control
         import uvicorn
 
         from llfsm.bridges.view.app import make_app
+        from llfsm.bridges.view.connections import BACKLOG, ShortConnection
     except ModuleNotFoundError as error:
         raise click.ClickException(
             f"the page needs {error.name}; install it with: pip install 'llfsm[view]'"
@@ -110,7 +111,10 @@ def _serve(source: PageSource, *, host: str, port: int, open_page: bool, control
     config = uvicorn.Config(
         app,
         log_config=None,
+        log_level="error",  # any client can cause warnings
         access_log=False,
+        http=ShortConnection,
+        backlog=BACKLOG,
         ws="websockets-sansio",
         ws_max_size=1 << 20,
         ws_per_message_deflate=False,  # costs more time than the bytes it saves
@@ -159,7 +163,7 @@ def _listen(host: str, port: int) -> socket.socket:
     """Return a listening socket, or raise ``click.ClickException``."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((host, port), family=family, backlog=64)
+        return socket.create_server((host, port), family=family)
     except OSError as error:
         raise click.ClickException(
             f"cannot listen on {host}, port {port}: {error.strerror or error}; "

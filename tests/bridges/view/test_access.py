@@ -174,6 +174,15 @@ def _ask(live: Any, request: object) -> Any:
         ('{"type": "post", "id": 1, "slot": "lamp", "message": {"data": 7}}', "bool"),
         ('{"type": "post", "id": 1, "slot": "lamp", "message": 7}', "lamp"),
         ('{"type": "seek", "id": 1, "at": 5}', "no time slider"),
+        ("[" * 100_000, "invalid request"),
+        ('{"type": ' + '{"a":' * 100_000, "invalid request"),
+        (
+            '{"type": "post", "id": 1, "slot": "lamp", "message": {"data": '
+            + "[" * 100_000
+            + "]" * 100_000
+            + "}}",
+            "invalid request",
+        ),
     ],
 )
 def test_a_request_that_cannot_be_done_is_answered_with_the_reason(
