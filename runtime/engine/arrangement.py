@@ -324,6 +324,11 @@ class Arrangement(Control):
         self.emit(End(*self.stamp(), reason))
 
     @property
+    def contains_exits(self) -> bool:
+        """Whether code that exits is an error of its machine alone: no signal can be the cause."""
+        return self.on_error == "suspend" and self._execution is not None and not self.stopping
+
+    @property
     def paced(self) -> bool:
         """Whether rounds have a time at which they begin."""
         return self._pacer is not None

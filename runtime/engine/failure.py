@@ -37,7 +37,7 @@ def one_line(error: Exception) -> str:
     return f"{line[:half]} … {line[-half:]}"  # the place in the code comes last
 
 
-def explain(seat: Seat, state: BoundState, code: object, error: Exception) -> ExecutionError:
+def explain(seat: Seat, state: BoundState, code: object, error: BaseException) -> ExecutionError:
     """Describe the `error` that `code` raised in a ringlet of `seat` that began in `state`."""
     where, step = place_of(seat, state, code)
     filename, line = None, None

@@ -63,6 +63,10 @@ def ringlet(seat: Seat) -> bool:
         raise
     except Exception as error:
         raise explain(seat, state, code, error) from error
+    except (SystemExit, KeyboardInterrupt) as error:
+        if not seat.arrangement.contains_exits:
+            raise
+        raise explain(seat, state, code, error) from error
 
 
 def observed_ringlet(seat: Seat) -> bool:
