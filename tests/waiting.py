@@ -1,14 +1,16 @@
-"""Wait for a condition, as long as a busy machine may need, and never for a time.
+"""Wait for a condition or for the end of a process, as long as a busy machine may need.
 
 Importable from every test: `from waiting import wait_for`.
 """
 
 from __future__ import annotations
 
+import subprocess
+import threading
 import time
 from collections.abc import Callable
 
-__all__ = ["PATIENCE_S", "wait_for"]
+__all__ = ["PATIENCE_S", "rest_of", "wait_for"]
 
 PATIENCE_S = 30.0
 """How many seconds a condition may take before the test fails. A test that passes never waits so
@@ -35,3 +37,24 @@ def wait_for(
         between()
         time.sleep(_PAUSE_S)
     return time.monotonic() - begin
+
+
+def rest_of(process: subprocess.Popen[str]) -> str:
+    """Wait until a process ends, and return what it prints until then, to the one pipe it has.
+
+    `communicate` would leave out what came together with a line that was read before. A process
+    that has not ended after `PATIENCE_S` seconds is killed. Asked again, it is nothing.
+    """
+    pipe = process.stdout or process.stderr
+    assert pipe is not None
+    if process.stdin is not None:
+        process.stdin.close()
+    killer = threading.Timer(PATIENCE_S, process.kill)
+    killer.start()
+    try:
+        printed = "" if pipe.closed else pipe.read()
+        process.wait()
+    finally:
+        killer.cancel()
+        pipe.close()
+    return printed

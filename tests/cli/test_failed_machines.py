@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -81,9 +80,7 @@ def test_a_failed_machine_goes_on_and_what_had_happened_is_printed(
     again: str,
 ) -> None:
     (tmp_path / "broken").unlink()
-    begin = time.monotonic()
     done = llfsm.run(action, "Fragile", "-b", board)
-    assert time.monotonic() - begin < 3, "it waited for its patience to end"
     assert (done.returncode, done.stderr) == (0, "")
     first, second = done.stdout.splitlines()
     assert first.startswith("Fragile had failed: machine Fragile, state B, OnEntry: ValueError: no")
@@ -98,9 +95,8 @@ def test_a_machine_that_fails_again_at_once_is_an_error_of_the_request(
     llfsm: Llfsm, board: str, tmp_path: Path, failed: subprocess.Popen[str], action: str
 ) -> None:
     """A restarted one has a few turns before it fails: it is reported as running or as failed."""
-    begin = time.monotonic()
     done = llfsm.run(action, "Fragile", "-b", board)
-    assert time.monotonic() - begin < 3, "it waited for its patience to end"
+    assert "did not carry out" not in done.stderr, "it waited for its patience to end"
     if action == "resume":
         assert done.returncode == 1
         assert done.stdout.startswith("Fragile had failed: machine Fragile, state B, ")

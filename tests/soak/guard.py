@@ -24,6 +24,7 @@ from pathlib import Path
 from driving import DRIVE, SAFE, Runs
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import will_slot
+from waiting import wait_for
 
 _P99_MS, _WORST_MS, _CPU_PERCENT = 100.0, 250.0, 0.5
 _IDLE_S = 20.0
@@ -77,14 +78,12 @@ def _kill(board: Whiteboard, runs: Runs, after_s: float) -> tuple[float, int]:
     drive = board[DRIVE]
     begin = time.perf_counter()
     process.kill()
-    while drive.get() != SAFE:
-        time.sleep(0.0005)
+    wait_for(lambda: drive.get() == SAFE, "the safe value")
     milliseconds = (time.perf_counter() - begin) * 1e3
     process.wait()
     count = drive.count
     will = board[will_slot("Drives")]
-    while will.get().state != "executed":
-        time.sleep(0.0005)
+    wait_for(lambda: will.get().state == "executed", "the will is executed")
     time.sleep(0.06)  # a look of every guard
     return milliseconds, 1 + drive.count - count
 

@@ -15,7 +15,7 @@ from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.turtlesim import Pose
 from own_boards import own_board
-from waiting import PATIENCE_S, wait_for
+from waiting import PATIENCE_S, rest_of, wait_for
 
 Native = Callable[..., str]
 CMD_VEL = Slot("turtle1/cmd_vel", Twist)
@@ -95,7 +95,7 @@ def test_it_relays_both_ways_until_it_is_ended(native: Native, tmp_path: Path, b
                 wb.add_message(POSE, Pose(x, 5.0, 0.25, 9.0))
                 wait_for(lambda x=x: native("get", 13, 3) == f"{x:g} 5 0.25 of {x:g}\n")
             bridge.send_signal(signal.SIGTERM)
-            said = bridge.communicate(timeout=PATIENCE_S)[1]
+            said = rest_of(bridge)
             assert bridge.returncode == 0
     assert said == (
         "12 -> turtle1/cmd_vel: 2 in, 0 out, 0 refused\n"
@@ -115,7 +115,7 @@ def test_flags_and_the_end_of_the_file(
             wb.add_message(CMD_VEL, Twist(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0)))
             wait_for(lambda: native("get", 5, 6) == "1 2 3 4 5 6 of 1\n")
         path.unlink()
-        said = bridge.communicate(timeout=PATIENCE_S)[1]
+        said = rest_of(bridge)
     assert bridge.returncode == 1
     assert said.startswith("5 <-> turtle1/cmd_vel: 0 in, 1 out, 0 refused\n")
     assert said.endswith("guwhiteboard: the file was removed or replaced; start again\n")

@@ -19,7 +19,7 @@ from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot, Whiteboard
 from llfsm.whiteboard.local import LocalBoard
 from own_boards import own_board
-from waiting import PATIENCE_S
+from waiting import rest_of
 
 
 class Reading(Message):
@@ -72,11 +72,11 @@ def llfsm(tmp_path: Path) -> Iterator[Start]:
     yield start
     for process in started:
         process.kill()
-        process.communicate()
+        rest_of(process)
 
 
 def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
-    said, _ = process.communicate(timeout=PATIENCE_S)
+    said = rest_of(process)
     return process.returncode, said
 
 

@@ -17,6 +17,7 @@ from llfsm.bridges.ros2.errors import (
 )
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.transport import NoticeKind
+from waiting import wait_for
 
 
 @pytest.fixture
@@ -178,8 +179,8 @@ def test_a_request_has_one_answer(pair, spawn):
     kept = []
     client, _ = pair(kept.append)
     call = client.call(spawn.request.message(), timeout=20)
-    while not kept:
-        assert not call.done()
+    wait_for(lambda: kept, "the request")
+    assert not call.done()
     kept[0].answer(spawn.response.message(name="first"))
     with pytest.raises(AlreadyAnsweredError, match="/spawn"):
         kept[0].answer(spawn.response.message(name="second"))

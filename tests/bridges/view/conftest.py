@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from own_boards import own_board
 from programs import program
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, rest_of
 
 expect.set_options(timeout=PATIENCE_S * 1000)
 
@@ -44,11 +44,7 @@ class Process:
         """Return the exit status and what was said since the last line that was read."""
         if self.popen.poll() is None:
             self.popen.send_signal(how)
-        try:
-            said, _ = self.popen.communicate(timeout=PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self.popen.kill()
-            said, _ = self.popen.communicate()
+        said = rest_of(self.popen)
         return self.popen.returncode, said
 
 

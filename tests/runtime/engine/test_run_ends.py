@@ -25,6 +25,7 @@ from llfsm.runtime import (
 )
 from llfsm.runtime.engine.events import Failed
 from llfsm.whiteboard import Whiteboard
+from waiting import rest_of
 
 from .paced import Log, Stubborn, Waiting, worker
 
@@ -106,7 +107,7 @@ def test_sigterm_ends_a_process_within_the_grace_period(schedule: str):
         try:
             assert process.stdout.readline() == "ready\n"
             process.send_signal(signal.SIGTERM)
-            said, _ = process.communicate(timeout=10)  # of the fifty minutes to the next turn
+            said = rest_of(process)  # the next turn would be in fifty minutes
         finally:
             process.kill()
     assert said.splitlines()[-1] == "stopped SIGTERM"

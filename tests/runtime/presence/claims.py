@@ -9,6 +9,7 @@ import sys
 import commanding
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.messages.llfsm import commanders_slot
+from waiting import rest_of
 
 CLAIMS = commanders_slot(commanding.CMD.name)
 
@@ -43,8 +44,7 @@ class Process:
     def end(self, how: int = signal.SIGTERM) -> str:
         """End it and return what it has printed since."""
         self.popen.send_signal(how)
-        printed, _ = self.popen.communicate()
-        return printed
+        return rest_of(self.popen)
 
 
 def commanders(board: Board) -> list[str]:

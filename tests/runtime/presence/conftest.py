@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -45,8 +46,7 @@ def process(board: Whiteboard) -> Iterator[Callable[..., Process]]:
 
     yield start
     for each in started:
-        each.popen.kill()
-        each.popen.communicate()
+        each.end(signal.SIGKILL)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from itertools import pairwise
@@ -147,11 +148,10 @@ def test_a_slot_is_published_no_more_often_than_asked_for(board, blocked, to_ros
     blocked.go_on.set()
     begin = time.monotonic()
     to_ros(period=0.05)
-    value = 0
-    while len(blocked.published) < 5:
-        value += 1
-        board.add_message(N, Int64(value))
-        time.sleep(0.001)
+    values = map(Int64, itertools.count(1))
+    wait_for(
+        lambda: len(blocked.published) >= 5, between=lambda: board.add_message(N, next(values))
+    )
     times = [when for when, _ in blocked.published]
     assert all(when - begin >= 0.05 * number for number, when in enumerate(times))
 
