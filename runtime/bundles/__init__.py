@@ -5,7 +5,7 @@ Read in this order: `model` (the contents of a bundle), `read` with `cpp` and `p
 drawn), `write`, then `expressions` and `importing` (how a C++ bundle becomes a Python one).
 """
 
-from .compiling import compile_bundle, load_bundle
+from .compiling import compile_bundle, load_bundle, require_python
 from .importing import import_bundle
 from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
 from .names import UNTRANSLATED
@@ -26,5 +26,6 @@ __all__ = [
     "load_bundle",
     "outline",
     "read_bundle",
+    "require_python",
     "write_bundle",
 ]

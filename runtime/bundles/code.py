@@ -10,17 +10,34 @@ from ..engine.state import DEFERRED
 from .model import Fragment
 from .names import MACHINE
 
-__all__ = ["evaluate", "function_of", "label_of", "parse", "parse_expression", "run"]
+__all__ = ["evaluate", "function_of", "label_of", "parse", "parse_expression", "run", "too_deep"]
+
+
+_DEEPEST = 200
+_TOO_DEEP = f"it is nested more than {_DEEPEST} deep, such as by a sum of as many parts"
 
 
 def parse(fragment: Fragment) -> ast.Module:
-    """Return the syntax tree of statements."""
+    """Return the syntax tree of statements. Raise `BundleError`."""
     try:
-        return ast.parse(fragment.text, fragment.source)
+        tree = ast.parse(fragment.text, fragment.source)
     except SyntaxError as error:
         raise fragment.error(f"SyntaxError: {error.msg}", error.lineno) from error
     except ValueError as error:
         raise fragment.error(f"SyntaxError: {error}") from error
+    except (RecursionError, MemoryError) as error:  # as the parser calls a text that it gives up
+        raise fragment.error(_TOO_DEEP) from error
+    if deep := too_deep(tree):
+        raise fragment.error(_TOO_DEEP, getattr(deep[0], "lineno", None))
+    return tree
+
+
+def too_deep(tree: ast.AST) -> list[ast.AST]:
+    """Return the nodes so deep in a tree that whoever walks it by recursion does not get there."""
+    level = [tree]
+    for _ in range(_DEEPEST):
+        level = [child for node in level for child in ast.iter_child_nodes(node)]
+    return level
 
 
 def parse_expression(fragment: Fragment) -> ast.expr:

@@ -17,7 +17,7 @@ from .names import resolve
 from .read import read_bundle
 from .scope import LoadedScope
 
-__all__ = ["compile_bundle", "load_bundle"]
+__all__ = ["compile_bundle", "load_bundle", "require_python"]
 
 
 def load_bundle(folder: str | Path) -> type[Machine]:
@@ -32,9 +32,7 @@ def load_bundle(folder: str | Path) -> type[Machine]:
 
 def compile_bundle(bundle: Bundle) -> type[Machine]:
     """Return the machine class that `bundle` describes; raise as `load_bundle` does."""
-    if bundle.language != PYTHON:
-        where = Fragment("", bundle.folder)
-        raise where.error("this is a C++ bundle; convert it to Python with `llfsm import`")
+    require_python(bundle)
     path = bundle.path
     module = ModuleType(path)
     module.__file__ = path
@@ -55,6 +53,13 @@ def compile_bundle(bundle: Bundle) -> type[Machine]:
     )
     cls.table.layout = bundle.layout
     return cls
+
+
+def require_python(bundle: Bundle) -> None:
+    """Raise `BundleError` for a C++ bundle, which cannot run."""
+    if bundle.language != PYTHON:
+        where = Fragment("", bundle.folder)
+        raise where.error("this is a C++ bundle; convert it to Python with `llfsm import`")
 
 
 def _fill(state: State, source: BundleState, states: dict[str, State], scope: LoadedScope) -> None:

@@ -13,6 +13,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from .code import too_deep
 from .cpp import without_comments
 
 __all__ = ["KINDS", "CppVariable", "translate_condition", "translate_value"]
@@ -62,7 +63,8 @@ def translate_condition(text: str, variables: Mapping[str, CppVariable]) -> str 
     compared, and only with what is exact in both.
     """
     try:
-        return ast.unparse(_Parser(text, variables).condition())
+        condition = _Parser(text, variables).condition()
+        return None if too_deep(condition) else ast.unparse(condition)
     except _RefusedError:
         return None
 

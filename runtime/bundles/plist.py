@@ -10,26 +10,34 @@ from xml.parsers.expat import ExpatError
 
 from ..engine.errors import BundleError
 from ..engine.layout import MachineLayout, Point, StateBox, TransitionPath
+from .files import read_file
 
 __all__ = ["layout_to_plist", "read_layout"]
 
 _SIZE = (90.0, 50.0)  # of a state whose size is not given
 _KNOWN = ("x", "y", "w", "h", "expanded", "Transitions")
+_WRONG = (
+    *(plistlib.InvalidFileException, ExpatError),
+    *(ValueError, TypeError, IndexError, RecursionError, OverflowError),
+)
 _POINTS = ("srcPoint", "dstPoint", "controlPoint1", "controlPoint2")
 
 
-def read_layout(file: Path) -> MachineLayout:
-    """Return the layout in `file`, without incomplete parts. Raise `BundleError`.
+def read_layout(file: Path) -> MachineLayout | None:
+    """Return the layout in `file`, without incomplete parts; None without a file.
+
+    Raise `BundleError`.
 
     A state without a position has no box. Paths belong to transitions by position, so they end at
     the first that is incomplete.
     """
+    data = read_file(file)
+    if data is None:
+        return None
     try:
-        found = plistlib.loads(file.read_bytes())
-    except (plistlib.InvalidFileException, ExpatError, ValueError, TypeError, IndexError) as error:
+        found = plistlib.loads(data)
+    except _WRONG as error:
         raise BundleError(f"not a property list: {error}", file) from error
-    except OSError as error:
-        raise BundleError(error.strerror or str(error), file) from error
     boxes: dict[str, StateBox] = {}
     paths: dict[str, tuple[TransitionPath, ...]] = {}
     states = found.get("States", {}) if isinstance(found, dict) else {}

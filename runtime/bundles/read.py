@@ -13,6 +13,7 @@ from ..engine.errors import BundleError
 from ..engine.layout import MachineLayout
 from ..engine.state import SECTIONS
 from .cpp import suspend_state, targets
+from .files import read_file
 from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
 from .plist import read_layout
 
@@ -174,8 +175,7 @@ class Reader:
 
     def layout(self) -> MachineLayout | None:
         """Return the layout that an editor has saved."""
-        file = self.folder / "Layout.plist"
-        return read_layout(file) if file.exists() else None
+        return read_layout(self.folder / "Layout.plist")
 
     def expression(self, name: str) -> Fragment | None:
         """Return an expression. A transition whose file is missing always fires."""
@@ -194,12 +194,11 @@ class Reader:
     def text(self, name: str) -> Fragment | None:
         """Return the text of the file, or None if it does not exist or is blank."""
         file = self.folder / name
-        try:
-            text = file.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-        except FileNotFoundError:
+        data = read_file(file)
+        if data is None:
             return None
-        except OSError as error:
-            raise BundleError(error.strerror or str(error), file) from error
+        try:
+            text = data.decode("utf-8-sig").replace("\r\n", "\n")
         except UnicodeDecodeError as error:
             line = error.object.count(b"\n", 0, error.start) + 1
             raise BundleError("not UTF-8 text", file, line) from error

@@ -46,8 +46,12 @@ _ALWAYS_KNOWN = frozenset(
 _KINDS = {"Sensor": "a sensor", "Actuator": "an actuator"}
 
 
-def check_bundle(folder: Path) -> list[Finding]:
-    """Return the findings about the bundle in `folder`. Its sections are read but not run."""
+def check_bundle(folder: Path, *, load: bool = True) -> list[Finding]:
+    """Return the findings about the bundle in `folder`. Its sections are read but not run.
+
+    If no error is found, it is loaded, which runs what it includes and the values of its variables;
+    not without `load`.
+    """
     wrong: list[BundleError] = []
     try:
         bundle = _Lenient(folder.resolve(), wrong).bundle()
@@ -59,7 +63,7 @@ def check_bundle(folder: Path) -> list[Finding]:
         findings += unread_files(bundle, folder.resolve())
         findings += findings_of(checker.subject())
         findings += checker.findings
-    if not any(each.severity == "error" for each in findings):
+    if load and not any(each.severity == "error" for each in findings):
         findings += _load(bundle, folder, checker)
     return sorted(set(findings))
 

@@ -99,3 +99,32 @@ def test_a_package_is_not_overwritten(llfsm: Llfsm) -> None:
     done = llfsm.run("package", "Good")
     assert done.returncode == 1
     assert done.stderr == "Error: good is there already: remove it, or write to another folder\n"
+
+
+def test_no_code_of_a_bundle_is_run(llfsm: Llfsm) -> None:
+    bundle = llfsm.cwd / "Mine.machine"
+    write_bundle(bundle, "pass")
+    code = "import pathlib\npathlib.Path('ran').touch()\nraise SystemExit\n"
+    (bundle / "Mine_Includes.py").write_text(code)
+    assert llfsm.run("package", "Mine").returncode == 0
+    assert not (llfsm.cwd / "ran").exists()
+
+
+def test_a_link_in_a_bundle_is_not_followed(llfsm: Llfsm) -> None:
+    bundle = llfsm.cwd / "Mine.machine"
+    write_bundle(bundle, "pass")
+    (llfsm.cwd / "secret").write_text("secret")
+    (bundle / "State_A_OnExit.py").symlink_to(llfsm.cwd / "secret")
+    done = llfsm.run("package", "Mine")
+    assert done.returncode == 1
+    assert "State_A_OnExit.py is a link" in done.stderr
+    assert not (llfsm.cwd / "mine").exists()
+
+
+def test_a_bundle_that_cannot_run_is_not_packaged(llfsm: Llfsm) -> None:
+    bundle = llfsm.cwd / "Mine.machine"
+    write_bundle(bundle, "if:")
+    done = llfsm.run("package", "Mine")
+    assert (done.returncode, "State_A_OnEntry.py:1: SyntaxError" in done.stderr) == (1, True)
+    (bundle / "Language").write_text("c++")
+    assert llfsm.run("package", "Mine").returncode == 1

@@ -19,6 +19,8 @@ from xml.sax.saxutils import escape
 import click
 
 from llfsm.errors import LlfsmError
+from llfsm.runtime.bundles import read_bundle, require_python
+from llfsm.runtime.checking.bundles import check_bundle
 
 from .machine_names import find_bundle, find_machine
 from .options import output_option
@@ -126,16 +128,25 @@ def generate_launch_description() -> LaunchDescription:
 def package(machine: str, output: Path) -> None:
     """Write the ROS 2 package that starts MACHINE, named as for `llfsm run`.
 
-    A bundle is copied into it. A class is imported, so it must be installed where it runs.
+    A bundle is copied into it, and its code is not run. A class is imported, so it must be
+    installed where it runs.
 
     \b
     llfsm package RosPingPong -o ~/ros2_ws/src
     cd ~/ros2_ws && colcon build && . install/setup.sh
     ros2 launch ros_ping_pong ros_ping_pong.launch.py
     """
-    cls = find_machine(machine)
-    origin = find_bundle(machine) or cls.table.path
-    target = write_package(cls.__name__, origin, output)
+    folder = find_bundle(machine)
+    if folder is None:
+        cls = find_machine(machine)
+        target = write_package(cls.__name__, cls.table.path, output)
+    else:
+        bundle = read_bundle(folder)
+        require_python(bundle)
+        for each in check_bundle(folder, load=False):
+            if each.severity == "error":
+                raise PackageError(f"{each.file}:{each.line}: {each.text}")
+        target = write_package(bundle.name, folder, output)
     click.echo(f"wrote {target}: ros2 run {target.name} {target.name}")
 
 
@@ -194,8 +205,13 @@ def write_package(machine: str, origin: Path | str, folder: Path) -> Path:
 
 
 def _copy_bundle(source: Path, target: Path) -> None:
-    """Copy the files of a bundle, which has no folders; leave out an editor's hidden files."""
+    """Copy the files of a bundle, which has no folders; leave out an editor's hidden files.
+
+    A link is an error: a bundle from elsewhere could put any file of its reader into the package.
+    """
     target.mkdir()
     for file in source.iterdir():
+        if file.is_symlink():
+            raise PackageError(f"{file} is a link: put the file itself there, or remove it")
         if file.is_file() and not file.name.startswith("."):
             shutil.copyfile(file, target / file.name)
