@@ -113,7 +113,7 @@ def test_no_code_of_a_bundle_is_run(llfsm: Llfsm) -> None:
 def test_a_link_in_a_bundle_is_not_followed(llfsm: Llfsm) -> None:
     bundle = llfsm.cwd / "Mine.machine"
     write_bundle(bundle, "pass")
-    (llfsm.cwd / "secret").write_text("secret")
+    (llfsm.cwd / "secret").write_text("pass  # a secret")
     (bundle / "State_A_OnExit.py").symlink_to(llfsm.cwd / "secret")
     done = llfsm.run("package", "Mine")
     assert done.returncode == 1
