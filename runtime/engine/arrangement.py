@@ -18,6 +18,7 @@ from .loading import Library, Loadable, Loader, LoadOptions
 from .machine import Machine
 from .observers import Observers
 from .pacing import Pacer
+from .realtime import check_real_time
 from .ringlet import observed_ringlet, ringlet
 from .schedule import Timetable
 from .seat import Failure, Seat
@@ -37,6 +38,8 @@ M = TypeVar("M", bound=Machine)
 class Arrangement(Control):
     """Run machines in load order, one ringlet each per round; those in `start_suspended` last.
 
+    Leaving a `with` block ends it, like the end of `run`: the `at_end` messages are posted.
+
     Args:
         machines: classes, instances or names of the `library`.
         start_suspended: more of them, loaded after the others in their suspend state.
@@ -51,13 +54,11 @@ class Arrangement(Control):
         timed: measure every turn for `statistics`, as with a period or a timetable anyway.
         unload_accepting: unload a machine that accepts (clfsm's -u is False).
         library: machines that code may load by name.
-        on_error: when code of a machine raises, "stop" everything and raise the
-            `ExecutionError`, or "suspend" the machine, log it and notify the observers; one
-            that fails while suspended is unloaded.
+        on_error: when code of a machine raises, "stop" everything and raise the `ExecutionError`,
+            or "suspend" the machine and log it; one that fails while suspended is unloaded.
         watchdog_ms: report code of a machine that runs for longer, and post its safe values.
+        realtime: the priority (1 to 99) of `run`, as for `in_real_time`, and its core (`cpu`).
         observers: functions to be called with every event.
-
-    Leaving a `with` block ends it, like the end of `run`: the `at_end` messages are posted.
 
     """
 
@@ -81,6 +82,8 @@ class Arrangement(Control):
         library: Library | None = None,
         on_error: Literal["stop", "suspend"] = "stop",
         watchdog_ms: float | None = None,
+        realtime: int | None = None,
+        cpu: int | None = None,
         observers: Iterable[Observer] = (),
     ):
         for option, value, least in (
@@ -90,6 +93,7 @@ class Arrangement(Control):
         ):
             if value < least:
                 raise OptionError(f"{option} is {value}; it must be {least} or more")
+        check_real_time(realtime, cpu)
         if on_error not in ("stop", "suspend"):
             raise OptionError(f'on_error is {on_error!r}; it must be "stop" or "suspend"')
         if period_us is not None and timetable is not None:
@@ -105,6 +109,7 @@ class Arrangement(Control):
         self.unload_accepting = unload_accepting
         self.on_error = on_error
         self.watchdog_ms = watchdog_ms
+        self.realtime, self.cpu = realtime, cpu
         self.rounds = 0
         self.stopping = False
         self.reason: Reason | None = None
@@ -120,9 +125,8 @@ class Arrangement(Control):
             self._pacer = Pacer(cycle_us, self.clock, self._wait_for_turn)
         # A round begins when this returns True: at its time, or at once; after the end it raises.
         self._gate = None if self._pacer is None else self._pacer.wait_for_round
-        self._stopwatch = None
-        if timed or self._pacer is not None:
-            self._stopwatch = Stopwatch(self.clock, self._pacer)
+        timed = timed or self._pacer is not None
+        self._stopwatch = Stopwatch(self.clock, self._pacer) if timed else None
         self._bind_all()
         environment.enter(self)
         for observer in observers:
@@ -211,10 +215,9 @@ class Arrangement(Control):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            self.end(Reason.CLOSED)
-        else:
-            self.end(Reason.FAILED if issubclass(kind, Exception) else Reason.INTERRUPTED)
+        failed = kind is not None and issubclass(kind, Exception)
+        raised = Reason.FAILED if failed else Reason.INTERRUPTED
+        self.end(Reason.CLOSED if kind is None else raised)
 
     @property
     def finished(self) -> bool:
@@ -263,9 +266,9 @@ class Arrangement(Control):
         """Run rounds until every machine accepts or is suspended; return why it ended.
 
         A failed machine keeps it going if other processes can resume it; else that is the reason.
-        After `stop`, SIGINT or SIGTERM (if this is the main thread), or when the whiteboard has
-        gone, the machines see `stopping` and have `grace_s` seconds to reach accepting states. A
-        second signal acts as if there were no arrangement. `max_rounds` ends it after that round.
+        After `stop`, SIGINT or SIGTERM (in the main thread), or when the whiteboard has gone, the
+        machines see `stopping` and have `grace_s` seconds to reach accepting states. A second
+        signal acts as if there were no arrangement. `max_rounds` ends it after that round.
         """
         if self.reason is not None:
             self._refuse()

@@ -16,6 +16,7 @@ FsmError
 │   └── GuardResultError     a guard returned something other than True or False
 ├── ObserverError            an observer raised
 ├── DrawingError             a picture of a machine cannot be drawn as asked
+├── RealtimeError            a right to run in real time is missing
 ├── OptionError              an argument of an arrangement is impossible
 ├── ArrangementEndedError    a round was asked of an arrangement that has ended
 └── ClockError               a clock was moved back (also a ValueError)
@@ -49,6 +50,7 @@ __all__ = [
     "NotLoadedError",
     "ObserverError",
     "OptionError",
+    "RealtimeError",
     "ScheduleError",
     "SensorNameError",
     "UnknownMachineError",
@@ -178,6 +180,10 @@ class ObserverError(FsmError):
 
 class DrawingError(FsmError):
     """A picture of a machine cannot be drawn; the message names one that can."""
+
+
+class RealtimeError(FsmError):
+    """A right to run in real time is missing; the message names it and how to get it."""
 
 
 class OptionError(FsmError, ValueError):

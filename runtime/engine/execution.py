@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from .events import IdleSleep, Reason
+from .realtime import collect_if_due, in_real_time
 from .watchdog import Watchdog
 
 if TYPE_CHECKING:
@@ -37,13 +39,14 @@ class Execution:
 
     def run(self, max_rounds: int | None) -> Reason:
         """Run rounds and return why no more are to be run."""
-        if self._watchdog is None:
+        realtime = self._arrangement.realtime
+        with ExitStack() as stack:
+            if self._watchdog is not None:
+                self._watchdog.start()
+                stack.callback(self._watchdog.stop)
+            if realtime is not None:  # this thread alone, not the watchdog's
+                stack.enter_context(in_real_time(realtime, self._arrangement.cpu))
             return self._run(max_rounds)
-        self._watchdog.start()
-        try:
-            return self._run(max_rounds)
-        finally:
-            self._watchdog.stop()
 
     def _run(self, max_rounds: int | None) -> Reason:
         arrangement = self._arrangement
@@ -53,6 +56,8 @@ class Execution:
                 return arrangement.reason
             sleeps = not fired and (arrangement.paced or arrangement.idle_us > 0)
             self._look(idle=sleeps and not self._woken)
+            if arrangement.realtime is not None:
+                collect_if_due()
             if max_rounds is not None and arrangement.rounds >= max_rounds:
                 return Reason.MAX_ROUNDS
             finished = arrangement.finished

@@ -71,6 +71,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     unload_accepting: bool = True
     on_error: Literal["stop", "suspend"] = "stop"
     watchdog_ms: Positive | None = None
+    realtime: Annotated[int, msgspec.Meta(ge=1, le=99)] | None = None
+    cpu: NotNegative | None = None
     will_after_ms: Annotated[int, msgspec.Meta(ge=500, le=_LONGEST_US)] | None = None
 
     def timetable(self, names: Iterable[str]) -> Timetable | None:
@@ -127,6 +129,8 @@ def assemble(
         library=library,
         on_error=plan.on_error,
         watchdog_ms=plan.watchdog_ms,
+        realtime=plan.realtime,
+        cpu=plan.cpu,
     )
     planned = list(zip(classes.items(), plan.machines, strict=True))
     if timetable is None:

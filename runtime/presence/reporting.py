@@ -376,6 +376,8 @@ class Presence:
             failed=latest.failure is not None,
             namespace=pid_namespace(),
             hung=bool(latest.hang),
+            realtime=self._arrangement.realtime or 0,
+            cpu=-1 if self._arrangement.cpu is None else self._arrangement.cpu,
             error=latest.hang or ("" if latest.failure is None else one_line(latest.failure.error)),
             error_state="" if latest.failure is None else latest.failure.error.state,
             error_s=0.0 if latest.failure is None else (now_ns - latest.failure.time_ns) / 1e9,

@@ -41,6 +41,7 @@ def test_ps_is_json_for_programs(llfsm: Llfsm, board: str, running: subprocess.P
     row = told["Stays"]
     assert row["in_state_s"] >= row["silent_s"] >= 0
     assert row["ringlets"] > 0
+    assert (row["realtime"], row["cpu"]) == (None, None)
     assert {
         key: row[key] for key in ("whiteboard", "state", "status", "overruns", "pid", "host")
     } == {
@@ -51,6 +52,22 @@ def test_ps_is_json_for_programs(llfsm: Llfsm, board: str, running: subprocess.P
         "pid": running.pid,
         "host": socket.gethostname(),
     }
+
+
+def test_ps_shows_the_priority_and_the_core(llfsm: Llfsm, board: str) -> None:
+    core = min(os.sched_getaffinity(0))
+    process = llfsm.start(
+        "run", f"{MACHINES}:Stays", "-q", "-b", board, "--cpu", str(core), "--realtime", "3"
+    )
+    line = process.stdout.readline()
+    if "limits.conf" in line:
+        pytest.skip("no right to run in real time")
+    assert "Stays entered A" in line
+    head, row = llfsm.run("ps", "-b", board).stdout.splitlines()
+    assert head.split()[-1] == "REALTIME"
+    assert row.endswith(f"FIFO 3 on core {core}")
+    told = rows(llfsm, "-b", board)["Stays"]
+    assert (told["realtime"], told["cpu"]) == (3, core)
 
 
 def test_ps_of_every_board(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:

@@ -78,7 +78,8 @@ class MachineStatus(Message):
     After its code has raised, the machine is `failed` until it is resumed or restarted: `error`
     describes it in one line, with section, file and line, `error_state` is the state whose code
     that was, and `error_s` is how many seconds before the message's stamp. While its code is
-    `hung`, a watchdog publishes the status, and `error` is where that is.
+    `hung`, a watchdog publishes the status, and `error` is where that is. `realtime` is the
+    priority at which it has its turns, or 0, and `cpu` the only core for them, or -1.
     """
 
     state: str = ""
@@ -101,6 +102,8 @@ class MachineStatus(Message):
     error_s: float = 0.0
     hung: bool = False
     namespace: int = 0
+    realtime: int = 0
+    cpu: int = -1
 
 
 class MachineRequest(Message):

@@ -11,7 +11,7 @@ import click
 from llfsm.runtime.presence.commanders import contested_slots, described
 from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard, WhiteboardError
-from llfsm.whiteboard.messages.llfsm import Commander
+from llfsm.whiteboard.messages.llfsm import Commander, MachineStatus
 from llfsm.whiteboard.shared import boards
 
 from .options import board_option
@@ -28,7 +28,7 @@ class Listing(NamedTuple):
     """The machines that command one slot, by slot, where there are several."""
 
 
-_HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID")
+_HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID", "REALTIME")
 
 
 @click.command()
@@ -54,6 +54,8 @@ def ps(board: str, every: bool, as_json: bool) -> None:
     rows = [(listing.board, machine) for listing in found for machine in listing.machines]
     lines: list[tuple[str, ...]] = [("WHITEBOARD", *_HEADS) if every else _HEADS]
     lines += [(name, *_row(machine)) if every else _row(machine) for name, machine in rows]
+    if not any(machine.status.realtime for _, machine in rows):
+        lines = [line[:-1] for line in lines]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
         padded = (text.ljust(width) for text, width in zip(line, widths, strict=True))
@@ -99,7 +101,13 @@ def _row(machine: RemoteMachine) -> tuple[str, ...]:
         str(status.ringlets),
         str(status.overruns),
         str(status.pid),
+        _scheduling(status),
     )
+
+
+def _scheduling(status: MachineStatus) -> str:
+    core = "" if status.cpu < 0 else f" on core {status.cpu}"
+    return f"FIFO {status.realtime}{core}" if status.realtime else ""
 
 
 def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
@@ -115,6 +123,8 @@ def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
         "overruns": status.overruns,
         "pid": status.pid,
         "host": status.host,
+        "realtime": status.realtime or None,
+        "cpu": None if status.cpu < 0 else status.cpu,
         "error": status.error,
         "error_state": status.error_state,
         "error_s": round(status.error_s + machine.silent_s, 3) if status.failed else None,

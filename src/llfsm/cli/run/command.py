@@ -6,7 +6,7 @@ import importlib.metadata
 import logging
 import sys
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import click
 from msgspec.structs import replace
@@ -22,6 +22,16 @@ from .recorder_process import recorded
 from .report import StateReport, SuspensionReport, timing_table
 
 __all__ = ["run"]
+
+
+class _Priority(click.IntRange):
+    """A priority that may be left out, if no machine follows."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number; a word is probably the machine that was to run."""
+        if isinstance(value, str) and not value.lstrip("-").isdigit():
+            self.fail(f"{value!r} is no priority; name the machines first", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 @click.command()
@@ -88,6 +98,17 @@ __all__ = ["run"]
     help="Report code of a machine that runs longer than MS milliseconds; post its safe values.",
 )
 @click.option(
+    "--realtime",
+    metavar="[PRIORITY]",
+    type=_Priority(1, 99),
+    is_flag=False,
+    flag_value=50,
+    help="Run at this priority (50) of SCHED_FIFO with locked memory; refused without the right.",
+)
+@click.option(
+    "--cpu", metavar="N", type=click.IntRange(0), help="With --realtime: run on core N alone."
+)
+@click.option(
     "--will-after",
     "will_after_ms",
     metavar="MS",
@@ -119,6 +140,8 @@ def run(
     period_us: int | None,
     on_error: Literal["stop", "suspend"] | None,
     watchdog_ms: int | None,
+    realtime: int | None,
+    cpu: int | None,
     will_after_ms: int | None,
     recording: Path | None,
     board: str,
@@ -142,7 +165,16 @@ def run(
         raise click.UsageError("--record keeps one run, -n may start several: leave out one")
     resolved = parse_arguments(machines, table, suspended, preloaded)
     plan = _with_options(
-        resolved.plan, keep, idle_us, no_wake, period_us, on_error, watchdog_ms, will_after_ms
+        resolved.plan,
+        keep=keep,
+        no_wake=no_wake,
+        idle_us=idle_us,
+        period_us=period_us,
+        on_error=on_error,
+        watchdog_ms=watchdog_ms,
+        realtime=realtime,
+        cpu=cpu,
+        will_after_ms=will_after_ms,
     )
     _log()
     with (
@@ -185,28 +217,15 @@ def run(
                 wb.remove()
 
 
-def _with_options(
-    plan: Plan,
-    keep: bool,
-    idle_us: int | None,
-    no_wake: bool,
-    period_us: int | None,
-    on_error: Literal["stop", "suspend"] | None,
-    watchdog_ms: int | None,
-    will_after_ms: int | None,
-) -> Plan:
+def _with_options(plan: Plan, *, keep: bool, no_wake: bool, **given: object) -> Plan:
     """Return the plan with the options of the command line, which override it."""
-    if period_us is not None and any(machine.period_us for machine in plan.machines):
+    if given["period_us"] is not None and any(machine.period_us for machine in plan.machines):
         raise click.UsageError("--period: the machines have periods of their own")
     return replace(
         plan,
         unload_accepting=plan.unload_accepting and not keep,
-        idle_us=plan.idle_us if idle_us is None else idle_us,
         wake=plan.wake and not no_wake,
-        period_us=period_us or plan.period_us,
-        on_error=on_error or plan.on_error,
-        watchdog_ms=watchdog_ms or plan.watchdog_ms,
-        will_after_ms=will_after_ms or plan.will_after_ms,
+        **{name: value for name, value in given.items() if value is not None},
     )
 
 

@@ -1,0 +1,108 @@
+"""Rounds in real time, as far as Linux can: a fixed priority, locked memory, a core, no garbage.
+
+Each is a right that an administrator gives. What is missing is an error that names how to get it:
+half of it would look like real time and miss deadlines when it matters.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+
+from .errors import OptionError, RealtimeError
+
+__all__ = ["check_real_time", "collect_if_due", "in_real_time"]
+
+_MCL_CURRENT_AND_FUTURE = 3
+
+
+@contextmanager
+def in_real_time(priority: int, cpu: int | None) -> Iterator[None]:
+    """Give the calling thread SCHED_FIFO at `priority`, 1 to 99, and its process locked memory.
+
+    With `cpu`, the thread runs on that core alone. Garbage is collected by `collect_if_due` only.
+    Threads and processes that are started meanwhile have an ordinary priority. At the end all is as
+    before. Raise `RealtimeError`, and leave all as before, if a right is missing.
+    """
+    with ExitStack() as undo:
+        if cpu is not None:
+            _pin(cpu, undo)
+        _lock_memory(undo)
+        _schedule(priority, undo)
+        _hold_garbage(undo)
+        yield
+
+
+def check_real_time(priority: int | None, cpu: int | None) -> None:
+    """Raise `OptionError` if an arrangement cannot have these options."""
+    if priority is not None and not 1 <= priority <= 99:
+        raise OptionError(f"realtime is {priority}; a priority is from 1 to 99")
+    if cpu is not None and priority is None:
+        raise OptionError("cpu is given without realtime")
+
+
+def collect_if_due() -> None:
+    """Collect garbage as Python would have, had it not been held; call it between rounds."""
+    for generation in (2, 1, 0):
+        if gc.get_count()[generation] > gc.get_threshold()[generation] > 0:
+            gc.collect(generation)
+            return
+
+
+def _pin(cpu: int, undo: ExitStack) -> None:
+    before = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except (OSError, ValueError, OverflowError) as error:
+        cores = ", ".join(map(str, sorted(before)))
+        raise RealtimeError(f"core {cpu} cannot be used; this process has: {cores}") from error
+    undo.callback(os.sched_setaffinity, 0, before)
+
+
+def _lock_memory(undo: ExitStack) -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT_AND_FUTURE):
+        reason = os.strerror(ctypes.get_errno())
+        limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+        raise RealtimeError(
+            f"memory cannot be locked ({reason}; the limit is {limit >> 10} kB): put "
+            f"`@realtime - memlock unlimited` into /etc/security/limits.conf, or run "
+            f"`setcap cap_ipc_lock,cap_sys_nice+ep` on Python"
+        )
+    undo.callback(libc.munlockall)
+
+
+def _schedule(priority: int, undo: ExitStack) -> None:
+    policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+
+    def restore() -> None:
+        """Give the priority back; only who may raise it may also clear the flag for children."""
+        try:
+            os.sched_setscheduler(0, policy, parameter)
+        except PermissionError:
+            with suppress(PermissionError):
+                os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameter)
+
+    fifo = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    try:
+        os.sched_setscheduler(0, fifo, os.sched_param(priority))
+    except OSError as error:
+        raise RealtimeError(
+            f"the priority {priority} of SCHED_FIFO was refused ({error.strerror}): put "
+            f"`@realtime - rtprio {priority}` into /etc/security/limits.conf, or run "
+            f"`setcap cap_ipc_lock,cap_sys_nice+ep` on Python; in a container, allow SYS_NICE"
+        ) from error
+    undo.callback(restore)
+
+
+def _hold_garbage(undo: ExitStack) -> None:
+    if gc.isenabled():
+        undo.callback(gc.enable)
+    gc.collect()
+    gc.freeze()  # what is there already need not be looked at in each collection
+    undo.callback(gc.unfreeze)
+    gc.disable()

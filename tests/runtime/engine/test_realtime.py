@@ -1,0 +1,180 @@
+"""Real time is given whole or refused with the right that is missing, and given back at the end."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import resource
+import subprocess
+import sys
+import weakref
+from collections.abc import Iterator
+from functools import cache
+
+import pytest
+
+from llfsm.runtime import Arrangement, Machine, ManualClock, OptionError, RealtimeError, State
+from llfsm.runtime.engine.realtime import collect_if_due, in_real_time
+
+
+@cache
+def permitted() -> bool:
+    try:
+        with in_real_time(1, None):
+            return True
+    except RealtimeError:
+        return False
+
+
+needs_the_right = pytest.mark.skipif("not permitted()", reason="no right to run in real time")
+CORE = min(os.sched_getaffinity(0))
+
+
+def conditions() -> tuple[object, ...]:
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    return policy, os.sched_getparam(0).sched_priority, os.sched_getaffinity(0), gc.isenabled()
+
+
+@pytest.fixture(autouse=True)
+def _as_before() -> Iterator[None]:
+    before = conditions()
+    yield
+    assert conditions() == before
+
+
+class Looks(Machine):
+    """Look at the conditions under which it runs."""
+
+    found: tuple[object, ...] = ()
+    a, b = State(), State()
+
+    @a.on_entry
+    def _(self) -> None:
+        self.found = conditions()
+
+    a.to(b)
+
+
+@needs_the_right
+def test_a_run_has_its_priority_and_its_core() -> None:
+    machine = Looks()
+    Arrangement([machine], clock=ManualClock(), realtime=7, cpu=CORE).run()
+    assert machine.found == (os.SCHED_FIFO, 7, {CORE}, False)
+
+
+@needs_the_right
+def test_threads_and_processes_of_a_run_are_ordinary() -> None:
+    with in_real_time(7, None):
+        code = "import os; print(os.sched_getscheduler(0))"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert int(done.stdout) == os.SCHED_OTHER
+
+
+@needs_the_right
+def test_memory_is_locked_meanwhile() -> None:
+    def locked_kb() -> int:
+        with open("/proc/self/status") as status:
+            return next(int(line.split()[1]) for line in status if line.startswith("VmLck"))
+
+    before = locked_kb()
+    with in_real_time(1, None):
+        assert locked_kb() > before + 1000
+    assert locked_kb() == before
+
+
+class Knot:
+    """Garbage that only a collection finds."""
+
+    def __init__(self) -> None:
+        self.itself = self
+
+
+@needs_the_right
+def test_garbage_is_collected_when_it_is_due_and_asked_for() -> None:
+    with in_real_time(1, None):
+        knot = weakref.ref(Knot())
+        collect_if_due()
+        assert knot() is not None
+        more = [Knot() for _ in range(gc.get_threshold()[0] + 1)]
+        assert knot() is not None
+        collect_if_due()
+        assert knot() is None
+        assert len(more) > gc.get_threshold()[0]
+
+
+@needs_the_right
+def test_an_error_in_a_machine_gives_all_back() -> None:
+    class Fails(Machine):
+        a = State()
+
+        @a.on_entry
+        def _(self) -> None:
+            raise ValueError
+
+    with pytest.raises(Exception, match="ValueError"):
+        Arrangement([Fails], clock=ManualClock(), realtime=7, cpu=CORE).run()
+
+
+def test_a_core_that_is_not_there() -> None:
+    cores = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+    with pytest.raises(RealtimeError, match=f"core 9999 cannot be used; this process has: {cores}"):
+        Arrangement([Looks], clock=ManualClock(), realtime=7, cpu=9999).run()
+
+
+WITHOUT = """
+import gc, os
+from llfsm.runtime.engine.realtime import in_real_time
+try:
+    with in_real_time(7, min(os.sched_getaffinity(0))):
+        print("entered")
+except Exception as error:
+    print(error)
+print(len(os.sched_getaffinity(0)), gc.isenabled())
+"""
+PR_CAPBSET_DROP = 24
+CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
+
+
+def refusal(capability: int, limit: int, most: int) -> str:
+    """Return the error of a process that has neither a capability nor the limit that replaces it.
+
+    It is left as it was.
+    """
+
+    def renounce() -> None:
+        ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)
+        resource.setrlimit(limit, (most, most))
+
+    command = [sys.executable, "-c", WITHOUT]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, preexec_fn=renounce)
+    refused, after = done.stdout.splitlines()
+    assert "/etc/security/limits.conf" in refused
+    assert after == f"{len(os.sched_getaffinity(0))} True"
+    return refused
+
+
+def test_memory_that_cannot_be_locked_is_an_error() -> None:
+    assert refusal(CAP_IPC_LOCK, resource.RLIMIT_MEMLOCK, 65536).startswith(
+        "memory cannot be locked (Cannot allocate memory; the limit is 64 kB): put "
+    )
+
+
+@needs_the_right
+def test_a_priority_that_is_refused_is_an_error() -> None:
+    assert refusal(CAP_SYS_NICE, resource.RLIMIT_RTPRIO, 0).startswith(
+        "the priority 7 of SCHED_FIFO was refused (Operation not permitted): put "
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"realtime": 0}, "realtime is 0; a priority is from 1 to 99"),
+        ({"realtime": 100}, "realtime is 100; a priority is from 1 to 99"),
+        ({"cpu": 0}, "cpu is given without realtime"),
+    ],
+)
+def test_impossible_options(options: dict[str, int], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        Arrangement([Looks], **options)
