@@ -46,6 +46,7 @@ setup(
             depends=[
                 "whiteboard/_board.h",
                 "whiteboard/_fields.h",
+                "whiteboard/_recent.h",
                 "whiteboard/_waiting.h",
                 "whiteboard/include/llfsm_whiteboard.h",
             ],

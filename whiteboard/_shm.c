@@ -312,6 +312,8 @@ static PyObject *port_retire(Port *self, PyObject *unused)
     Py_RETURN_NONE;
 }
 
+#include "_recent.h"
+
 static PyMethodDef port_methods[] = {
     {"add", (PyCFunction)port_add, METH_O, NULL},
     {"add_after", (PyCFunction)port_add_after, METH_VARARGS, NULL},
@@ -319,6 +321,7 @@ static PyMethodDef port_methods[] = {
     {"sample", (PyCFunction)port_sample, METH_NOARGS, NULL},
     {"encoded", (PyCFunction)port_encoded, METH_NOARGS, NULL},
     {"wait", (PyCFunction)(void (*)(void))port_wait, METH_VARARGS | METH_KEYWORDS, NULL},
+    {"recent", (PyCFunction)port_recent, METH_NOARGS, NULL},
     {"retire", (PyCFunction)port_retire, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL}};
 

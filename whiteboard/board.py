@@ -111,6 +111,15 @@ class BoundSlot(ABC, Generic[M]):
         For a handle of one's own, of :meth:`Board.publisher`; others are shared.
         """
 
+    def recent(self) -> list[tuple[int, int, int]]:
+        """Return count, stamp and writer of the latest messages, in no order.
+
+        These are up to four of each process that adds to the slot; only the latest one on a board
+        that is not in shared memory. Stamps and writers are those of :class:`.Sample`.
+        """
+        latest = self.encoded()
+        return [] if latest is None else [latest[1:]]
+
     def on_add(self, callback: Callable[[int], None]) -> None:
         """Call a method with the count of each message, within the add, as long as it exists.
 

@@ -163,7 +163,7 @@ class FrameEncoder:
                 live.add(identity(status))
         sentences = []
         for each in claims:
-            alive = [c for c in each.commanders if identity(c) in live]
+            alive = [c for c in each.commanders if identity(c) in live or not c.machine]
             if is_contested(alive):
                 sentences.append(described(each.slot, alive))
         return sentences

@@ -135,8 +135,8 @@ class Environment:
         """Return the function by which the actuator `name` of a machine posts to `slot`."""
         raise _no_whiteboard(machine, actuator.slot)
 
-    def claim(self, machine: str, slots: Mapping[str, bool]) -> None:
-        """Note the slots to which a machine posts, by name, and whether each exclusively.
+    def claim(self, machine: str, slots: Mapping[Slot[Any], bool]) -> None:
+        """Note the slots to which a machine posts, and whether each exclusively.
 
         They are its own until it is `unloaded`. Raise `LoadError`.
         """

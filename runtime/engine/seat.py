@@ -235,10 +235,10 @@ class Seat:
 
     def claim(self, environment: Environment) -> None:
         """Claim the slots to which the machine posts; raise `LoadError` if that is refused."""
-        slots: dict[str, bool] = {}
+        slots: dict[Slot[Any], bool] = {}
         for actuator in type(self.machine).table.actuators.values():
-            name = self._slot(actuator).name
-            slots[name] = slots.get(name, False) or actuator.exclusive
+            slot = self._slot(actuator)
+            slots[slot] = slots.get(slot, False) or actuator.exclusive
         if slots:
             environment.claim(self.name, slots)
 

@@ -124,7 +124,7 @@ class JournalledEnvironment(Environment):
 
         return post_and_keep
 
-    def claim(self, machine: str, slots: Mapping[str, bool]) -> None:
+    def claim(self, machine: str, slots: Mapping[Slot[Any], bool]) -> None:
         """Claim the slots in the other environment."""
         self._inner.claim(machine, slots)
 

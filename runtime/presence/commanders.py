@@ -1,4 +1,8 @@
-"""Which machines command a slot: claims on the board, so that no two do so unnoticed."""
+"""Who commands a slot: claims on the board, so that no two processes do so unnoticed.
+
+Machines claim the slots to which they post. A process that posts to such a slot without a machine
+is listed by the machine's process, which looks whose messages the slot's buffers hold.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from llfsm.whiteboard.errors import (
     BoardClosedError,
+    MessageError,
     MessageTooLargeError,
     MessageUnreadableError,
     SlotError,
@@ -27,7 +32,13 @@ from llfsm.whiteboard.liveness import (
     pid_namespace,
     process_text,
 )
-from llfsm.whiteboard.messages.llfsm import COMMANDERS, Commander, Commanders, commanders_slot
+from llfsm.whiteboard.messages.llfsm import (
+    COMMANDERS,
+    MIRROR,
+    Commander,
+    Commanders,
+    commanders_slot,
+)
 from llfsm.whiteboard.slots import Sample, Slot
 
 from ..engine.errors import ActuatorTakenError, LoadError
@@ -37,8 +48,10 @@ from .remote import SILENT_S, Directory
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
-__all__ = ["Claims", "contested_slots", "described", "is_contested"]
+__all__ = ["Claims", "OwnReport", "contested_slots", "described", "is_contested"]
 
+_WRITERS_NS = 1_000_000_000  # between two looks for processes that post without a machine
+_WRITING, _WRITING_NS = 3, 3_000_000_000  # one has posted so many messages in so short a time
 _numbers = count()  # they distinguish the claims of this process
 
 
@@ -52,9 +65,10 @@ class Claims:
 
     def __init__(self, board: Board):
         self._board = board
-        self._slots: dict[str, _SlotClaims] = {}
+        self._slots: dict[Slot[Any], _SlotClaims] = {}
+        self._due_ns = 0  # when to look for other writers
 
-    def take(self, machine: str, slots: Mapping[str, bool]) -> Callable[[], None]:
+    def take(self, machine: str, slots: Mapping[Slot[Any], bool]) -> Callable[[], None]:
         """Claim each of `slots`, exclusively or not; return the function that gives them back.
 
         Raise `ActuatorTakenError` if another live machine has one of them exclusively, too, and
@@ -82,9 +96,9 @@ class Claims:
             except WhiteboardError as error:
                 if exclusive:
                     release()
-                    what = f"{machine} cannot claim {slot!r} exclusively: {error}"
+                    what = f"{machine} cannot claim {slot.name!r} exclusively: {error}"
                     raise LoadError(what) from error
-                logger().warning("other processes cannot see who posts to %r: %s", slot, error)
+                logger().warning("other processes cannot see who posts to %r: %s", slot.name, error)
         return release
 
     def rename(self, machine: str, published: str) -> None:
@@ -93,19 +107,27 @@ class Claims:
             claims.rename(machine, published)
 
     def look(self) -> None:
-        """Log other machines that command the same slots, once each."""
+        """Log others that command the same slots, once each."""
+        now_ns = time.monotonic_ns()
+        is_due = now_ns >= self._due_ns
+        if is_due:
+            self._due_ns = now_ns + _WRITERS_NS
         for claims in self._slots.values():
-            claims.look()
+            with suppress(MessageError):  # another process may write anything
+                if is_due and claims.mine:
+                    claims.list_writers(now_ns)
+                claims.look()
 
 
 class _SlotClaims:
     """The claims to one slot; `mine` are those of one arrangement, by number."""
 
-    def __init__(self, board: Board, slot: str):
+    def __init__(self, board: Board, slot: Slot[Any]):
         self.mine: dict[int, Commander] = {}
         self._board = board
-        self._slot = slot
-        self._bound = board[commanders_slot(slot)]
+        self._slot = slot.name
+        self._commanded = board[slot]
+        self._bound = board[commanders_slot(slot.name)]
         self._seen = 0  # the count of the claims when last looked at
         self._reported: set[tuple[object, int]] = set()
 
@@ -152,19 +174,46 @@ class _SlotClaims:
                         self._replace(None, mine)
             self._report()
 
+    def list_writers(self, now_ns: int) -> None:
+        """List the processes of this host that post to the slot, but run no machine that does."""
+        claims = self._bound.sample()
+        commanders = () if claims is None else claims.message.commanders
+        posted: dict[int, list[int]] = {}
+        for _, stamp_ns, pid in self._commanded.recent():
+            if now_ns - stamp_ns < _WRITING_NS:
+                posted.setdefault(pid, []).append(stamp_ns)
+        writers = {pid for pid, stamps in posted.items() if len(stamps) >= _WRITING}
+        if any(not is_local(each) for each in commanders):
+            status = self._board[MIRROR].get()  # its daemon adds the messages of other hosts
+            writers -= {0 if status is None else status.pid}
+        for each in commanders:
+            if each.machine:
+                writers.discard(each.pid)
+            elif is_local(each) and each.pid not in writers:
+                self._replace(each, None)
+        listed = {each.pid for each in commanders if not each.machine}
+        for pid in writers - listed - {os.getpid()}:
+            if started := born(pid):
+                writer = Commander("", pid, started, host_name(), pid_namespace(), 0)
+                with suppress(MessageTooLargeError):
+                    self._replace(None, writer)
+
     def _replace(self, old: Commander | None, new: Commander | None, refuse: bool = False) -> None:
         """Replace a claim by another one, and drop those of machines that are gone."""
         while True:
             sample = self._bound.sample()
             alive = [] if sample is None else _alive(self._board, sample)
-            rest = [each for each in alive if each != old]
+            rest = [each for each in alive if each not in (old, new)]
             other = next((each for each in rest if each.exclusive), None)
             if refuse and new is not None and other is not None:
                 raise ActuatorTakenError(
                     f"{new.machine} posts to {self._slot!r} exclusively, but {_named(other)} "
                     f"does, too; end that machine first"
                 )
-            claims = Commanders(self._slot, tuple(rest if new is None else [*rest, new]))
+            rest += [] if new is None else [new]
+            if not any(each.machine for each in rest):  # nobody looks whether they still write
+                rest = []
+            claims = Commanders(self._slot, tuple(rest))
             if self._bound.add_after(claims, 0 if sample is None else sample.count):
                 return
 
@@ -179,11 +228,28 @@ class _SlotClaims:
                 logger().warning("%s", described(self._slot, commanders))
 
 
+class OwnReport:
+    """Report, once a slot, that this process posts to one which machines of other ones command."""
+
+    def __init__(self, board: Board):
+        self._board = board
+        self._reported: set[str] = set()
+
+    def look(self) -> None:
+        """Log the slots for which this process is listed by now."""
+        for slot, commanders in contested_slots(self._board).items():
+            ours = any(not each.machine and _is_own(each) for each in commanders)
+            if ours and slot not in self._reported:
+                self._reported.add(slot)
+                logger().warning("%s", described(slot, commanders))
+
+
 def is_contested(commanders: Sequence[Commander]) -> bool:
     """Return whether several processes command a slot, or one exclusively that is not alone."""
     processes = {identity(each) for each in commanders}
     exclusive = any(each.exclusive for each in commanders)
-    return len(processes) > 1 or (exclusive and len(commanders) > 1)
+    machines = any(each.machine for each in commanders)
+    return machines and (len(processes) > 1 or (exclusive and len(commanders) > 1))
 
 
 def contested_slots(board: Board) -> dict[str, list[Commander]]:
@@ -206,7 +272,13 @@ def described(slot: str, commanders: Sequence[Commander]) -> str:
     return f"{slot} has {number} commanders: {', '.join(map(_named, commanders))}"
 
 
+def _is_own(commander: Commander) -> bool:
+    return commander.pid == os.getpid() and is_local(commander)
+
+
 def _named(commander: Commander) -> str:
+    if not commander.machine:
+        return process_text(commander).replace("pid", "process", 1)
     alone = ", exclusive" if commander.exclusive else ""
     return f"{commander.machine} ({process_text(commander)}{alone})"
 

@@ -27,6 +27,7 @@ from llfsm.whiteboard.messages.llfsm import (
     will_slot,
 )
 
+from .commanders import OwnReport
 from .will import execute, reserve
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ class Guard:
         self._bell: BoundSlot[Bell] | None = None
         with suppress(BoardFullError):
             self._bell = board[WILL_BELL]
+        self._own = OwnReport(board)
         self._rung = -1
         self._list_s = 0.0
         self._poll = select.poll()
@@ -89,6 +91,7 @@ class Guard:
         if rung != self._rung or now_s >= self._list_s:
             self._rung, self._list_s = rung, now_s + _LIST_S
             self._list()
+            self._own.look()
         for watched in self._watched.values():
             self._read(watched)
             death = self._death(watched)

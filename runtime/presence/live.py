@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..engine.environment import Attendant, BoardEnvironment
 from ..engine.errors import OptionError
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board
+    from llfsm.whiteboard import Board, Slot
 
     from ..engine.arrangement import Arrangement
     from ..engine.clock import Clock
@@ -72,7 +72,7 @@ class LiveEnvironment(BoardEnvironment):
         if self._presence is not None:
             self._presence.add(machine)
 
-    def claim(self, machine: str, slots: Mapping[str, bool]) -> None:
+    def claim(self, machine: str, slots: Mapping[Slot[Any], bool]) -> None:
         """Claim the slots on the whiteboard, for other processes to see."""
         self._releases[machine] = self._claimed().take(machine, slots)
 

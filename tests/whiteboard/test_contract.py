@@ -272,3 +272,16 @@ def test_a_publisher_that_was_retired_adds_no_more_and_hinders_nobody(board: Boa
     assert mine.get() == Point(3.0)
     assert (shared.add(Point(5.0)), other.add(Point(6.0))) == (4, 5)
     assert mine.count == 5
+
+
+def test_the_latest_message_is_among_the_recent_ones(board: Board) -> None:
+    point = board[POINT]
+    assert point.recent() == []
+    for x in range(9):
+        board.publisher(POINT).add(Point(x=float(x)))
+    latest = point.sample()
+    assert latest is not None
+    recent = point.recent()
+    assert max(recent) == (latest.count, latest.stamp_ns, latest.writer)
+    assert len(recent) <= 4
+    assert {writer for _, _, writer in recent} == {os.getpid()}

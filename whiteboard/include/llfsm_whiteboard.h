@@ -839,6 +839,33 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
     }
 }
 
+/* The messages of `writer` that its buffers still hold, without their payloads: at most LWB_BUFFERS,
+ * in no order. One that lost to another message in lwb_add_after may be among them, with the other
+ * one's count. */
+static inline int lwb_recent(struct lwb_slot *s, unsigned writer, struct lwb_meta *metas, int *found)
+{
+    *found = 0;
+    uint64_t at = atomic_load_explicit(&s->record->blocks[writer], memory_order_acquire);
+    if (!at)
+        return LWB_OK;
+    struct lwb_block *block = s->seen[writer];
+    if (!block && !(block = s->seen[writer] =
+                        lwb_block_at(s->board, at, s->offset, writer, s->capacity)))
+        return lwb_why();
+    for (unsigned i = 0; i < LWB_BUFFERS; i++) {
+        struct lwb_buffer *buffer = lwb_buffer_at(block, i, s->stride);
+        struct lwb_meta *meta = &metas[*found];
+        meta->count = atomic_load_explicit(&buffer->count, memory_order_acquire);
+        meta->stamp = atomic_load_explicit(&buffer->stamp, memory_order_relaxed);
+        meta->process = atomic_load_explicit(&buffer->process, memory_order_relaxed);
+        atomic_thread_fence(memory_order_acquire);
+        if (meta->count && /* as in lwb_read: a writer first sets it to 0 */
+            atomic_load_explicit(&buffer->count, memory_order_relaxed) == meta->count)
+            ++*found;
+    }
+    return LWB_OK;
+}
+
 /* Announce that this process is about to wait. */
 static inline uint32_t lwb_announce(lwb_atomic32 *waiting)
 {

@@ -125,7 +125,8 @@ class Commander(Message):
     """A machine that posts to a slot, and claims to be the only one if `exclusive`.
 
     It is run by process `pid` in PID namespace `namespace` of `host`, which started `born` clock
-    ticks after boot; `number` distinguishes the claims of that process.
+    ticks after boot; `number` distinguishes the claims of that process. Without a name, it is no
+    machine, but that process, which was seen to post.
     """
 
     machine: str
@@ -138,7 +139,7 @@ class Commander(Message):
 
 
 class Commanders(Message):
-    """The machines that post to `slot`; a process that has died may have left its own."""
+    """Who posts to `slot`, where machines do; a process that has died may have left its own."""
 
     slot: str
     commanders: tuple[Commander, ...] = ()

@@ -22,6 +22,7 @@ from llfsm.runtime import (
 )
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
+from own_boards import own_board
 
 POSE = Slot("pose", Int32)
 NONE = Int32(data=-1)
@@ -154,6 +155,20 @@ def test_a_real_clock_compares_stamps_of_another_process(tmp_path: Any) -> None:
             arrangement.round()
             assert too_old.seen[-1][0] is None
         board.remove()
+
+
+def test_under_a_manual_clock_a_message_of_a_shared_board_ages_from_when_it_was_found() -> None:
+    clock = ManualClock()
+    with own_board() as name, Whiteboard(name) as board, Whiteboard(name) as other:
+        looker = machine(max_age_ms=50)
+        with Arrangement(
+            [looker], whiteboard=board, clock=clock, unload_accepting=False
+        ) as arrangement:
+            other.add_message(POSE, Int32(data=7))
+            for _ in range(3):
+                arrangement.round()
+                clock.advance(ms=30)
+    assert looker.seen == ((7, 0.0), (7, 30.0), (None, 60.0))
 
 
 def test_a_sensor_that_there_is_not_is_named() -> None:
