@@ -22,6 +22,7 @@ from pathlib import Path
 import bridge
 import mirror
 import ours
+import safety
 from measure import Meter, Pace, Side, Subject, in_turns, process, statement
 from peers import PEERS, open_peer, version_of
 from table import (
@@ -61,6 +62,7 @@ COMPARED: list[tuple[str, str, str, str, float | None]] = [
 def rows(pace: Pace) -> Iterator[Row]:
     """Measure all there is to measure, row by row."""
     yield from _calls(pace)
+    yield from _safety(pace)
     yield from _processes(pace)
     yield from _schedule(pace)
     yield from bridge.rows(*pace.bridge)
@@ -90,6 +92,24 @@ def _calls(pace: Pace) -> Iterator[Row]:
                 statement(who, other, pace.sample_s),
             ]
             yield Row(what, in_turns(meters, pace.samples), score, promised)
+
+
+def _safety(pace: Pace) -> Iterator[Row]:
+    """Let one machine have safe values, a last will and a guard, and another one none of them."""
+    with safety.guarded() as boards:
+        pairs = [
+            ("an add, safe values and a guard", boards.adds, "a bare handle"),
+            ("a ringlet with both, that posts", boards.ringlets, "neither"),
+        ]
+        for what, subjects, other in pairs:
+            meters = [
+                statement(who, subject, pace.sample_s)
+                for who, subject in zip(("llfsm", other), subjects, strict=True)
+            ]
+            yield Row(what, in_turns(meters, pace.samples), SLOWER, 1.02)
+        percent = Side("llfsm", "safety.py", [boards.percent(pace.page_s)])
+        yield Row("  the guard, part of a core", [percent], PERCENT, 0.5)
+    yield Row("a ringlet, watched", in_turns(safety.watched(), pace.processes), SLOWER, None)
 
 
 def _processes(pace: Pace) -> Iterator[Row]:
