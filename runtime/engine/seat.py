@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Board, Message, Slot
 
     from .arrangement import Arrangement
-    from .environment import Environment, Post, Read
+    from .environment import Environment, Read
     from .errors import ExecutionError
     from .freshness import AgedRead
     from .machine import Machine
@@ -295,7 +295,8 @@ class Seat:
         self.failure = failure
         self.request = None
         self._wake_caller()
-        self.post_safe("at_failure")
+        if self.taken:  # else the values for an end were posted, and stay
+            self.post_safe("at_failure")
 
     def _wake_caller(self) -> None:
         """Let no sleep keep a machine that has called this one from seeing how it stands."""
@@ -306,14 +307,21 @@ class Seat:
         self, when: Literal["at_suspend", "at_end", "at_failure"], board: Board | None = None
     ) -> None:
         """Post the safe values of the machine's actuators for `when`, or post them to `board`."""
+        stops = when == "at_end" and self.failure and self.arrangement.on_error == "stop"
         for name, actuator in type(self.machine).table.actuators.items():
             message = getattr(actuator, when)
-            posted = when == "at_end" and self.failure and message is actuator.at_failure
-            if message is not None and not posted:
+            if message is None or (stops and message is actuator.at_failure):  # just posted
+                continue
+            from llfsm.whiteboard import WhiteboardError
+
+            try:
                 post = getattr(self.machine, name)
                 if board is not None:
                     post = board[self._slot(actuator)].add
-                self._post_safe(name, post, message)
+                post(message)
+            except WhiteboardError as error:  # the other messages must go out all the same
+                what = "%s: the safe value of %s was not posted: %s"
+                logger().warning(what, self.name, name, error)
 
     def safe_values(self) -> list[tuple[Slot[Any], Message]]:
         """Return the slots and the messages of the actuators that have one `at_failure`."""
@@ -327,11 +335,3 @@ class Seat:
         """Let nothing be posted any more, such as by a thread that a section has started."""
         for name, actuator in type(self.machine).table.actuators.items():
             setattr(self.machine, name, actuator.closed(self.name))
-
-    def _post_safe(self, name: str, post: Post, message: Message) -> None:
-        from llfsm.whiteboard import WhiteboardError
-
-        try:
-            post(message)
-        except WhiteboardError as error:  # the other messages must go out all the same
-            logger().warning("%s: the safe value of %s was not posted: %s", self.name, name, error)

@@ -134,16 +134,17 @@ class Watchdog:
 
 
 def report_hang(arrangement: Arrangement, call: RunningCall, seconds: float) -> None:
-    """Log where a machine hangs and post its safe values; not by way of a journal.
+    """Post a machine's safe values and log where it hangs; not by way of a journal.
 
-    A journal keeps what machines do by themselves, and this is not.
+    A journal keeps what machines do by themselves, and this is not. The log comes last: what hangs
+    may hold its lock.
     """
     seat = call.seat
     seat.hang = call.where
-    logger().error("%s has been running for %.3g s", call.where, seconds)
     board = arrangement.whiteboard
     if board is not None:
         seat.post_safe("at_failure", board)
+    logger().error("%s has been running for %.3g s", call.where, seconds)
 
 
 def report_standstill(call: RunningCall | None, seconds: float) -> None:

@@ -50,6 +50,24 @@ class _Death(NamedTuple):
     """For how long it must have been silent; 0 if it does not exist."""
 
 
+class _Process:
+    """A process that has left wills: many machines cost one descriptor, and one look."""
+
+    def __init__(self, pid: int, born: int):
+        self.id = pid, born
+        self.wills = 0
+        """How many of its wills are watched."""
+        self.pidfd: int | None = None
+        with suppress(OSError, OverflowError):  # no such process, or too many files
+            self.pidfd = os.pidfd_open(pid)
+        self.died = not lives(pid, born)  # looked up after that, as ids are used again
+
+    def look(self) -> None:
+        """Look the process up if the kernel does not report its death."""
+        if self.pidfd is None:
+            self.died = self.died or not lives(*self.id)
+
+
 class _Watched:
     """A machine's slot for its last will, and the process that has left the latest."""
 
@@ -57,8 +75,8 @@ class _Watched:
         self.machine = machine
         self.slot = slot
         self.sample: Sample[LastWill] | None = None
-        self.pidfd: int | None = None
-        self.died = False
+        self.process: _Process | None = None
+        """The one that has left it, if it can be looked up."""
         self.failed: dict[str, str] = {}
         self.retry_s = 0.0
         """When to try again to post what could not be posted."""
@@ -82,7 +100,8 @@ class Guard:
         self._list_s = 0.0
         self._poll = select.poll()
         self._watched: dict[str, _Watched] = {}  # by name of the slot
-        self._by_pidfd: dict[int, _Watched] = {}
+        self._processes: dict[tuple[int, int], _Process] = {}
+        self._by_pidfd: dict[int, _Process] = {}
 
     def look(self) -> None:
         """Find new wills, and execute those of dead processes."""
@@ -92,6 +111,8 @@ class Guard:
             self._rung, self._list_s = rung, now_s + _LIST_S
             self._list()
             self._own.look()
+        for process in self._processes.values():
+            process.look()
         for watched in self._watched.values():
             self._read(watched)
             death = self._death(watched)
@@ -132,36 +153,45 @@ class Guard:
         self._release(watched)
         watched.sample = sample
         if sample is not None:
-            watched.died = is_local(sample.message) and not self._open(watched, sample.message)
+            if is_local(sample.message):
+                watched.process = self._open(sample.message)
             reserve(self._board, sample.message)
             with suppress(WhiteboardError):  # for the mark that it was executed
                 watched.slot.add_after(sample.message, 0)
 
-    def _open(self, watched: _Watched, will: LastWill) -> bool:
-        """Watch the will's process; return whether it lives."""
-        with suppress(OSError):  # no such process, or too many files
-            watched.pidfd = os.pidfd_open(will.pid)
-            self._by_pidfd[watched.pidfd] = watched
-            self._poll.register(watched.pidfd, select.POLLIN)
-        return lives(will.pid, will.born)  # looked up now, as ids are used again
+    def _open(self, will: LastWill) -> _Process:
+        """Watch the will's process."""
+        process = self._processes.get((will.pid, will.born))
+        if process is None:
+            process = self._processes[will.pid, will.born] = _Process(will.pid, will.born)
+            if process.pidfd is not None:
+                self._by_pidfd[process.pidfd] = process
+                self._poll.register(process.pidfd, select.POLLIN)
+        process.wills += 1
+        return process
 
     def _release(self, watched: _Watched) -> None:
-        if watched.pidfd is not None:
-            with suppress(KeyError):  # it has died
-                self._poll.unregister(watched.pidfd)
-            del self._by_pidfd[watched.pidfd]
-            os.close(watched.pidfd)
-        watched.pidfd, watched.died = None, False
+        process, watched.process = watched.process, None
         watched.failed, watched.retry_s = {}, 0.0
+        if process is None:
+            return
+        process.wills -= 1
+        if not process.wills:
+            del self._processes[process.id]
+            if process.pidfd is not None:
+                with suppress(KeyError):  # it has died
+                    self._poll.unregister(process.pidfd)
+                del self._by_pidfd[process.pidfd]
+                os.close(process.pidfd)
 
     def _death(self, watched: _Watched) -> _Death | None:
         """Return why the process counts as dead; None if it does not."""
         will = watched.will
         if will is None:
             return None
-        local = is_local(will)
-        if watched.died or (local and not watched.pidfd and not lives(will.pid, will.born)):
+        if watched.process is not None and watched.process.died:
             return _Death("died without an end")
+        local = watched.process is not None
         limit_s = will.silent_ms / 1e3 if local else self._partition_s()
         silent_s = self._silent_s(watched.machine, will) if limit_s else 0.0
         if silent_s <= limit_s or not silent_s:

@@ -25,6 +25,7 @@ from llfsm.whiteboard.messages.llfsm import (
     variables_slot,
 )
 
+from ..engine.errors import UnknownMachineError
 from ..engine.failure import logger, one_line
 from ..engine.machine import Machine
 from ..journal.handover import Handover, Reporter
@@ -77,6 +78,7 @@ class _Entry:
         self._silent_ms = silent_ms
         self.name = self.published_name = name
         self.namesake: MachineStatus | None = None  # of the live machine that has the name
+        self._will: Will | None = None
         self._take()
 
     def _take(self) -> None:
@@ -91,6 +93,8 @@ class _Entry:
             number += 1
             names = f"{self.name}.{number}"
         self.published_name = names
+        if self._will is not None:  # under the name that another process has claimed, too
+            self._will.withdraw()
         self._will = None
         if self._safe_values:
             self._will = Will(self._board, names, self._safe_values, self._silent_ms)
@@ -227,7 +231,7 @@ class Presence:
 
     def publish_hang(self, name: str) -> None:
         """Post the status of a machine whose code hangs; called by the watchdog's thread."""
-        with self._lock, self._tolerating_the_board():
+        with self._lock, self._tolerating_the_board(), suppress(UnknownMachineError):  # it has left
             entry = self._entries.get(name)
             if entry is not None and entry.published is not None:
                 now_ns = self._now()

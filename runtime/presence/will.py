@@ -92,9 +92,12 @@ class Will:
         if not self._count or self._slot.count == self._count:
             return
         sample = self._slot.sample()
-        if sample is None or identity(sample.message) != identity(self._will):
+        if sample is None:
+            return
+        is_mine = identity(sample.message) == identity(self._will)
+        if not is_mine and sample.message.state == "left":
             return  # another machine's of this name: one of both gets another one
-        if sample.message.state == "executed":
+        if is_mine and sample.message.state == "executed":
             logger().warning(
                 "the last will of %s was executed by process %d, as this process was silent; "
                 "it goes on",

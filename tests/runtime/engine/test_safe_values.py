@@ -243,3 +243,47 @@ def test_a_thread_of_a_section_cannot_post_after_the_end(tmp_path: Path, shared:
     assert "Threaded has ended and cannot post to 'drive'" in str(failures[0])
     assert board.get_message(DRIVE) == ENDED
     board.remove()
+
+
+def test_what_a_failed_machine_posts_in_its_suspend_state_does_not_outlive_the_end() -> None:
+    class Limps(Machine):
+        drive = Actuator(DRIVE, at_end=ENDED)
+
+        going = State()
+        creeping = State(suspend=True)
+
+        @going.on_entry
+        def _(self) -> None:
+            raise ValueError("the wheel fell off")
+
+        @creeping.internal
+        def _(self) -> None:
+            self.drive(GO)
+
+    board = Whiteboard.local()
+    arrangement = Arrangement([Limps, Other], whiteboard=board, on_error="suspend")
+    arrangement.round()
+    assert board.get_message(DRIVE) == ENDED
+    arrangement.round()
+    assert board.get_message(DRIVE) == GO
+    arrangement.end()
+    assert board.get_message(DRIVE) == ENDED
+
+
+def test_code_that_raises_after_the_end_is_reported_as_itself() -> None:
+    class EndsAll(Machine):
+        drive = Actuator(DRIVE, **KINDS)
+
+        only = State()
+
+        @only.on_entry
+        def _(self) -> None:
+            arrangement.end()
+            raise ValueError("too late")
+
+    board = Whiteboard.local()
+    arrangement = Arrangement([EndsAll], whiteboard=board)
+    with pytest.raises(ExecutionError, match="ValueError: too late"):
+        arrangement.round()
+    assert board.get_message(DRIVE) == ENDED
+    assert board[DRIVE].count == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import threading
@@ -172,3 +173,31 @@ def test_the_first_signal_says_where_it_hangs_and_stops_the_robot(
 def test_an_impossible_limit_is_refused() -> None:
     with pytest.raises(OptionError, match="watchdog_ms is 0; it must be 1 or more"):
         Arrangement(watchdog_ms=0)
+
+
+def test_a_section_that_hangs_in_its_log_keeps_no_safe_value_back() -> None:
+    board = Whiteboard.local()
+    log = logging.getLogger("llfsm.runtime")
+
+    class Stuck(logging.Handler):  # it holds its lock meanwhile
+        def emit(self, record: logging.LogRecord) -> None:
+            board[FREE].wait(after=0)
+
+    handler = Stuck()
+    log.addHandler(handler)
+    try:
+        machine = Hangs(how=lambda: log.error("stuck"))
+        with Run(board, machine, watchdog_ms=30):
+            wait_for(lambda: board.get_message(DRIVE) == SAFE, "the robot stops")
+    finally:
+        log.removeHandler(handler)
+
+
+def test_the_hang_of_a_machine_that_has_left_meanwhile_is_not_published() -> None:
+    board = Whiteboard.local()
+    arrangement = Arrangement([Quick], whiteboard=board)
+    attendant = arrangement.environment.attend(arrangement)
+    assert attendant is not None
+    arrangement.unload("Quick")
+    attendant.publish_hang("Quick")
+    assert not is_hung(board)

@@ -15,7 +15,7 @@ from driving import DRIVE, GO, LAMP, OFF, QUIET, SAFE, Runs, kill
 from llfsm.runtime.presence.guard import Guard, GuardThread
 from llfsm.runtime.presence.will import execute
 from llfsm.whiteboard import BoardFullError, Slot, Whiteboard
-from llfsm.whiteboard.messages.llfsm import status_slot
+from llfsm.whiteboard.messages.llfsm import WILL_BELL, Bell, status_slot, will_slot
 from llfsm.whiteboard.messages.std_msgs import Int32
 from waiting import wait_for
 
@@ -211,3 +211,32 @@ def test_a_guard_that_is_to_wait_posts_nothing_before(board: Whiteboard, runs: R
     with GuardThread(board.name, after_s=0.3):
         wait_for(lambda: is_executed(board), "the will is executed")
     assert time.monotonic() - begin >= 0.3
+
+
+def test_many_machines_of_one_process_cost_one_descriptor(board: Whiteboard, guard: Guard) -> None:
+    guard.look()
+    before = len(os.listdir("/proc/self/fd"))
+    will = left(board, os.getpid()).message
+    for number in range(50):
+        board.add_message(will_slot(f"M{number}"), will)
+    board.add_message(WILL_BELL, Bell())
+    guard.look()
+    assert len(os.listdir("/proc/self/fd")) == before + 1
+    withdrawn = msgspec.structs.replace(will, state="withdrawn")
+    for number in range(50):
+        board.add_message(will_slot(f"M{number}"), withdrawn)
+    board.add_message(WILL, withdrawn)
+    guard.look()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_will_of_an_impossible_process_keeps_no_other_from_being_executed(
+    board: Whiteboard, runs: Runs, guard: Guard
+) -> None:
+    impossible = msgspec.structs.replace(left(board, os.getpid()).message, pid=2**60, born=1)
+    board.add_message(will_slot("A"), impossible)
+    process = runs.start()
+    guard.look()
+    kill(process)
+    wait_for(lambda: is_executed(board), "the will is executed", between=rounds(guard))
+    assert board.get_message(DRIVE) == SAFE

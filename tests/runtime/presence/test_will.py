@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import driving
 from driving import DRIVE, GO, SAFE, Runs, kill
 from llfsm.runtime import Actuator, Arrangement, LiveEnvironment, Machine, OptionError, State
-from llfsm.runtime.presence.will import execute
+from llfsm.runtime.presence.will import Will, execute
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import SafeValue, will_slot
 from llfsm.whiteboard.messages.std_msgs import Int32
@@ -135,3 +135,19 @@ def test_only_a_latest_message_of_the_dead_is_replaced(board: Whiteboard) -> Non
         whatever_was_posted_before()
     finally:
         writers.end()
+
+
+def test_who_keeps_a_name_has_its_will_there_once_the_other_one_has_gone(
+    board: Whiteboard,
+) -> None:
+    """Two processes that claim one name at the same moment leave their wills in one slot."""
+    mine = Will(board, "Drives", [(DRIVE, SAFE)], 0)
+    mine.leave()
+    own = board[WILL].get()
+    left(board, os.getppid())
+    mine.keep()
+    theirs = board[WILL].get()
+    assert theirs.pid == os.getppid()
+    board.add_message(WILL, msgspec.structs.replace(theirs, state="withdrawn"))
+    mine.keep()
+    assert board[WILL].get() == own

@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 
-from llfsm.runtime import Arrangement, ManualClock
+from llfsm.runtime import Actuator, Arrangement, ManualClock
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Board, BoundSlot, Slot
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.local import LocalBoard
-from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot, will_slot
+from llfsm.whiteboard.messages.std_msgs import Int32
 
 from .machines import Clock, Idle, Steps, ask, status_of
 
@@ -73,6 +74,25 @@ def test_of_two_that_took_a_name_at_the_same_time_one_gives_way(board: Board):
     arrangement.run(max_rounds=20)
     assert status_of(board, "Steps") == other
     assert status_of(board, "Steps.0").loaded is False
+
+
+def test_a_machine_that_gives_way_leaves_no_will_under_the_name(board: Board):
+    class Safe(Steps):
+        drive = Actuator(Slot("drive", Int32), at_end=Int32())
+
+    parent = os.getppid()
+    other = MachineStatus(
+        "z", pid=parent, born=born(parent), host=host_name(), namespace=pid_namespace()
+    )
+
+    def look(sleeps: int) -> None:
+        if sleeps == 3:
+            board.add_message(status_slot("Safe"), other)
+        if sleeps > 6:
+            wills = [board.get_message(will_slot(name)) for name in ("Safe", "Safe.0")]
+            assert [will and will.state for will in wills] == ["withdrawn", "left"]
+
+    Arrangement([Safe], whiteboard=board, clock=Clock(look)).run(max_rounds=20)
 
 
 def test_under_its_new_name_a_machine_has_obeyed_nothing_yet(board: Board):
