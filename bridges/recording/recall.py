@@ -7,7 +7,7 @@ runs is answered from the segment that its next event will end.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -42,10 +42,11 @@ class Segment:
         self.lost = False
 
 
-def segments_of(entries: Iterable[Entry]) -> Iterator[Segment]:
-    """Return a journal's segments; the last one, often empty, ends with no event.
+def segments_of(entries: Iterable[Entry], ends: Container[str]) -> Iterator[Segment]:
+    """Return a journal's segments, which end with events of the kinds in `ends`.
 
-    It is also the one in which entries were lost, as nothing is known of what came after.
+    The last one, often empty, ends with no event. It is also the one in which entries were lost, as
+    nothing is known of what came after.
     """
     segment, in_round = Segment(), False
     for entry in entries:
@@ -65,6 +66,8 @@ def segments_of(entries: Iterable[Entry]) -> Iterator[Segment]:
             in_round = kind == "RoundBegin" or (in_round and kind not in ("RoundEnd", "End"))
             if kind == "IdleSleep" and in_round:
                 continue  # that of a timetable, which belongs to the turn after it
+            if kind not in ends:
+                continue
             segment.event = entry
             yield segment
             segment = Segment()
@@ -101,12 +104,12 @@ class _Clock(ManualClock):
 class Memory:
     """A journal's segments; `segment` is the one in which the machines are."""
 
-    def __init__(self, entries: Iterable[Entry]):
+    def __init__(self, entries: Iterable[Entry], ends: Container[str]):
         self.clock = _Clock(lambda: self.ask())
         self.error: RecordingFileError | None = None
         """Why the machines cannot learn what they learnt."""
         self.arrangement: Arrangement | None = None
-        self._segments = segments_of(entries)
+        self._segments = segments_of(entries, ends)
         self.advance(0)
 
     def advance(self, now_ns: int) -> None:

@@ -7,12 +7,10 @@ Their events, without times, and the messages that they post are compared.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, NamedTuple
-
-import msgspec
+from typing import Any
 
 from llfsm.runtime import Arrangement, ArrangementEndedError, ExecutionError, Reason
 from llfsm.runtime.engine.events import IdleSleep
@@ -21,44 +19,29 @@ from llfsm.runtime.journal.entries import Entry, Journal, as_entry
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.whiteboard import Whiteboard
 
+from .differences import COMPARISONS, Comparison, Difference, compared
 from .errors import NoEventsError, OtherMachinesError, RecordingFileError, RerunError
 from .reader import RecordedJournal, Recording
 from .recall import Memory, RecalledEnvironment
 
-__all__ = ["Difference", "Rerun", "assert_reruns", "rerun", "whole_journals", "why_not"]
-
-_INPUTS: Final = ("Sensed", "Aged", "Answered", "Asked", "Loaded")
-_NOT_COMPARED: Final = ("reads", "time_ns", "duration_ns")
-
-
-class Difference(NamedTuple):
-    """The first thing that machines do differently; None where one of the two does nothing."""
-
-    number: int
-    """Of the recording's events and posted messages, from 1."""
-    after_s: float
-    """Seconds since the first event."""
-    recorded: Entry | None
-    found: Entry | None
-
-    def __str__(self) -> str:
-        return (
-            f"event {self.number} differs, after {self.after_s:.6f} s:\n"
-            f"  recorded: {_text(self.recorded)}\n"
-            f"  now:      {_text(self.found)}"
-        )
+__all__ = ["Rerun", "assert_reruns", "rerun", "whole_journals", "why_not"]
 
 
 class Rerun:
     """Run the machines of a journal again, once: `arrange` them, then `compare`.
 
-    `environment` is where they learn what the journal holds; what they post goes nowhere.
+    `environment` is where they learn what the journal holds; what they post goes nowhere. `how`
+    says what is compared: "all", or "states" and posted messages, or "posts" alone, so that a
+    guard that was rewritten, or a state with another name, is no difference.
     Raise `NoEventsError` if nothing was recorded.
     """
 
-    def __init__(self, entries: Iterable[Entry], source: str = "the recording"):
+    def __init__(
+        self, entries: Iterable[Entry], source: str = "the recording", how: Comparison = "all"
+    ):
+        self._how: Comparison = how
         self._machines: list[str] = []  # that were there from the beginning
-        self._memory = Memory(self._noting_machines(entries))
+        self._memory = Memory(self._noting_machines(entries), COMPARISONS[how])
         self._journal = Journal(lambda _: None)
         self._journal.add = lambda entry: self._take(as_entry(entry))
         recalled = RecalledEnvironment(Whiteboard.local(), self._memory)
@@ -136,7 +119,9 @@ class Rerun:
     def _take(self, found: Entry) -> None:
         """Compare what a machine does with what is next in the journal."""
         segment = self._memory.segment
-        if self._difference is not None or self._over or found["event"] in _INPUTS:
+        if self._difference is not None or self._over:
+            return
+        if found["event"] not in COMPARISONS[self._how]:
             return
         if segment.posts:
             self._check(segment.posts.popleft(), found)
@@ -148,7 +133,7 @@ class Rerun:
             self._memory.advance(segment.event["time_ns"])
 
     def _check(self, recorded: Entry, found: Entry) -> bool:
-        if _compared(recorded) != _compared(found):
+        if compared(recorded, self._how) != compared(found, self._how):
             self._differ(recorded, found)
             return False
         self._number += 1
@@ -158,32 +143,50 @@ class Rerun:
         if self._difference is None:
             now_ns = recorded.get("time_ns", self._memory.clock.now_ns())
             after_s = (now_ns - self._begin_ns) / 1e9
-            self._difference = Difference(self._number + 1, after_s, recorded, found)
+            saw = self._seen_by(recorded.get("machine"))
+            self._difference = Difference(self._number + 1, after_s, recorded, found, saw)
+
+    def _seen_by(self, machine: str | None) -> dict[str, object]:
+        """Return what the sensors of a machine have found, by their names."""
+        arrangement = self._memory.arrangement
+        for each in () if arrangement is None else arrangement.machines:
+            if each.name == machine:
+                return {name: getattr(each, name) for name in type(each).table.sensors}
+        return {}
 
 
 def rerun(
-    recording: Path | str | Recording, machines: Iterable[Loadable], **options: Any
+    recording: Path | str | Recording,
+    machines: Iterable[Loadable],
+    *,
+    compare: Comparison = "all",
+    **options: Any,
 ) -> Difference | None:
     """Run machines on what was recorded; return the first difference, or None.
 
-    They are the recorded ones in their order; `options` are those of the `Arrangement` that are not
-    as usual, such as `unload_accepting` and `library`. It raises what `Rerun.compare` raises.
+    They are the recorded ones in their order; `compare` is `how` of `Rerun`, `options` are those
+    of the `Arrangement` that are not as usual, such as `unload_accepting` and `library`. It raises
+    what `Rerun.compare` raises.
     """
-    again = _open(recording)
+    again = _open(recording, compare)
     again.arrange(machines, **options)
     return again.compare()
 
 
 def assert_reruns(
-    recording: Path | str | Recording, machines: Iterable[Loadable], **options: Any
+    recording: Path | str | Recording,
+    machines: Iterable[Loadable],
+    *,
+    compare: Comparison = "all",
+    **options: Any,
 ) -> None:
     """Raise `RerunError`, which shows the first difference, unless machines do as recorded."""
-    difference = rerun(recording, machines, **options)
+    difference = rerun(recording, machines, compare=compare, **options)
     if difference is not None:
         raise RerunError(str(difference))
 
 
-def _open(recording: Path | str | Recording) -> Rerun:
+def _open(recording: Path | str | Recording, how: Comparison) -> Rerun:
     if not isinstance(recording, Recording):
         recording = Recording(Path(recording))
     journals = whole_journals(recording)
@@ -191,7 +194,7 @@ def _open(recording: Path | str | Recording) -> Rerun:
         raise OtherMachinesError(
             f"{recording.path} is of several arrangements: give `Rerun` the entries of one"
         )
-    return Rerun(recording.entries(journals[0]), str(recording.path))
+    return Rerun(recording.entries(journals[0]), str(recording.path), how)
 
 
 def whole_journals(recording: Recording) -> list[RecordedJournal]:
@@ -214,16 +217,3 @@ def why_not(journal: RecordedJournal) -> str:
         f"were recorded, so what they had learnt is missing: start llfsm record first, or use "
         f"llfsm run --record"
     )
-
-
-def _compared(entry: Entry) -> Mapping[str, Any]:
-    return {key: value for key, value in entry.items() if key not in _NOT_COMPARED}
-
-
-def _text(entry: Entry | None) -> str:
-    if entry is None:
-        return "nothing"
-    shown = {key: value for key, value in _compared(entry).items() if key != "event"}
-    if entry["event"] == "Posted":
-        shown["message"] = msgspec.msgpack.decode(shown["message"])
-    return f"{entry['event']}({', '.join(f'{key}={value!r}' for key, value in shown.items())})"

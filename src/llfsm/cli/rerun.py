@@ -11,6 +11,7 @@ import click
 import msgspec
 from msgspec.structs import replace
 
+from llfsm.bridges.recording.differences import COMPARISONS, Comparison
 from llfsm.bridges.recording.errors import NoEventsError, RecordingFileError
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.bridges.recording.rerun import Rerun, whole_journals, why_not
@@ -31,16 +32,22 @@ __all__ = ["rerun"]
     is_flag=True,
     help="Run the machines that the file names, from the folder that it names.",
 )
-def rerun(file: Path, machines: tuple[str, ...], trust: bool) -> None:
+@click.option(
+    "--compare",
+    type=click.Choice(list(COMPARISONS)),
+    default="all",
+    help="What must be as recorded: all events (default), states and posts, or posts alone.",
+)
+def rerun(file: Path, machines: tuple[str, ...], trust: bool, compare: Comparison) -> None:
     """Run MACHINES on the inputs of a recording and report the first difference in behaviour.
 
     The recording must have begun before the machines, as with `llfsm run --record`. MACHINES take
-    the places of the recorded ones, in the same order. The exit status is 0 if all events and
-    posted messages are as recorded, else 1.
+    the places of the recorded ones, in the same order. The exit status is 0 if all that is
+    compared is as recorded, else 1.
 
     \b
     llfsm rerun run.mcap --trust
-    llfsm rerun run.mcap Patrol=my_robot.patrol:BetterPatrol
+    llfsm rerun run.mcap Patrol=my_robot.patrol:BetterPatrol --compare posts
     """
     # Late turns and failures were reported at the time of the recording.
     logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
@@ -66,7 +73,7 @@ def rerun(file: Path, machines: tuple[str, ...], trust: bool) -> None:
             ours, given = given[: len(plan.machines)], given[len(plan.machines) :]
             plan = replace(plan, machines=tuple(map(_in_place_of, plan.machines, ours)))
         resolved = ResolvedPlan(plan, [Path(), _folder(journal)] if trust else [Path()])
-        again = Rerun(recording.entries(journal), str(file))
+        again = Rerun(recording.entries(journal), str(file), compare)
         assemble(resolved.plan, resolved.classes, again.environment, library=resolved.library)
         difference = again.compare()
         if difference is not None:
@@ -76,7 +83,8 @@ def rerun(file: Path, machines: tuple[str, ...], trust: bool) -> None:
         if not journal.whole:
             click.echo(f"not rerun: {why_not(journal)}", err=True)
     until = ", up to the first that the recorder lost" if lost else ""
-    click.echo(f"all {number} events and messages are as recorded{until}")
+    which = "" if compare == "all" else f" of {compare}"
+    click.echo(f"all {number} events and messages{which} are as recorded{until}")
 
 
 def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
