@@ -103,8 +103,7 @@ class Arrangement(Control):
         elif whiteboard is not None or clock is not None:
             raise OptionError("give an environment, or a whiteboard and a clock, not both")
         super().__init__(environment)
-        self.idle_us = idle_us
-        self.wake = wake
+        self.idle_us, self.wake = idle_us, wake
         self.timetable = timetable
         self.unload_accepting = unload_accepting
         self.on_error = on_error
@@ -123,10 +122,11 @@ class Arrangement(Control):
         self._pacer = None
         if cycle_us := period_us if timetable is None else timetable.cycle_us:
             self._pacer = Pacer(cycle_us, self.clock, self._wait_for_turn)
-        # A round begins when this returns True: at its time, or at once; after the end it raises.
-        self._gate = None if self._pacer is None else self._pacer.wait_for_round
         timed = timed or self._pacer is not None
         self._stopwatch = Stopwatch(self.clock, self._pacer) if timed else None
+        # A round begins when this returns True: at its time, or at once; after the end it raises.
+        at_once = None if self._stopwatch is None else self._stopwatch.begin
+        self._gate = at_once if self._pacer is None else self._pacer.wait_for_round
         self._bind_all()
         environment.enter(self)
         for observer in observers:
@@ -195,7 +195,7 @@ class Arrangement(Control):
         seat.request = None
         seat.nested += 1
         seat.suspend()
-        turn = ringlet if self._stopwatch is None else self._stopwatch.around(ringlet)
+        turn = ringlet if self._stopwatch is None else self._stopwatch.within(ringlet)
         try:
             turn(seat)
         except ExecutionError as error:

@@ -98,9 +98,8 @@ class Execution:
             lambda: arrangement.stopping is not stopping or self._grace_is_over(),
             arrangement.environment.sleep_until_ns if arrangement.wake else self._sleep_until,
         )
-        if not self._woken:  # else there is no time, as in rounds without a sleep
+        if not self._woken:
             self._look_at_world()
-            self._look(idle=True)
 
     def _report_sleep(self, duration_ns: int) -> None:
         self._arrangement.emit(IdleSleep(*self._arrangement.stamp(), duration_ns))

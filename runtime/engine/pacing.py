@@ -27,11 +27,12 @@ class Pacer:
     """Wait until turns are due.
 
     `next_ns` is when the next round is due, None before the first; `due_ns` and `deadline_ns` are
-    those of the turn handed out last; `skipped` counts the rounds that were left out.
-    `sleep_until` returns whether turns are still wanted.
+    those of the turn handed out last, which began at `begin_ns`; `skipped` counts the rounds that
+    were left out. `sleep_until` returns whether turns are still wanted.
     """
 
     def __init__(self, cycle_us: int, clock: Clock, sleep_until: Callable[[int], bool]):
+        self.begin_ns = 0
         self.due_ns = 0
         self.deadline_ns = 0
         self.skipped = 0
@@ -52,7 +53,7 @@ class Pacer:
             logger().warning("%.3g s behind: %d rounds are left out", behind_ns / 1e9, lost)
         self.due_ns = begin_ns
         self.deadline_ns = self.next_ns = begin_ns + self._cycle_ns
-        return self._sleep_until(begin_ns)
+        return self._wait(begin_ns)
 
     def turns(self, slots: Iterable[TimeSlot], seats: Mapping[str, Seat]) -> Iterator[Seat | None]:
         """Yield the seat of each slot of the round when due; None if its machine is gone."""
@@ -60,6 +61,11 @@ class Pacer:
         for machine, start_us, deadline_us in slots:
             self.due_ns = begin_ns + start_us * 1_000
             self.deadline_ns = self.due_ns + deadline_us * 1_000
-            if not self._sleep_until(self.due_ns):
+            if not self._wait(self.due_ns):
                 return
             yield seats.get(machine)
+
+    def _wait(self, due_ns: int) -> bool:
+        wanted = self._sleep_until(due_ns)
+        self.begin_ns = self._clock.now_ns()
+        return wanted

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .errors import ExecutionError
     from .freshness import AgedRead
     from .machine import Machine
+    from .statistics import Meter
 
 __all__ = ["Arrival", "Failure", "Seat"]
 
@@ -68,6 +69,7 @@ class Seat:
         "index",
         "initial",
         "machine",
+        "meter",
         "name",
         "nested",
         "notifies",
@@ -118,6 +120,7 @@ class Seat:
         self.doing: str | None = None  # the state whose section runs, while observed
         self.sensors: tuple[tuple[str, Read], ...] = ()
         self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
+        self.meter: Meter | None = None  # what times the turns, if anything does
         self.taken = True
         self.called = False  # whether another machine waits for its end
         self.accepted = False  # whether it has ended a ringlet in an accepting state

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from .pacing import Pacer
     from .seat import Seat
 
-__all__ = ["MachineStatistics", "Meter", "Spread", "Stopwatch"]
+__all__ = ["Histogram", "MachineStatistics", "Meter", "Spread", "Stopwatch"]
 
 
 class Spread(NamedTuple):
     """Half of the values are at most `p50`, 99 in 100 at most `p99`, all at most `max`.
 
-    Microseconds; the first two to 3 %.
+    Microseconds; the first two are right to a thirty-second (3 %), below 32 ns exactly.
     """
 
     p50: float
@@ -50,106 +50,153 @@ class Meter:
 
     __slots__ = (
         "_begin_ns",
-        "_costs",
-        "_jitters",
-        "_planned",
+        "_late_ns",
         "_state",
         "_state_ns",
+        "costs",
         "fired",
+        "jitters",
         "name",
         "overruns",
-        "ringlets",
+        "previous",
         "worst_overrun_ns",
     )
 
     def __init__(self, name: str):
         self.name = name
-        self.ringlets = 0
         self.fired = 0
         self.overruns = 0
         self.worst_overrun_ns = 0
-        self._costs = _Histogram()
-        self._jitters = _Histogram()
-        self._state_ns: dict[str, int] = {}
-        self._state: str | None = None  # that of the last turn, and when the turn began
+        self.costs = Histogram()
+        self.jitters = Histogram()
+        self.previous: object = _AT_REST  # the seat's, after the last turn
+        self._state = ""  # that of the turns since `_begin_ns`
         self._begin_ns = 0
-        self._planned: tuple[int, int] | None = None  # when that began and was due
+        self._state_ns: dict[str, int] = {}
+        self._late_ns: int | None = None  # by how much the last turn began after it was due
 
-    def note(self, state: str, fired: bool, begin_ns: int, end_ns: int) -> None:
-        """Take a turn of a machine in `state`, and whether a transition fired."""
-        self.ringlets += 1
-        self.fired += fired
-        self._costs.add(end_ns - begin_ns)
-        if self._state is not None:
-            self._state_ns[self._state] += begin_ns - self._begin_ns
-        self._state_ns.setdefault(state, 0)
-        self._state, self._begin_ns = state, begin_ns
+    @property
+    def ringlets(self) -> int:
+        """The number of turns."""
+        return self.costs.total
+
+    def enter(self, seat: Seat, begin_ns: int) -> None:
+        """Note that the turns since `begin_ns` belong to another state."""
+        self.rest(begin_ns)
+        self.previous = seat.previous
+        self._state = (seat.previous or seat.current).name
+        self._begin_ns = begin_ns
+        self._state_ns.setdefault(self._state, 0)
 
     def note_plan(self, begin_ns: int, end_ns: int, due_ns: int, deadline_ns: int) -> None:
-        """Take when that turn was due and when it had to be over."""
-        if self._planned is not None:
-            before_ns, due_before_ns = self._planned
-            self._jitters.add(abs(begin_ns - before_ns - (due_ns - due_before_ns)))
-        self._planned = begin_ns, due_ns
+        """Take when a turn was due and when it had to be over."""
+        late_ns = begin_ns - due_ns
+        if self._late_ns is not None:
+            self.jitters.add(abs(late_ns - self._late_ns))
+        self._late_ns = late_ns
         if end_ns > deadline_ns:
             self.overruns += 1
             self.worst_overrun_ns = max(self.worst_overrun_ns, end_ns - deadline_ns)
 
     def rest(self, now_ns: int) -> None:
-        """Note that the machine is unloaded: it is in no state any more."""
-        if self._state is not None:
+        """Note that the machine is in no state any more."""
+        if self.previous is not _AT_REST:
             self._state_ns[self._state] += now_ns - self._begin_ns
-            self._state = self._planned = None
+            self.previous = _AT_REST
+
+    def unload(self, now_ns: int) -> None:
+        """Note that the machine is unloaded: no turn of it is due any more."""
+        self.rest(now_ns)
+        self._late_ns = None
 
     def read(self, now_ns: int) -> MachineStatistics:
         """Return the statistics up to now."""
         state_ns = dict(self._state_ns)
-        if self._state is not None:
+        if self.previous is not _AT_REST:
             state_ns[self._state] += now_ns - self._begin_ns
         return MachineStatistics(
             self.name,
             self.ringlets,
             self.fired,
             {state: ns / 1e9 for state, ns in state_ns.items()},
-            self._costs.spread() or Spread(0.0, 0.0, 0.0),
-            self._jitters.spread(),
+            self.costs.spread() or Spread(0.0, 0.0, 0.0),
+            self.jitters.spread(),
             self.overruns,
             self.worst_overrun_ns / 1e3,
         )
 
 
 class Stopwatch:
-    """Time the turns of an arrangement's machines, with one meter for each name."""
+    """Time the turns of an arrangement's machines, with one meter for each name.
+
+    A turn begins when the one before it has ended, so that each costs one look at the clock. Only
+    the first of a round, and each that was waited for, begins with a look of its own.
+    """
 
     def __init__(self, clock: Clock, pacer: Pacer | None):
         self._clock = clock
         self._pacer = pacer
         self._meters: dict[str, Meter] = {}
+        self.begin_ns = 0  # of the turn that is to come, unless the pacer knows
+
+    def begin(self) -> bool:
+        """Begin a round that has no due time, and return True."""
+        self.begin_ns = self._clock.now_ns()
+        return True
 
     def around(self, turn: Callable[[Seat], bool]) -> Callable[[Seat], bool]:
         """Return `turn`, timed by the meter of its machine."""
-        now, pacer, meters = self._clock.now_ns, self._pacer, self._meters
+        now, pacer, meter_of = self._clock.now_ns, self._pacer, self._meter_of
+        near, near_ns, beat = _NEAR, len(_NEAR), self._pacer or self
 
         def timed_turn(seat: Seat) -> bool:
-            begin_ns = now()
             fired = False
             try:
                 fired = turn(seat)
-            finally:
+            finally:  # in line, as each call would cost a quarter of all this
                 end_ns = now()
-                meter = meters.get(seat.name) or meters.setdefault(seat.name, Meter(seat.name))
-                state = seat.current if seat.previous is None else seat.previous
-                meter.note(state.name, fired, begin_ns, end_ns)
+                begin_ns = beat.begin_ns
+                beat.begin_ns = end_ns
+                cost_ns = end_ns - begin_ns
+                meter = seat.meter
+                if meter is None:
+                    meter = meter_of(seat)
+                costs = meter.costs
+                costs.counts[near[cost_ns] if cost_ns < near_ns else range_of(cost_ns)] += 1
+                if cost_ns > costs.longest_ns:
+                    costs.longest_ns = cost_ns
+                if fired:
+                    meter.fired += 1
+                if seat.previous is not meter.previous:
+                    meter.enter(seat, begin_ns)
                 if pacer is not None:
                     meter.note_plan(begin_ns, end_ns, pacer.due_ns, pacer.deadline_ns)
             return fired
 
         return timed_turn
 
+    def within(self, turn: Callable[[Seat], bool]) -> Callable[[Seat], bool]:
+        """Return `turn`, timed as one that is nested in another machine's."""
+        timed, beat = self.around(turn), self._pacer or self
+
+        def nested_turn(seat: Seat) -> bool:
+            outer_ns, beat.begin_ns = beat.begin_ns, self._clock.now_ns()
+            try:
+                return timed(seat)
+            finally:
+                beat.begin_ns = outer_ns
+
+        return nested_turn
+
+    def _meter_of(self, seat: Seat) -> Meter:
+        name = seat.name
+        seat.meter = self._meters.get(name) or self._meters.setdefault(name, Meter(name))
+        return seat.meter
+
     def rest(self, name: str) -> None:
         """Note that a machine is unloaded."""
         if name in self._meters:
-            self._meters[name].rest(self._clock.now_ns())
+            self._meters[name].unload(self._clock.now_ns())
 
     def progress(self, name: str) -> tuple[int, int]:
         """Return the numbers of ringlets and of overruns of a machine."""
@@ -164,7 +211,7 @@ class Stopwatch:
     def end(self) -> None:
         """Stop counting time, and log which machines were late."""
         for meter in self._meters.values():
-            meter.rest(self._clock.now_ns())
+            meter.unload(self._clock.now_ns())
             if meter.overruns:
                 logger().warning(
                     "%s: %d of %d turns ended after their deadline, the worst by %.0f us",
@@ -175,36 +222,68 @@ class Stopwatch:
                 )
 
 
-class _Histogram:
+class Histogram:
     """Count durations in ranges that are a sixteenth to a thirty-second of them wide.
 
-    So an hour of turns at 1 kHz takes no more memory than a second of them.
+    Those below 32 ns have a range each. Quantiles are the middles of ranges, so they are right to
+    a thirty-second. Its size is fixed, however long it counts.
     """
 
-    __slots__ = ("_counts", "_max")
+    __slots__ = ("counts", "longest_ns")
 
     def __init__(self) -> None:
-        self._counts: dict[int, int] = {}
-        self._max = 0
+        self.counts = [0] * _RANGES
+        self.longest_ns = 0
 
     def add(self, ns: int) -> None:
-        shift = max(ns.bit_length() - 5, 0)
-        key = (shift << 4) + (ns >> shift)  # of ns >> shift the sixteens bit is set, or shift is 0
-        self._counts[key] = self._counts.get(key, 0) + 1
-        if ns > self._max:
-            self._max = ns
+        """Count a duration, which is 0 or more."""
+        self.counts[range_of(ns)] += 1
+        self.longest_ns = max(self.longest_ns, ns)
+
+    @property
+    def total(self) -> int:
+        """The number of durations."""
+        return sum(self.counts)
 
     def spread(self) -> Spread | None:
-        if not self._counts:
+        """Return how they are spread; None before the first."""
+        if not self.total:
             return None
-        return Spread(self._quantile(0.5), self._quantile(0.99), self._max / 1e3)
+        return Spread(self._quantile(0.5), self._quantile(0.99), self.longest_ns / 1e3)
 
     def _quantile(self, part: float) -> float:
-        left = part * sum(self._counts.values())
-        keys = iter(sorted(self._counts))
+        left = part * self.total
+        number = -1
         while left > 0:
-            key = next(keys)
-            left -= self._counts[key]
-        shift = max((key >> 4) - 1, 0)
-        middle = (key - (shift << 4) + 0.5) * 2**shift if shift else key
-        return min(middle, self._max) / 1e3
+            number += 1
+            left -= self.counts[number]
+        shift = _shift_of(number)
+        middle = (number - (shift << 4) + 0.5) * 2**shift if shift else number
+        return min(middle, self.longest_ns) / 1e3
+
+
+def _shift_of(number: int) -> int:
+    """Return which power of two is the width of a range."""
+    return max((number >> 4) - 1, 0)
+
+
+def range_of(ns: int) -> int:
+    """Return the number of a duration's range; the last one has no upper end."""
+    if ns < len(_NEAR):
+        return _NEAR[ns]
+    shift = ns.bit_length() - 5  # of ns >> shift the sixteens bit is set
+    return min((shift << 4) + (ns >> shift), _RANGES - 1)
+
+
+def _numbers(longest_ns: int) -> list[int]:
+    """Return the numbers of the ranges of all durations below the longest, to look them up."""
+    numbers: list[int] = []
+    while len(numbers) < longest_ns:
+        number = numbers[-1] + 1 if numbers else 0
+        numbers += [number] * (1 << _shift_of(number))
+    return numbers
+
+
+_AT_REST = object()
+_RANGES = 640  # those up to two hours
+_NEAR = _numbers(1 << 13)

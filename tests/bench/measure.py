@@ -40,6 +40,7 @@ class Pace(NamedTuple):
     samples: int  # of a statement
     sample_s: float
     processes: int  # samples of a whole process
+    idle_s: float  # of waiting for a message
     schedule_s: float  # of keeping to a timetable
     bridge: tuple[int, float]  # rounds, and seconds of each
     page_s: float  # of showing a page

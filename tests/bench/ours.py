@@ -132,6 +132,7 @@ def _machines() -> dict[str, Subject]:
     bundle = compile_bundle(COUNTING)
     classes, watched, others = ([Counting() for _ in range(MANY)] for _ in range(3))
     bundles = [bundle() for _ in range(MANY)]
+    ten, ten_timed = ([Counting() for _ in range(10)] for _ in range(2))
     observed = Arrangement(watched, observers=[lambda event: None])
     return {
         "firing": Subject("arrangement.round()", {"arrangement": Arrangement([Firing])}),
@@ -141,6 +142,10 @@ def _machines() -> dict[str, Subject]:
         "observed": Subject("arrangement.round()", {"arrangement": observed}, MANY),
         "timed": Subject(
             "arrangement.round()", {"arrangement": Arrangement(others, timed=True)}, MANY
+        ),
+        "ten": Subject("arrangement.round()", {"arrangement": Arrangement(ten)}, 10),
+        "ten timed": Subject(
+            "arrangement.round()", {"arrangement": Arrangement(ten_timed, timed=True)}, 10
         ),
         "many": Subject("arrangement.round()", {"arrangement": Arrangement(many)}, MANY),
         "empty method": Subject("machine.empty()", {"machine": Staying()}),

@@ -22,11 +22,13 @@ from pathlib import Path
 import bridge
 import mirror
 import ours
+import reaction
 import safety
 from measure import Meter, Pace, Side, Subject, in_turns, process, statement
 from peers import PEERS, open_peer, version_of
 from table import (
     ADDED_MS,
+    ADDED_NS,
     ALONE_MIB,
     ALONE_MS,
     FASTER,
@@ -39,8 +41,24 @@ from table import (
     Row,
 )
 
-FULL = Pace(samples=1000, sample_s=0.0003, processes=31, schedule_s=60, bridge=(5, 4.0), page_s=10)
-QUICK = Pace(samples=3, sample_s=0.0001, processes=2, schedule_s=0.2, bridge=(1, 0.3), page_s=1)
+FULL = Pace(
+    samples=1000,
+    sample_s=0.0003,
+    processes=31,
+    idle_s=10,
+    schedule_s=60,
+    bridge=(5, 4.0),
+    page_s=10,
+)
+QUICK = Pace(
+    samples=3,
+    sample_s=0.0001,
+    processes=2,
+    idle_s=0.3,
+    schedule_s=0.2,
+    bridge=(1, 0.3),
+    page_s=1,
+)
 
 # what, of ours, the peer, of the peer's, how many times faster ours is promised to be
 COMPARED: list[tuple[str, str, str, str, float | None]] = [
@@ -64,6 +82,7 @@ def rows(pace: Pace) -> Iterator[Row]:
     yield from _calls(pace)
     yield from _safety(pace)
     yield from _processes(pace)
+    yield from _reaction(pace)
     yield from _schedule(pace)
     yield from bridge.rows(*pace.bridge)
     yield from _mirror(pace)
@@ -86,6 +105,9 @@ def _calls(pace: Pace) -> Iterator[Row]:
         )
         pairs.append(("a ringlet, observed", mine["observed"], "unobserved", plain, SLOWER, None))
         pairs.append(("a ringlet, timed", mine["timed"], "untimed", plain, SLOWER, None))
+        pairs.append(
+            ("  of ten machines", mine["ten timed"], "untimed", mine["ten"], ADDED_NS, 150)
+        )
         for what, subject, who, other, score, promised in pairs:
             meters = [
                 statement("llfsm", subject, pace.sample_s),
@@ -123,6 +145,30 @@ def _processes(pace: Pace) -> Iterator[Row]:
     yield Row("llfsm --help", in_turns(meters, times), ALONE_MS, 120)
     meters = [Meter("llfsm", "footprint.py", _footprint)]
     yield Row("memory: 100 slots, 4 machines", in_turns(meters, 3), ALONE_MIB, 40)
+
+
+def _reaction(pace: Pace) -> Iterator[Row]:
+    """Let a machine answer another process, and ten machines wait for it."""
+    board = f"bench-{os.getpid()}-reaction"
+    with reaction.samplers(board) as (mine, theirs):
+        meters = [
+            Meter("llfsm", "add to the answering post", mine),
+            Meter("C futexes", "futex.c", theirs),
+        ]
+        sides = in_turns(meters, pace.samples)
+    for name, part in (("p50", 0.5), ("p99", 0.99)):
+        shown = [
+            Side(side.who, side.call, [_quantile(side.samples, part)] if side.samples else [])
+            for side in sides
+        ]
+        promised = {"p50": 4, "p99": 6}[name]
+        yield Row(f"an answer of a machine, {name}", shown, SLOWER, promised)
+    percent = reaction.idle_percent(board, 10, pace.idle_s)
+    yield Row("  ten machines that wait", [Side("llfsm", "llfsm run", [percent])], PERCENT, 1)
+
+
+def _quantile(samples: list[float], part: float) -> float:
+    return sorted(samples)[int(part * len(samples))]
 
 
 def _schedule(pace: Pace) -> Iterator[Row]:

@@ -11,6 +11,7 @@ from measure import Side
 
 __all__ = [
     "ADDED_MS",
+    "ADDED_NS",
     "ALONE_MIB",
     "ALONE_MS",
     "FASTER",
@@ -40,6 +41,7 @@ class Score(NamedTuple):
 FASTER = Score(lambda ours, its: median(map(truediv, its, ours)), "x", more_is_better=True)
 SLOWER = Score(lambda ours, its: median(map(truediv, ours, its)), "x")
 MEDIANS = Score(lambda ours, its: median(ours) / median(its), "x")
+ADDED_NS = Score(lambda ours, its: min(ours) - min(its), " ns", shown=min)
 ADDED_MS = Score(lambda ours, its: (min(ours) - min(its)) / 1e6, " ms", shown=min)
 ALONE_MS = Score(lambda ours: min(ours) / 1e6, " ms", shown=min)
 ALONE_MIB = Score(lambda ours: median(ours) / 2**20, " MiB", sampled="bytes")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -23,9 +22,8 @@ from llfsm.runtime import (
     Timetable,
     define,
 )
-from llfsm.runtime.engine.statistics import Meter
 
-TOLERANCE = 1 / 32 + 1e-9  # half of a range that is at most a sixteenth of its values
+from .quantiles import TOLERANCE, exact
 
 
 def ring(name: str, clock: ManualClock, costs_ns: list[int]) -> Any:
@@ -290,40 +288,42 @@ def test_after_the_end_no_time_is_counted():
 # What turns cost
 
 
-def exact(part: int, values: list[int]) -> float:
-    """Return the smallest value such that `part` in 100 are not greater; from ns to us."""
-    return sorted(values)[math.ceil(part * len(values) / 100) - 1] / 1e3
+@given(st.lists(st.integers(0, 10**6), min_size=1, max_size=8), st.integers(1, 10**6))
+def test_time_between_rounds_is_no_cost(costs_ns: list[int], pause_ns: int):
+    clock = ManualClock()
+    arrangement = Arrangement([ring("R", clock, costs_ns), Idle], clock=clock, timed=True)
+    for _ in costs_ns:
+        clock.advance(ns=pause_ns)
+        arrangement.round()
+    found = statistics(arrangement)
+    assert found["R"].cost_us.max == max(costs_ns) / 1e3
+    assert found["Idle"].cost_us == (0, 0, 0)
 
 
-durations = st.integers(0, 70) | st.integers(0, 10**10) | st.sampled_from([2**n for n in range(40)])
+def test_a_turn_around_another_one_costs_both():
+    clock = ManualClock()
 
+    class Inner(Idle):
+        @Idle.a.on_suspend
+        def _(self) -> None:
+            clock.advance(us=5)
 
-@given(st.lists(durations, min_size=1, max_size=300))
-def test_costs_are_right_within_the_width_of_a_range(costs_ns: list[int]):
-    meter = Meter("M")
-    for cost_ns in costs_ns:
-        meter.note("a", False, 5, 5 + cost_ns)
-    spread = meter.read(0).cost_us
-    assert spread.max == max(costs_ns) / 1e3
-    assert spread.p50 == pytest.approx(exact(50, costs_ns), rel=TOLERANCE)
-    assert spread.p99 == pytest.approx(exact(99, costs_ns), rel=TOLERANCE)
-    assert spread.p50 <= spread.p99 <= spread.max
+    class Outer(Machine):
+        a = State()
+        b = State()
 
+        @a.on_entry
+        def _(self) -> None:
+            clock.advance(us=2)
+            self.abandon("Inner")
+            clock.advance(us=3)
 
-def test_short_costs_are_exact():
-    meter = Meter("M")
-    for cost_ns in range(32):
-        meter.note("a", False, 0, cost_ns)
-    assert meter.read(0).cost_us == (0.015, 0.031, 0.031)
+        a.to(b)
 
-
-def test_one_slow_turn_in_a_hundred_is_in_the_maximum_only():
-    meter = Meter("M")
-    for cost_ns in [7] * 99 + [10**9]:
-        meter.note("a", False, 0, cost_ns)
-    assert meter.read(0).cost_us == (0.007, 0.007, 1e6)
-    meter.note("a", False, 0, 10**9)
-    assert meter.read(0).cost_us == (0.007, pytest.approx(1e6, rel=TOLERANCE), 1e6)
+    arrangement = Arrangement([Inner, Outer], clock=clock, timed=True)
+    arrangement.run(max_rounds=1)
+    found = statistics(arrangement)
+    assert (found["Inner"].cost_us.max, found["Outer"].cost_us.max) == (5, 10)
 
 
 @given(st.lists(st.integers(0, 10**7), min_size=1, max_size=20), st.booleans())
