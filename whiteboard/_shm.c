@@ -258,46 +258,6 @@ static PyObject *port_encoded(Port *self, PyObject *unused)
     return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
 }
 
-static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
-{
-    static char *names[] = {"after", "timeout", NULL};
-    PyObject *number = NULL, *timeout = Py_None;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "|$O!O", names, &PyLong_Type, &number,
-                                     &timeout))
-        return NULL;
-    if (!number) {
-        PyErr_SetString(PyExc_TypeError, "wait() needs the keyword 'after': a count");
-        return NULL;
-    }
-    unsigned long long after = PyLong_AsUnsignedLongLong(number);
-    if (PyErr_Occurred())
-        return NULL;
-    double seconds = timeout == Py_None ? HUGE_VAL : PyFloat_AsDouble(timeout);
-    if (seconds == -1 && PyErr_Occurred())
-        return NULL;
-    struct timespec start;
-    clock_gettime(CLOCK_MONOTONIC, &start);
-    while (is_open(self->board, self->name)) {
-        double left = seconds_left(&start, seconds);
-        bool over = !(left > 0); /* NaN counts as over, too */
-        int status;
-        self->board->users++;
-        Py_BEGIN_ALLOW_THREADS
-        status = lwb_wait(&self->slot, after, sleep_ns(left));
-        Py_END_ALLOW_THREADS
-        board_leave(self->board);
-        if (PyErr_CheckSignals())
-            return NULL;
-        if (status == LWB_OK)
-            return port_sample(self, NULL);
-        if (over)
-            Py_RETURN_NONE;
-        if (!self->board->closed && !lwb_linked(&self->board->board))
-            return fail(REMOVED, self->name, NULL); /* no new process can open it and add */
-    }
-    return NULL;
-}
-
 static PyObject *port_count(Port *self, void *unused)
 {
     (void)unused;
@@ -312,7 +272,17 @@ static PyObject *port_retire(Port *self, PyObject *unused)
     Py_RETURN_NONE;
 }
 
+static PyObject *port_reserve(Port *self, PyObject *unused)
+{
+    (void)unused;
+    if (!is_open(self->board, self->name))
+        return NULL;
+    int status = lwb_make_ready(&self->slot);
+    return status ? fail(status, self->name, NULL) : Py_NewRef(Py_None);
+}
+
 #include "_recent.h"
+#include "_waiting.h"
 
 static PyMethodDef port_methods[] = {
     {"add", (PyCFunction)port_add, METH_O, NULL},
@@ -322,6 +292,7 @@ static PyMethodDef port_methods[] = {
     {"encoded", (PyCFunction)port_encoded, METH_NOARGS, NULL},
     {"wait", (PyCFunction)(void (*)(void))port_wait, METH_VARARGS | METH_KEYWORDS, NULL},
     {"recent", (PyCFunction)port_recent, METH_NOARGS, NULL},
+    {"reserve", (PyCFunction)port_reserve, METH_NOARGS, NULL},
     {"retire", (PyCFunction)port_retire, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL}};
 
@@ -351,7 +322,6 @@ static PyType_Spec port_spec = {
     .slots = port_type_slots,
 };
 
-#include "_waiting.h"
 
 static PyMethodDef functions[] = {{"wait_any", wait_any, METH_VARARGS, NULL},
                                   {NULL, NULL, 0, NULL}};

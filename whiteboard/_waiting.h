@@ -1,4 +1,44 @@
-/* Waiting for any of several ports; included where Port is known. */
+/* Waiting for a port, and for any of several; included where Port is known. */
+
+static PyObject *port_wait(Port *self, PyObject *args, PyObject *kwargs)
+{
+    static char *names[] = {"after", "timeout", NULL};
+    PyObject *number = NULL, *timeout = Py_None;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "|$O!O", names, &PyLong_Type, &number,
+                                     &timeout))
+        return NULL;
+    if (!number) {
+        PyErr_SetString(PyExc_TypeError, "wait() needs the keyword 'after': a count");
+        return NULL;
+    }
+    unsigned long long after = PyLong_AsUnsignedLongLong(number);
+    if (PyErr_Occurred())
+        return NULL;
+    double seconds = timeout == Py_None ? HUGE_VAL : PyFloat_AsDouble(timeout);
+    if (seconds == -1 && PyErr_Occurred())
+        return NULL;
+    struct timespec start;
+    clock_gettime(CLOCK_MONOTONIC, &start);
+    while (is_open(self->board, self->name)) {
+        double left = seconds_left(&start, seconds);
+        bool over = !(left > 0); /* NaN counts as over, too */
+        int status;
+        self->board->users++;
+        Py_BEGIN_ALLOW_THREADS
+        status = lwb_wait(&self->slot, after, sleep_ns(left));
+        Py_END_ALLOW_THREADS
+        board_leave(self->board);
+        if (PyErr_CheckSignals())
+            return NULL;
+        if (status == LWB_OK)
+            return port_sample(self, NULL);
+        if (over)
+            Py_RETURN_NONE;
+        if (!self->board->closed && !lwb_linked(&self->board->board))
+            return fail(REMOVED, self->name, NULL); /* no new process can open it and add */
+    }
+    return NULL;
+}
 
 /* The ports of the dictionary `before` whose slot's count exceeds their value, as a list; in `seen`
  * they get their counts. All must be of `board`, whose alarm wakes; `awaited` becomes what the

@@ -105,6 +105,13 @@ class BoundSlot(ABC, Generic[M]):
         """
 
     @abstractmethod
+    def reserve(self) -> None:
+        """Reserve what this process needs to add, so that an add cannot find the board full.
+
+        Raise :class:`.BoardFullError`. Without this, the first add reserves it.
+        """
+
+    @abstractmethod
     def retire(self) -> None:
         """Let this handle add no more: from now on that raises :class:`.SlotRetiredError`.
 

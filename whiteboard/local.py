@@ -108,6 +108,9 @@ class _LocalSlot(BoundSlot[M]):
         self._added = added.number
         return added.number
 
+    def reserve(self) -> None:
+        self._board.check_open()
+
     def retire(self) -> None:
         self._retired = True
 

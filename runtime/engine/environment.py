@@ -55,7 +55,7 @@ class Attendant(Protocol):
 
     @property
     def reachable(self) -> bool:
-        """Whether other processes can see the machines and request something of them."""
+        """Whether another process can resume a machine that has failed."""
         ...
 
     def obey(self) -> None:
@@ -216,8 +216,13 @@ class BoardEnvironment(Environment):
         return BoardAgedRead(sensor, self._reader(machine, slot), self.clock, start_count)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
-        """Return the `add` of a handle that is the machine's own."""
+        """Return the `add` of a handle that is the machine's own.
+
+        What it needs is reserved now: a machine that runs must not find the whiteboard full when it
+        stops the robot.
+        """
         publisher = self.whiteboard.publisher(slot)
+        publisher.reserve()
         self.news.posts(machine, slot.name, publisher)
         return publisher.add
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.environment import Attendant, BoardEnvironment
 from ..engine.errors import OptionError
+from ..engine.failure import logger
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, Slot
@@ -49,22 +50,26 @@ class LiveEnvironment(BoardEnvironment):
         self._releases: dict[str, Callable[[], None]] = {}  # of each machine's claims
 
     def attend(self, arrangement: Arrangement) -> Attendant | None:
-        """Return what publishes the machines' statuses; None if the whiteboard has gone."""
+        """Return what publishes the machines' statuses; None if the board has gone, or is full."""
         if not self.alive:
             return None
-        from llfsm.whiteboard.messages.llfsm import BELL  # here, as few need the messages
+        from llfsm.whiteboard.errors import BoardFullError  # here, as few need the messages
+        from llfsm.whiteboard.messages.llfsm import BELL
 
         from .reporting import Presence
 
-        self._presence = Presence(
-            arrangement,
-            self.whiteboard,
-            self._handover,
-            self.clock,
-            self._will_after_ms,
-            self._claimed(),
-        )
-        self.news.heed(self.whiteboard[BELL])
+        try:
+            self._presence = Presence(
+                arrangement,
+                self.whiteboard,
+                self._handover,
+                self.clock,
+                self._will_after_ms,
+                self._claimed(),
+            )
+            self.news.heed(self.whiteboard[BELL])
+        except BoardFullError as error:  # not even what all machines share has room
+            logger().warning("machines cannot be published on the whiteboard: %s", error)
         return self._presence
 
     def loaded(self, machine: str, path: str) -> None:

@@ -7,9 +7,12 @@ import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
-from llfsm.whiteboard.errors import BoardClosedError, MessageError, WhiteboardError
+from llfsm.whiteboard.errors import (
+    BoardClosedError,
+    WhiteboardError,
+)
 from llfsm.whiteboard.liveness import born, host_name, is_local, pid_namespace, process_text
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import (
@@ -17,29 +20,23 @@ from llfsm.whiteboard.messages.llfsm import (
     MACHINES,
     VIEWER,
     Bell,
-    MachineRequest,
     MachineStatus,
-    definition_slot,
-    request_slot,
     status_slot,
-    variables_slot,
 )
 
 from ..engine.errors import UnknownMachineError
 from ..engine.failure import logger, one_line
-from ..engine.machine import Machine
 from ..journal.handover import Handover, Reporter
 from .commanders import Claims
-from .description import definition_of, variables_of
-from .remote import Directory, is_live
-from .will import Will
+from .published import Published, PublishedMachine
+from .remote import Directory
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, BoundSlot, Message, Slot
+    from llfsm.whiteboard import Board
 
     from ..engine.arrangement import Arrangement
     from ..engine.clock import Clock
-    from ..engine.seat import Arrival, Failure
+    from ..engine.seat import Arrival
 
 __all__ = ["Presence"]
 
@@ -47,110 +44,6 @@ _PAUSE_NS = 20_000_000  # between two posts; a viewer does not look more often
 _BEAT_NS = 250_000_000  # a status that still holds is posted again after so long
 _VIEW_NS = 2_000_000_000  # a viewer that has posted its presence looks for so long
 _VARIABLES_NS = 100_000_000
-
-
-class _Published(NamedTuple):
-    """The part of a status that is posted as soon as it changes."""
-
-    state: str
-    suspended: bool
-    pending: str
-    obeyed: int
-    entered_ns: int | None
-    failure: Failure | None
-    hang: str
-
-
-class _Entry:
-    """The slots of one machine. The machine of another process may have its name there."""
-
-    def __init__(
-        self,
-        board: Board,
-        name: str,
-        machine: Machine,
-        safe_values: list[tuple[Slot[Any], Message]],
-        silent_ms: int,
-    ):
-        self._board = board
-        self._machine = machine
-        self._safe_values = safe_values
-        self._silent_ms = silent_ms
-        self.name = self.published_name = name
-        self.namesake: MachineStatus | None = None  # of the live machine that has the name
-        self._will: Will | None = None
-        self._take()
-
-    def _take(self) -> None:
-        """Claim a name that no live machine has: `P`, else `P.0`, `P.1` …, as in an arrangement."""
-        names, number = self.name, -1
-        while True:
-            self._slot = self._board[status_slot(names)]
-            sample = self._slot.sample()
-            if sample is None or not is_live(sample):
-                break
-            self.namesake = self.namesake or sample.message
-            number += 1
-            names = f"{self.name}.{number}"
-        self.published_name = names
-        if self._will is not None:  # under the name that another process has claimed, too
-            self._will.withdraw()
-        self._will = None
-        if self._safe_values:
-            self._will = Will(self._board, names, self._safe_values, self._silent_ms)
-            self._will.leave()
-        self._requests: BoundSlot[MachineRequest] = self._board[request_slot(names)]
-        self.obeyed = self._requests.count  # those were for an earlier process
-        self._count = 0
-        self.published: _Published | None = None
-        self.beat_ns = 0
-        self._variables = variables_slot(names)
-        self._define(names)
-
-    def _define(self, names: str) -> None:
-        """Post the definition; without code if that is too large or not text."""
-        for sections in (True, False):
-            definition = definition_of(type(self._machine).table, sections=sections)
-            with suppress(MessageError):
-                self._board[definition_slot(names)].add(definition)
-                return
-
-    def post_variables(self) -> None:
-        """Post the machine's variables, if it has any."""
-        if type(self._machine).table.variables:
-            self._board[self._variables].add(variables_of(self._machine))
-
-    def keep(self) -> None:
-        """Keep the name, or claim another one if another process claimed it at the same moment.
-
-        Leave the last will again if a guard has executed it.
-        """
-        if self._count and self._slot.count != self._count:
-            sample = self._slot.sample()
-            if sample is not None and is_live(sample):
-                self._take()
-        if self._will is not None:
-            self._will.keep()
-
-    def post(self, published: _Published, status: MachineStatus, now_ns: int) -> None:
-        """Post the status."""
-        self._count = self._slot.add(status)
-        self.published, self.beat_ns = published, now_ns
-
-    def request(self) -> str | None:
-        """Return the request that came since the last call: the latest replaces the others."""
-        sample = self._requests.sample()
-        if sample is None or sample.count == self.obeyed:
-            return None
-        self.obeyed = sample.count
-        return sample.message.action
-
-    def leave(self) -> None:
-        """Post that the machine is gone."""
-        if self._will is not None:
-            self._will.withdraw()
-        if self.published is not None and self._slot.count == self._count:
-            self._slot.add(MachineStatus(self.published.state, loaded=False))
 
 
 class Presence:
@@ -176,7 +69,7 @@ class Presence:
         self._board = board
         self._pid = os.getpid()
         self._born = born(self._pid)
-        self._entries: dict[str, _Entry] = {}
+        self._entries: dict[str, PublishedMachine] = {}
         self._marks: dict[str, tuple[object, ...]] = {}  # of the machines as last published
         self._beat_due_ns = 0  # when the first of them is to be published again
         self._bell = board[BELL]
@@ -189,14 +82,17 @@ class Presence:
         self._view_ends_ns = self._variables_due_ns = self._now()
         self._reporter = Reporter(arrangement, board, handover)
         self._due_ns = 0
-        self._works = True
+        self._hidden: set[str] = set()  # machines that cannot be published
+        self._has_warned = False
         self._lock = threading.Lock()  # a watchdog posts, too
         self.look(idle=True)
 
     @property
     def reachable(self) -> bool:
-        """Whether the machines are published on a board that other processes have, too."""
-        return self._works and not isinstance(self._board, LocalBoard)
+        """Whether another process can resume one of the machines that have failed."""
+        published = self._entries.keys() - self._hidden
+        can_be = not published.isdisjoint(self._arrangement.failed_machines)
+        return can_be and not isinstance(self._board, LocalBoard)
 
     def look(self, *, idle: bool) -> None:
         """Obey requests; then post what has changed, if there is time (`idle`) or it is due."""
@@ -204,12 +100,11 @@ class Presence:
         now_ns = self._now()
         if idle or now_ns >= self._due_ns:
             self._due_ns = now_ns + _PAUSE_NS
-            if self._works:
-                with self._lock, self._tolerating_the_board():
-                    self._post(now_ns)
-                    self._claims.look()
-                    if self._has_rung:
-                        self._report_namesakes()
+            with self._lock, self._tolerating_the_board():
+                self._post(now_ns)
+                self._claims.look()
+                if self._has_rung:
+                    self._report_namesakes()
             self._reporter.look()
 
     def obey(self) -> None:
@@ -225,14 +120,13 @@ class Presence:
 
     def add(self, name: str) -> None:
         """Claim the slots of a machine that was loaded."""
-        if self._works:
-            with self._lock, self._tolerating_the_board():
-                self._add(name)
+        with self._lock, self._tolerating_the_board(), self._publishing(name):
+            self._add(name)
 
     def publish_hang(self, name: str) -> None:
         """Post the status of a machine whose code hangs; called by the watchdog's thread."""
         with self._lock, self._tolerating_the_board(), suppress(UnknownMachineError):  # it has left
-            entry = self._entries.get(name)
+            entry = None if name in self._hidden else self._entries.get(name)
             if entry is not None and entry.published is not None:
                 now_ns = self._now()
                 latest = entry.published._replace(hang=self._arrangement.hang(name))
@@ -255,8 +149,20 @@ class Presence:
         except BoardClosedError:  # which stops the arrangement, when it looks
             pass
         except WhiteboardError as error:
-            self._works = False
-            logger().warning("machines cannot be published on the whiteboard: %s", error)
+            if not self._has_warned:
+                self._has_warned = True
+                logger().warning("not all can be published on the whiteboard: %s", error)
+
+    @contextmanager
+    def _publishing(self, name: str) -> Iterator[None]:
+        """Log once that a machine cannot be published, and do not try it again; others can be."""
+        try:
+            yield
+        except BoardClosedError:
+            raise
+        except WhiteboardError as error:
+            self._hidden.add(name)
+            logger().warning("%s cannot be published on the whiteboard: %s", name, error)
 
     def _obey_all(self) -> None:
         obey = {
@@ -276,22 +182,26 @@ class Presence:
     def _post(self, now_ns: int) -> None:
         marks = self._arrangement.marks()
         if marks != self._marks or now_ns >= self._beat_due_ns:
+            self._hidden &= marks.keys()
             for name in self._entries.keys() - marks:
-                self._entries.pop(name).leave()
                 self._namesakes.pop(name, None)
+                self._entries.pop(name).leave()
             for name, mark in marks.items():
-                entry = self._entries.get(name) or self._add(name)
-                if mark != self._marks.get(name) or now_ns - entry.beat_ns >= _BEAT_NS:
-                    self._describe(entry, now_ns)
+                if name not in self._hidden:
+                    with self._publishing(name):
+                        entry = self._entries.get(name) or self._add(name)
+                        if mark != self._marks.get(name) or now_ns - entry.beat_ns >= _BEAT_NS:
+                            self._describe(entry, now_ns)
             self._marks = marks
-            beats = [entry.beat_ns for entry in self._entries.values()]
+            shown = self._entries.keys() - self._hidden
+            beats = [self._entries[name].beat_ns for name in shown]
             self._beat_due_ns = min(beats, default=now_ns) + _BEAT_NS
         self._post_variables(now_ns)
 
-    def _describe(self, entry: _Entry, now_ns: int) -> None:
+    def _describe(self, entry: PublishedMachine, now_ns: int) -> None:
         standing = self._arrangement.standing(entry.name)
         arrival = self._arrangement.arrival(entry.name)
-        latest = _Published(
+        latest = Published(
             standing.state,
             standing.suspended,
             standing.request or "",
@@ -307,8 +217,8 @@ class Presence:
             if entry.published_name != self._namesakes.get(entry.name, entry.name):
                 self._report_name(entry)
 
-    def _add(self, name: str) -> _Entry:
-        entry = self._entries[name] = _Entry(
+    def _add(self, name: str) -> PublishedMachine:
+        entry = self._entries[name] = PublishedMachine(
             self._board,
             name,
             self._arrangement.machine(name),
@@ -317,7 +227,7 @@ class Presence:
         )
         return entry
 
-    def _report_name(self, entry: _Entry) -> None:
+    def _report_name(self, entry: PublishedMachine) -> None:
         """Log that a machine has another name on the board, and let the namesake look for it."""
         self._namesakes[entry.name] = entry.published_name
         if entry.namesake is not None:
@@ -356,11 +266,10 @@ class Presence:
         if self._variables_due_ns <= now_ns < self._view_ends_ns:
             self._variables_due_ns = now_ns + _VARIABLES_NS
             for entry in self._entries.values():
-                entry.post_variables()
+                with self._tolerating_the_board():
+                    entry.post_variables()
 
-    def _status(
-        self, name: str, latest: _Published, arrival: Arrival, now_ns: int
-    ) -> MachineStatus:
+    def _status(self, name: str, latest: Published, arrival: Arrival, now_ns: int) -> MachineStatus:
         ringlets, overruns = self._arrangement.progress(name)
         entered_ns = now_ns if latest.entered_ns is None else latest.entered_ns
         return MachineStatus(

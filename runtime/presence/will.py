@@ -51,8 +51,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Executed", "Will", "execute", "reserve"]
 
-_NEVER = 1 << 48  # no slot's count
-
 
 class Will:
     """The last will of a loaded machine."""
@@ -152,9 +150,8 @@ def execute(
 def reserve(board: Board, will: LastWill) -> None:
     """Reserve what executing a will takes, so that it works on a board that is full by then."""
     for value in will.values:
-        with suppress(WhiteboardError, msgspec.MsgspecError, ValueError):
-            bound, message = _bind(board, value)
-            bound.add_after(message, _NEVER)
+        with suppress(WhiteboardError):
+            board[board.find(value.slot)].reserve()
 
 
 def _is_gone(will: LastWill) -> bool:

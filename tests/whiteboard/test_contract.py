@@ -62,6 +62,17 @@ def test_a_slot_for_each_message_needs_no_memory(board: Board) -> None:
     assert growth_of(lambda: use(300)) < 20_000
 
 
+def test_reserving_adds_nothing(board: Board) -> None:
+    point = board[POINT]
+    for count in (0, 1):
+        point.reserve()
+        assert point.count == count
+        point.add(Point())
+    board.close()
+    with pytest.raises(BoardClosedError):
+        point.reserve()
+
+
 def test_the_latest_message_is_got(board: Board) -> None:
     for x in range(20):
         board.add_message(POINT, Point(x=float(x)))

@@ -62,6 +62,8 @@ there = {Slot(f"s{i}", String, capacity=2000): String("x" * 1900) for i in range
 for slot, message in there.items():
     board.add_message(slot, message)
 board[large]
+reserved = board[Slot("reserved", Int64)]
+reserved.reserve()
 number = board[Slot("number", Int64)]
 number.add(Int64(1))
 fill()
@@ -83,7 +85,10 @@ taken = end()
 refused(lambda: board.add_message(large, String("")))
 refused(lambda: other.add_message(large, String("")))
 refused(lambda: other.add_message(Slot("s0", String, 2000), String("y")))
+refused(board[large].reserve)
 assert end() == taken
+assert reserved.count == 0
+assert reserved.add(Int64(1)) == 1
 assert board.get_message(large) is None
 check(board), check(other)
 

@@ -679,6 +679,13 @@ static inline int lwb_own(struct lwb_slot *s)
     return s->own ? LWB_OK : lwb_why();
 }
 
+/* Reserve what this process needs to add to the slot: adds need no more memory after that. */
+static inline int lwb_make_ready(struct lwb_slot *s)
+{
+    struct lwb_board *b = s->board;
+    return s->own && s->writer == b->writer && *b->same ? LWB_OK : lwb_own(s);
+}
+
 /* Wake the waiting processes, after the swap. `waiting` becomes even and a new number, so a process
  * that was about to sleep on the odd number does not, but reads the word again. (With a mere flag
  * it would sleep with the flag cleared, and the next writer would not wake it.) */
@@ -730,11 +737,9 @@ static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t len
     if (length > s->capacity)
         return LWB_TOO_LARGE;
     struct lwb_board *b = s->board;
-    if (!s->own || s->writer != b->writer || !*b->same) {
-        int status = lwb_own(s);
-        if (status)
-            return status;
-    }
+    int status = lwb_make_ready(s);
+    if (status)
+        return status;
     lwb_atomic64 *slot_word = &s->record->word;
     uint64_t word = atomic_load_explicit(slot_word, memory_order_relaxed);
     if (lwb_writer_of(word) == (unsigned)s->writer && lwb_buffer_of(word) == (unsigned)s->next)
