@@ -21,7 +21,7 @@ VENV_MADE := $(VENV)/pyvenv.cfg
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test check safety bench soak sanitize clean
+.PHONY: help setup demo test check safety bench soak sanitize wheel lock clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
@@ -33,12 +33,14 @@ help:
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
 	@echo "               processes are, ten topics at 1 kHz, three hosts, killed machines: half an hour"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
+	@echo "make wheel     build the wheels and test ours on each Python of this machine"
+	@echo "make lock      lock the newest versions of all dependencies that pyproject.toml allows"
 	@echo "make clean     remove .venv and what was built"
 
-setup: $(VENV)/.ready
+setup: $(VENV)/.ready-setup
 	@echo "ready: $(BIN)/llfsm --help"
 
-demo: $(VENV)/.ready
+demo: $(VENV)/.ready-setup
 	@$(BIN)/llfsm demo wall --seconds 20 --picture out/wall --view
 
 # Without other plugins: a sourced ROS 2 environment brings some of its own. A worker more than there
@@ -61,13 +63,13 @@ check: $(VENV)/.ready-test
 # The header under many threads, then the extension under the whiteboard's tests: without the leak
 # checker, which cannot tell what the interpreter leaves on purpose, and without the test of memory.
 sanitize: $(VENV)/.ready-test
-	@rm -rf $(SANITIZED) && mkdir -p $(SANITIZED)
+	@rm -rf $(SANITIZED) build && mkdir -p $(SANITIZED)
 	$(CC) $(STRESS_FLAGS) $(THREAD) tests/stress/stress.c -o $(SANITIZED)/thread
 	$(SANITIZED)/thread $(SANITIZE_SECONDS)
 	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/stress.c -o $(SANITIZED)/address
 	$(SANITIZED)/address $(SANITIZE_SECONDS)
 	CFLAGS="-g -O1 $(ADDRESS)" $(BIN)/python -m pip install --quiet --no-deps \
-	    --disable-pip-version-check --target $(SANITIZED)/site .
+	    --no-build-isolation --disable-pip-version-check --target $(SANITIZED)/site .
 	$(UNDER_ASAN) $(BIN)/python -c \
 	    "import llfsm.whiteboard._shm as shm; assert '$(SANITIZED)' in shm.__file__"
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/whiteboard tests/stress \
@@ -91,19 +93,34 @@ soak: $(VENV)/.ready-test
 	PYTHONPATH=tests $(BIN)/python tests/soak/hosts.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/guard.py
 
-# One stamp a set of extras; each is made again when what it depends on changes.
-$(VENV)/.ready: EXTRAS = draw,ros,hosts,record,view
-$(VENV)/.ready-test: EXTRAS = test,draw,ros,hosts,record,view
-$(VENV)/.ready-bench: EXTRAS = bench,draw,ros,hosts,view
+# What each kind of work needs: a stamp says that it is installed, and a lock file exactly what that is.
+# Beside ROS 2, what is installed with it counts, in the versions that it has.
+EXTRAS_setup := draw,ros,hosts,record,view
+EXTRAS_test := test,$(EXTRAS_setup)
+EXTRAS_bench := bench,draw,ros,hosts,view
+EXTRAS_release := release
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-bench: $(SOURCES) $(VENV_MADE)
+$(VENV)/.ready-%: .ci/locks/%.txt $(SOURCES) $(VENV_MADE)
 	@sh .ci/prerequisites >/dev/null
-	@echo "installing llfsm[$(EXTRAS)] into $(VENV) ..."
+	@echo "installing llfsm[$(EXTRAS_$*)] into $(VENV) ..."
 	@find runtime whiteboard -name '*.so' -delete # one by another name could be found first
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
+ifneq ($(AMENT_PREFIX_PATH),)
+	@$(INSTALL) -e '.[$(EXTRAS_$*)]'
+else
+	@$(INSTALL) --require-hashes -r $<
+	@$(INSTALL) --no-deps --no-build-isolation -e .
+endif
 	@$(BIN)/python -c 'import llfsm.whiteboard._shm' || \
 	    { echo "the shared-memory extension was not built; see: $(BIN)/pip install -v -e ." >&2; exit 1; }
 	@touch $@
+
+wheel: $(VENV)/.ready-release $(VENV)/.ready-test
+	$(BIN)/python .ci/wheel.py
+
+lock: $(VENV)/.ready-release
+	$(BIN)/python .ci/lock.py setup=$(EXTRAS_setup) test=$(EXTRAS_test) bench=$(EXTRAS_bench) \
+	    release=$(EXTRAS_release)
 
 $(VENV)/pyvenv.cfg:
 	@python=$$(sh .ci/prerequisites) && $$python -m venv $(VENV)

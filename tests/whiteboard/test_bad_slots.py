@@ -27,6 +27,8 @@ from llfsm.whiteboard.mirror.store import Store
 from llfsm.whiteboard.mirror.version_log import NoVersionLog
 from own_boards import own_board
 
+pytestmark = pytest.mark.compiler
+
 ROOT = Path(__file__).parents[2]
 GOOD = Slot("good", Int32)
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.compiler
+
 INCLUDE = Path(__file__).parents[2] / "whiteboard/include"
 STRICT = ["-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
 

@@ -124,6 +124,7 @@ def grown(chance: random.Random, depth: int) -> str:
     return f"{left} {sign} {right}"
 
 
+@pytest.mark.compiler
 def test_the_compiler_agrees(tmp_path: Path) -> None:
     """Compile what is translated, and compare the values, which are the same in C and C++."""
     chance = random.Random(1)
