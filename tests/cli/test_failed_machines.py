@@ -176,7 +176,7 @@ def test_a_run_ends_if_nobody_can_reach_its_failed_machine(
             wb.add_message(Slot(f"s{number}", Bell), Bell())
     done = llfsm.run("run", "fragile:Fragile", "--on-error", "suspend", "-q", "-b", board)
     assert done.returncode == 1
-    assert "machines cannot be published on the whiteboard" in done.stderr
+    assert "Fragile cannot be published on the whiteboard" in done.stderr
     assert done.stderr.splitlines()[-1] == (
         "Error: Fragile failed, and no other process can resume it: the run has ended"
     )
