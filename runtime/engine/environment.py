@@ -1,8 +1,9 @@
 """The environment of an arrangement: the one door through which machines learn and act.
 
-The clock, reading a sensor, posting by an actuator, machines of other processes and requests from
-outside: all of it passes here and nowhere else. The ringlet, the seat and the schedule know only
-this interface, so what is recorded, replayed and tested is the code that runs.
+The clock, reading a sensor, posting by an actuator, machines of other processes, requests from
+outside and the news that ends an idle sleep: all of it passes here and nowhere else. The ringlet,
+the seat and the schedule know only this interface, so what is recorded, replayed and tested is the
+code that runs.
 
 `Environment` is a world without a whiteboard and the base of all others; `BoardEnvironment` reads
 and posts on one. An environment that records, replays or scripts replaces or wraps these.
