@@ -31,7 +31,8 @@ help:
 	@echo "make safety    measure how soon the robot stops, whatever happens (2 min)"
 	@echo "make bench     measure us and the peers in one run"
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
-	@echo "               processes are, ten topics at 1 kHz, three hosts, killed machines: half an hour"
+	@echo "               processes are, ten topics at 1 kHz, three hosts, a hostile one, killed machines:"
+	@echo "               half an hour"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make wheel     build the wheels and test ours on each Python of this machine"
 	@echo "make lock      lock the newest versions of all dependencies that pyproject.toml allows"
@@ -91,6 +92,7 @@ soak: $(VENV)/.ready-test
 	PYTHONPATH=tests $(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
 	PYTHONPATH=tests $(BIN)/python tests/soak/relays.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/hosts.py
+	PYTHONPATH=tests $(BIN)/python tests/soak/hostile.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/guard.py
 
 # What each kind of work needs: a stamp says that it is installed, and a lock file exactly what that is.

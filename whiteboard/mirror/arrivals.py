@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 
 import msgspec
@@ -25,6 +25,7 @@ _VALUES = decoder(Value)
 _DECLARATIONS = decoder(Declaration)
 _MAX_UNKNOWN = 4096  # types of senders to keep track of
 _MAX_DECLARATION = 1 << 20  # bytes, as of a schema on a board
+_BYTES_OF_TIME = 64  # of a declaration cost as much time as a message, at least
 _MAX_REASON = 1000  # characters kept of why a slot cannot be used
 _NAMES_NS = 50_000_000  # between two looks for an unknown name: each reads the whole board
 _NOTHING = matcher(())
@@ -84,32 +85,36 @@ class Arrivals:
         self.conflicts = 0
         self.held_back = 0
 
-    def apply(self, source: Source, batch: ReceivedBatch) -> None:
-        """Add the messages of a batch; each one that cannot enter is refused on its own."""
+    def steps(self, source: Source, batch: ReceivedBatch) -> Iterator[None]:
+        """Add the messages of a batch, one in each step; one that cannot enter is refused alone."""
+        account = self._quotas.account(source.name)
         declared = {}
         for raw in batch.declarations:
-            if memoryview(raw).nbytes > _MAX_DECLARATION:
+            size = memoryview(raw).nbytes
+            account.charge(self._now_ns(), messages=1 + size // _BYTES_OF_TIME)
+            if size > _MAX_DECLARATION:
                 self._refusals.add("a declaration that is too long", "a declaration is too long")
-                continue
-            declaration = self._decode(_DECLARATIONS, raw, "declaration")
-            if declaration is not None:
+            elif (declaration := self._decode(_DECLARATIONS, raw, "declaration")) is not None:
                 declared[declaration.slot] = declaration
+            yield
         for raw in batch.values:
+            account.charge(self._now_ns(), messages=1)
             value = self._decode(_VALUES, raw, "message")
-            if value is None:
-                continue
-            if not self._may_add(source, value.slot):
-                continue
-            try:
-                route = self._routes.known(value.slot)
-                if route is None or route.cell.kind != value.kind or not route.enters:
-                    route = self._find_route(source, value, declared.get(value.slot))
-                if route is not None and self._is_timely(source, value):
-                    self._enter(source, route, value)
-            except BoardClosedError:
-                return
-            except (Refused, WhiteboardError) as error:
-                self._refuse(source, value.slot, error)
+            if value is not None and self._may_add(source, value.slot):
+                try:
+                    self._add(source, value, declared.get(value.slot))
+                except BoardClosedError:
+                    return
+                except (Refused, WhiteboardError) as error:
+                    self._refuse(source, value.slot, error)
+            yield
+
+    def _add(self, source: Source, value: Value, declaration: Declaration | None) -> None:
+        route = self._routes.known(value.slot)
+        if route is None or route.cell.kind != value.kind or not route.enters:
+            route = self._find_route(source, value, declaration)
+        if route is not None and self._is_timely(source, value):
+            self._enter(source, route, value)
 
     def _may_add(self, source: Source, slot: str) -> bool:
         """Return whether the sender may add to a slot, which other hosts may do, too."""

@@ -42,6 +42,7 @@ T = TypeVar("T")
 _BATCHES = decoder(ReceivedBatch)
 _HEARTBEATS = decoder(Heartbeat)
 _QUERIES = decoder(StateQuery)
+_DONE = object()
 _MAX_LISTED = 50  # hosts, and kinds of refusals, in a status
 
 
@@ -83,7 +84,7 @@ class Exchange:
         self._settings = settings
         self._now_ns = now_ns
         self._wall_ns = wall_ns
-        self._lock = threading.RLock()
+        self._lock = threading.Lock()
         self._born = wall_ns()
         self._number = 0
         self._changed: dict[str, Route] = {}  # in the order of the changes
@@ -194,10 +195,10 @@ class Exchange:
 
         `name` is the one in its certificate. What it makes this host send counts as its traffic.
         """
+        query = self._admit(_QUERIES, data, name, "query")
+        if query is None:
+            return []
         with self._lock:
-            query = self._admit(_QUERIES, data, name, "query")
-            if query is None:
-                return []
             known, store, routes = dict(query.known), self._store, self._routes.all()
             newer = [
                 route.cell
@@ -219,52 +220,58 @@ class Exchange:
 
     def receive_batch(self, data: bytes, name: str = "") -> None:
         """Handle a batch."""
-        with self._lock:
-            batch = self._admit_batch(data, name, "batch")
-            if batch is not None and batch.sender != self._store.host:
-                source = Source(name, batch.sender)
-                self._arrivals.apply(source, batch)
-                self._peers.receive(source, batch, self._now_ns(), self._wall_ns())
+        batch = self._admit(_BATCHES, data, name, "batch")
+        if batch is not None and batch.sender != self._store.host:
+            source = Source(name, batch.sender)
+            if self._apply(source, batch):
+                with self._lock:
+                    self._peers.receive(source, batch, self._now_ns(), self._wall_ns())
 
     def receive_heartbeat(self, data: bytes, name: str = "") -> bool:
         """Handle a heartbeat; return whether it is the first one of that host."""
+        heartbeat = self._admit(_HEARTBEATS, data, name, "heartbeat")
+        if heartbeat is None or heartbeat.sender == self._store.host:
+            return False
+        source = Source(name, heartbeat.sender)
         with self._lock:
-            heartbeat = self._admit(_HEARTBEATS, data, name, "heartbeat")
-            if heartbeat is None or heartbeat.sender == self._store.host:
-                return False
-            source = Source(name, heartbeat.sender)
             return self._peers.receive(source, heartbeat, self._now_ns(), self._wall_ns())
 
     def receive_reply(self, data: bytes, name: str = "") -> None:
         """Handle one part of a reply."""
-        with self._lock:
-            batch = self._admit_batch(data, name, "reply")
-            if batch is not None:
-                self._arrivals.apply(Source(name, batch.sender), batch)
+        batch = self._admit(_BATCHES, data, name, "reply")
+        if batch is not None:
+            self._apply(Source(name, batch.sender), batch)
+
+    def _apply(self, source: Source, batch: ReceivedBatch) -> bool:
+        """Add the messages of a batch; return False if its sender is over its rate before the end.
+
+        The lock is released after each, so that a batch that takes long holds nobody up.
+        """
+        steps, account = self._arrivals.steps(source, batch), self._quotas.account(source.name)
+        while True:
+            with self._lock:
+                if next(steps, _DONE) is _DONE:
+                    return True
+                if account.is_over(self._now_ns()):
+                    return False
 
     def end_reply(self, query: Query, *, complete: bool = True) -> None:
         """Record that all parts of a reply have arrived, or that none will."""
         with self._lock:
             self._peers.end_reply(query.source, query.gaps if complete else 0)
 
-    def _admit_batch(self, data: bytes, name: str, what: str) -> ReceivedBatch | None:
-        """Return a batch; None if it is malformed, or over the rates of its sender."""
-        batch = self._admit(_BATCHES, data, name, what)
-        if batch is not None:
-            messages = len(batch.values) + len(batch.declarations)
-            self._quotas.account(name).charge(self._now_ns(), messages=messages)
-        return batch
-
     def _admit(
         self, decoder: msgspec.msgpack.Decoder[T], data: bytes, name: str, what: str
     ) -> T | None:
         """Return decoded data; None if it is malformed, or over the rates of its sender."""
-        if not self._quotas.account(name).admits(len(data), self._now_ns()):
-            return None
+        with self._lock:
+            if not self._quotas.account(name).admits(len(data), self._now_ns()):
+                return None
         try:
             return decoder.decode(data)
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
-            self._refusals.add(f"malformed {what}", f"malformed {what}: {error}")
+            with self._lock:
+                self._refusals.add(f"malformed {what}", f"malformed {what}: {error}")
             return None
 
     def enter_held(self) -> None:

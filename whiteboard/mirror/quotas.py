@@ -57,6 +57,12 @@ class Account:
         self._traffic.charge(size, now_ns)
         return True
 
+    def is_over(self, now_ns: int) -> bool:
+        """Return whether a batch takes so much that its rest has to be dropped; counted if so."""
+        over = not self._messages.is_paid(now_ns + _BURST_NS)
+        self.over_rate += over
+        return over
+
     def charge(self, now_ns: int, *, messages: int, size: int = 0) -> None:
         """Take the time for messages, looked at or sent, and the traffic for what is sent."""
         self._messages.charge(messages, now_ns)

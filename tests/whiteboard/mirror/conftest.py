@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from certificates import make_certificate
 from free_ports import free_endpoint
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from programs import program
@@ -141,31 +142,8 @@ def certify(tmp_path: Path) -> Certify:
     folder = tmp_path / "certificates"
     folder.mkdir()
 
-    def openssl(command: str) -> None:
-        subprocess.run(["openssl", *command.split()], cwd=folder, check=True, capture_output=True)
-
-    key = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -noenc"
-
     def certify(name: str, authority: str, trusts: str | None = None) -> Path:
-        if not (folder / f"{authority}.pem").exists():
-            openssl(f"req -x509 {key} -keyout {authority}.key -out {authority}.pem -days 2 "
-                    f"-subj /CN={authority}")  # fmt: skip
-        openssl(f"req -x509 {key} -keyout {name}.key -out {name}.pem -days 2 -subj /CN={name} "
-                f"-CA {authority}.pem -CAkey {authority}.key "
-                "-addext basicConstraints=critical,CA:FALSE "
-                "-addext subjectAltName=DNS:localhost,IP:127.0.0.1")  # fmt: skip
-        tls = {
-            "root_ca_certificate": str(folder / f"{trusts or authority}.pem"),
-            "enable_mtls": True,
-            **{
-                f"{side}_{what}": str(folder / f"{name}.{ending}")
-                for side in ("listen", "connect")
-                for what, ending in (("private_key", "key"), ("certificate", "pem"))
-            },
-        }
-        config = folder / f"{name}.json5"
-        config.write_text(json.dumps({"transport": {"link": {"tls": tls}}}))
-        return config
+        return make_certificate(folder, name, authority, trusts)
 
     return certify
 

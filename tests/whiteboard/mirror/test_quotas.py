@@ -83,19 +83,34 @@ def test_a_slot_that_cannot_be_made_is_tried_once_and_counted(
 
 
 def test_messages_over_the_rate_are_dropped_and_asked_for_later() -> None:
-    part = Part(quota={"messages": 100})
-    slots = [Slot(f"slot{number}", Number) for number in range(60)]
+    slots = [Slot(f"slot{number:02}", Number) for number in range(60)]
+    declared = Declaration("slot00", slots[0].capacity, slots[0].schema)
+    cost = 2 + len(msgspec.msgpack.encode(declared)) // 64  # with the message
+    part = Part(quota={"messages": 50 * cost})
     for number, slot in enumerate(slots, 1):
         declare(part, slot, number)
     for number in range(61, 300):
         part.exchange.receive_batch(batch(number, message=Number(number), time=10**12 + number))
-    assert part.exchange.status().entered == 51  # a declaration counts, too
+    assert part.exchange.status().entered == 51
     assert taken(part).over_rate == 9 + 239
     part.now_ns += SECOND
     part.exchange.receive_batch(batch(300, message=Number(300), time=10**12 + 300))
     assert part.get() == Number(300)
     assert [query.source.host for query in part.exchange.queries()] == [2]
     assert part.exchange.status().peers[0].lost == 248
+
+
+def test_the_rest_of_a_batch_over_the_rate_is_dropped() -> None:
+    part = Part(quota={"messages": 100})
+    values = [["", n] for n in range(4096)]
+    head = [2, 1, 1, 10**12]
+    part.exchange.receive_batch(msgspec.msgpack.encode([*head, values]))
+    assert part.refused() == {"malformed message": 201}  # as it may be ahead, and in debt
+    assert taken(part).over_rate == 1
+    declarations = [["", n, "x" * 640] for n in range(4096)]
+    part.now_ns += 10 * SECOND
+    part.exchange.receive_batch(msgspec.msgpack.encode([*head, [], declarations]))
+    assert part.refused()["malformed declaration"] == 19
 
 
 def test_traffic_over_the_rate_is_dropped() -> None:
