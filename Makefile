@@ -21,7 +21,7 @@ VENV_MADE := $(VENV)/pyvenv.cfg
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test check safety bench soak sanitize wheel lock clean
+.PHONY: help setup demo test check safety bench soak sanitize sanitized fuzz wheel lock clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
@@ -33,6 +33,7 @@ help:
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
 	@echo "               processes are, ten topics at 1 kHz, three hosts, a hostile one, killed machines:"
 	@echo "               half an hour"
+	@echo "make fuzz      damaged boards, messages, recordings and files for 20 minutes (MINUTES=...)"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make wheel     build the wheels and test ours on each Python of this machine"
 	@echo "make lock      lock the newest versions of all dependencies that pyproject.toml allows"
@@ -63,16 +64,11 @@ check: $(VENV)/.ready-test
 
 # The header under many threads, then the extension under the whiteboard's tests: without the leak
 # checker, which cannot tell what the interpreter leaves on purpose, and without the test of memory.
-sanitize: $(VENV)/.ready-test
-	@rm -rf $(SANITIZED) build && mkdir -p $(SANITIZED)
+sanitize: sanitized
 	$(CC) $(STRESS_FLAGS) $(THREAD) tests/stress/stress.c -o $(SANITIZED)/thread
 	$(SANITIZED)/thread $(SANITIZE_SECONDS)
 	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/stress.c -o $(SANITIZED)/address
 	$(SANITIZED)/address $(SANITIZE_SECONDS)
-	CFLAGS="-g -O1 $(ADDRESS)" $(BIN)/python -m pip install --quiet --no-deps \
-	    --no-build-isolation --disable-pip-version-check --target $(SANITIZED)/site .
-	$(UNDER_ASAN) $(BIN)/python -c \
-	    "import llfsm.whiteboard._shm as shm; assert '$(SANITIZED)' in shm.__file__"
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/whiteboard tests/stress \
 	    --ignore tests/whiteboard/mirror \
 	    --deselect tests/whiteboard/test_shared.py::test_a_process_that_uses_a_hundred_slots_is_small
@@ -81,6 +77,18 @@ sanitize: $(VENV)/.ready-test
 safety: $(VENV)/.ready-test
 	LLFSM_TIMES=check $(PYTEST) -q -s tests/bridges/ros2/stopping \
 	    tests/whiteboard/mirror/test_partition.py
+
+# llfsm with its extension under ASan.
+sanitized: $(VENV)/.ready-test
+	@rm -rf $(SANITIZED) build && mkdir -p $(SANITIZED)
+	CFLAGS="-g -O1 $(ADDRESS)" $(BIN)/python -m pip install --quiet --no-deps \
+	    --no-build-isolation --disable-pip-version-check --target $(SANITIZED)/site .
+	$(UNDER_ASAN) $(BIN)/python -c \
+	    "import llfsm.whiteboard._shm as shm; assert '$(SANITIZED)' in shm.__file__"
+
+MINUTES ?= 20
+fuzz: sanitized
+	$(UNDER_ASAN) PYTHONPATH=$(SANITIZED)/site:tests $(BIN)/python tests/fuzz/run.py --minutes $(MINUTES)
 
 bench: $(VENV)/.ready-bench
 	@mkdir -p out

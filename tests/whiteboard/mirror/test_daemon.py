@@ -134,6 +134,7 @@ def test_a_slot_of_another_type_is_refused_with_both_and_others_go_on(
 
     one, other = pair
     wait_for(lambda: other.get() == 1)
+    assert one.get(number_slot("word")) is None  # made here, before the other's can arrive
     other.board.add_message(Slot("word", Text), Text("mine"))
     one.add(7, number_slot("word"))
     one.add(8)

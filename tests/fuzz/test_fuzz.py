@@ -1,0 +1,66 @@
+"""The fuzzers themselves: targets run, seeds that have failed stay mended, faults are found."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+SEEDS: dict[str, list[int]] = json.loads((HERE / "seeds.json").read_text())
+TARGETS = ["segments", "cdr", "mirror", "recordings", "websocket", "bundles", "configuration"]
+
+TRY = """
+import logging, sys, tempfile
+from pathlib import Path
+from run import attempt
+from targets import TARGETS
+logging.disable()
+target, *seeds = sys.argv[1:]
+assert target in TARGETS
+for seed in seeds:
+    with tempfile.TemporaryDirectory() as folder:
+        attempt(target, int(seed), Path(folder))
+"""
+
+
+def run(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": f"{HERE.parent}:{HERE}"}
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(
+        command, text=True, capture_output=True, check=False, env=environment, timeout=100
+    )
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_target_accepts_what_is_damaged(target: str) -> None:
+    done = run(TRY, target, *map(str, [*SEEDS.get(target, []), *range(20)]))
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_seeds_are_of_targets() -> None:
+    assert SEEDS.keys() <= set(TARGETS)
+
+
+def test_a_fault_is_found_with_its_seed(tmp_path: Path) -> None:
+    """In a copy of the fuzzers, with a target that fails for some seeds."""
+    for name in ("run.py", "mutation.py", "targets.py", "seeds.json"):
+        (tmp_path / name).write_text((HERE / name).read_text())
+    with (tmp_path / "targets.py").open("a") as targets:
+        targets.write(
+            "def broken(choose, folder):\n    assert choose.random() < 0.9\n"
+            "TARGETS['broken'] = broken\n"
+        )
+    command = [sys.executable, str(tmp_path / "run.py"), "broken", "--first", "1"]
+    environment = os.environ | {"PYTHONPATH": str(HERE.parent)}
+    done = subprocess.run(
+        [*command, "--minutes", "1"], text=True, capture_output=True, check=False, env=environment
+    )
+    assert done.returncode == 1
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("broken: seed ")
+    assert lines[-1].endswith("5 failed")
