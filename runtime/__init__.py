@@ -30,12 +30,13 @@ from .engine.errors import (
     VariableError,
 )
 from .engine.events import Event, Observer, Reason, Request, Status
+from .engine.histogram import Spread
 from .engine.machine import Machine, define
 from .engine.observers import Trace
 from .engine.ports import Actuator, Sensor
 from .engine.schedule import Requirement, TimeSlot, Timetable
 from .engine.state import State, Transition
-from .engine.statistics import MachineStatistics, Spread
+from .engine.statistics import MachineStatistics
 from .engine.submachine import Submachine
 from .engine.table import REQUIRED, Table, Variable
 from .presence.live import LiveEnvironment

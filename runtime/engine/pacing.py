@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from .failure import logger
+from .histogram import Histogram
 
 if TYPE_CHECKING:
     from .clock import Clock
@@ -28,7 +29,8 @@ class Pacer:
 
     `next_ns` is when the next round is due, None before the first; `due_ns` and `deadline_ns` are
     those of the turn handed out last, which began at `begin_ns`; `skipped` counts the rounds that
-    were left out. `sleep_until` returns whether turns are still wanted.
+    were left out. `sleep_until` returns whether turns are still wanted. `lateness` is by how much
+    turns began after they were due, by machine, or of all rounds under "" where they have a period.
     """
 
     def __init__(self, cycle_us: int, clock: Clock, sleep_until: Callable[[int], bool]):
@@ -36,6 +38,7 @@ class Pacer:
         self.due_ns = 0
         self.deadline_ns = 0
         self.skipped = 0
+        self.lateness: dict[str, Histogram] = {}
         self._cycle_ns = cycle_us * 1_000
         self._clock = clock
         self._sleep_until = sleep_until
@@ -53,7 +56,7 @@ class Pacer:
             logger().warning("%.3g s behind: %d rounds are left out", behind_ns / 1e9, lost)
         self.due_ns = begin_ns
         self.deadline_ns = self.next_ns = begin_ns + self._cycle_ns
-        return self._wait(begin_ns)
+        return self._wait(begin_ns, "")
 
     def turns(self, slots: Iterable[TimeSlot], seats: Mapping[str, Seat]) -> Iterator[Seat | None]:
         """Yield the seat of each slot of the round when due; None if its machine is gone."""
@@ -61,11 +64,14 @@ class Pacer:
         for machine, start_us, deadline_us in slots:
             self.due_ns = begin_ns + start_us * 1_000
             self.deadline_ns = self.due_ns + deadline_us * 1_000
-            if not self._wait(self.due_ns):
+            if not self._wait(self.due_ns, machine):
                 return
             yield seats.get(machine)
 
-    def _wait(self, due_ns: int) -> bool:
+    def _wait(self, due_ns: int, machine: str) -> bool:
         wanted = self._sleep_until(due_ns)
         self.begin_ns = self._clock.now_ns()
+        if wanted:
+            late = self.lateness.get(machine) or self.lateness.setdefault(machine, Histogram())
+            late.add(max(self.begin_ns - due_ns, 0))
         return wanted

@@ -6,24 +6,16 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 from .failure import logger
+from .histogram import NEAR, Histogram, Spread, range_of
 
 if TYPE_CHECKING:
     from .clock import Clock
     from .pacing import Pacer
     from .seat import Seat
 
-__all__ = ["Histogram", "MachineStatistics", "Meter", "Spread", "Stopwatch"]
+__all__ = ["MachineStatistics", "Meter", "Stopwatch"]
 
-
-class Spread(NamedTuple):
-    """Half of the values are at most `p50`, 99 in 100 at most `p99`, all at most `max`.
-
-    Microseconds; the first two are right to a thirty-second (3 %), below 32 ns exactly.
-    """
-
-    p50: float
-    p99: float
-    max: float
+_AT_REST = object()
 
 
 class MachineStatistics(NamedTuple):
@@ -32,7 +24,8 @@ class MachineStatistics(NamedTuple):
     `state_s` are the seconds spent in each state, `cost_us` is how long ringlets took. With a
     period or a timetable, `jitter_us` is by how much the time from one turn to the next differed
     from the planned one, and `overruns` counts the turns that ended after their deadline, the
-    worst of them by `worst_overrun_us`.
+    worst of them by `worst_overrun_us`. `late_us` is by how much turns began after they were due;
+    `late_counts` counts those that were late by less than 1 us, less than 2 us, 4 us and so on.
     """
 
     machine: str
@@ -43,6 +36,8 @@ class MachineStatistics(NamedTuple):
     jitter_us: Spread | None
     overruns: int
     worst_overrun_us: float
+    late_us: Spread | None = None
+    late_counts: tuple[int, ...] = ()
 
 
 class Meter:
@@ -109,7 +104,7 @@ class Meter:
         self.rest(now_ns)
         self._late_ns = None
 
-    def read(self, now_ns: int) -> MachineStatistics:
+    def read(self, now_ns: int, lateness: Histogram | None) -> MachineStatistics:
         """Return the statistics up to now."""
         state_ns = dict(self._state_ns)
         if self.previous is not _AT_REST:
@@ -123,6 +118,8 @@ class Meter:
             self.jitters.spread(),
             self.overruns,
             self.worst_overrun_ns / 1e3,
+            None if lateness is None else lateness.spread(),
+            () if lateness is None else lateness.doublings(),
         )
 
 
@@ -147,7 +144,7 @@ class Stopwatch:
     def around(self, turn: Callable[[Seat], bool]) -> Callable[[Seat], bool]:
         """Return `turn`, timed by the meter of its machine."""
         now, pacer, meter_of = self._clock.now_ns, self._pacer, self._meter_of
-        near, near_ns, beat = _NEAR, len(_NEAR), self._pacer or self
+        near, near_ns, beat = NEAR, len(NEAR), self._pacer or self
 
         def timed_turn(seat: Seat) -> bool:
             fired = False
@@ -206,7 +203,11 @@ class Stopwatch:
     def read(self) -> tuple[MachineStatistics, ...]:
         """Return the statistics of all machines, in order of first turns."""
         now_ns = self._clock.now_ns()
-        return tuple(meter.read(now_ns) for meter in self._meters.values())
+        late = {} if self._pacer is None else self._pacer.lateness
+        return tuple(
+            meter.read(now_ns, late.get(name) or late.get(""))
+            for name, meter in self._meters.items()
+        )
 
     def end(self) -> None:
         """Stop counting time, and log which machines were late."""
@@ -220,70 +221,3 @@ class Stopwatch:
                     meter.ringlets,
                     meter.worst_overrun_ns / 1e3,
                 )
-
-
-class Histogram:
-    """Count durations in ranges that are a sixteenth to a thirty-second of them wide.
-
-    Those below 32 ns have a range each. Quantiles are the middles of ranges, so they are right to
-    a thirty-second. Its size is fixed, however long it counts.
-    """
-
-    __slots__ = ("counts", "longest_ns")
-
-    def __init__(self) -> None:
-        self.counts = [0] * _RANGES
-        self.longest_ns = 0
-
-    def add(self, ns: int) -> None:
-        """Count a duration, which is 0 or more."""
-        self.counts[range_of(ns)] += 1
-        self.longest_ns = max(self.longest_ns, ns)
-
-    @property
-    def total(self) -> int:
-        """The number of durations."""
-        return sum(self.counts)
-
-    def spread(self) -> Spread | None:
-        """Return how they are spread; None before the first."""
-        if not self.total:
-            return None
-        return Spread(self._quantile(0.5), self._quantile(0.99), self.longest_ns / 1e3)
-
-    def _quantile(self, part: float) -> float:
-        left = part * self.total
-        number = -1
-        while left > 0:
-            number += 1
-            left -= self.counts[number]
-        shift = _shift_of(number)
-        middle = (number - (shift << 4) + 0.5) * 2**shift if shift else number
-        return min(middle, self.longest_ns) / 1e3
-
-
-def _shift_of(number: int) -> int:
-    """Return which power of two is the width of a range."""
-    return max((number >> 4) - 1, 0)
-
-
-def range_of(ns: int) -> int:
-    """Return the number of a duration's range; the last one has no upper end."""
-    if ns < len(_NEAR):
-        return _NEAR[ns]
-    shift = ns.bit_length() - 5  # of ns >> shift the sixteens bit is set
-    return min((shift << 4) + (ns >> shift), _RANGES - 1)
-
-
-def _numbers(longest_ns: int) -> list[int]:
-    """Return the numbers of the ranges of all durations below the longest, to look them up."""
-    numbers: list[int] = []
-    while len(numbers) < longest_ns:
-        number = numbers[-1] + 1 if numbers else 0
-        numbers += [number] * (1 << _shift_of(number))
-    return numbers
-
-
-_AT_REST = object()
-_RANGES = 640  # those up to two hours
-_NEAR = _numbers(1 << 13)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.runtime.engine.statistics import Histogram, Spread, range_of
+from llfsm.runtime.engine.histogram import Histogram, Spread, range_of
 
 from .quantiles import TOLERANCE, exact
 

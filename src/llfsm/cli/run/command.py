@@ -19,7 +19,7 @@ from ..options import board_option, end_with_input, supervised_options
 from .arguments import parse_arguments
 from .nonstop import run_nonstop
 from .recorder_process import recorded
-from .report import StateReport, SuspensionReport, timing_table
+from .report import StateReport, SuspensionReport, latency_drawing, timing_table
 
 __all__ = ["run"]
 
@@ -201,7 +201,9 @@ def run(
                     reason = arrangement.run()
                 finally:
                     if timed:
-                        click.echo(timing_table(arrangement.statistics()), err=True)
+                        found = arrangement.statistics()
+                        texts = (timing_table(found), latency_drawing(found))
+                        click.echo("\n".join(filter(None, texts)), err=True)
                 if reason is Reason.FAILED:
                     failed = ", ".join(arrangement.failed_machines)
                     raise click.ClickException(

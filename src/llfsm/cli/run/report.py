@@ -8,11 +8,12 @@ import click
 
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.events import Event, Request, Turn
-from llfsm.runtime.engine.statistics import MachineStatistics, Spread
+from llfsm.runtime.engine.histogram import Spread
+from llfsm.runtime.engine.statistics import MachineStatistics
 
-__all__ = ["StateReport", "SuspensionReport", "timing_table"]
+__all__ = ["StateReport", "SuspensionReport", "latency_drawing", "timing_table"]
 
-_HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "overruns", "worst us")
+_HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "overruns", "worst us")
 
 
 class StateReport:
@@ -68,6 +69,7 @@ def timing_table(machines: Iterable[MachineStatistics]) -> str:
                 str(machine.fired),
                 _spread(machine.cost_us),
                 _spread(machine.jitter_us),
+                _spread(machine.late_us),
                 str(machine.overruns) if planned else "-",
                 f"{machine.worst_overrun_us:.0f}" if planned else "-",
             )
@@ -86,6 +88,22 @@ def timing_table(machines: Iterable[MachineStatistics]) -> str:
         cells = [row[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
         lines += ["  ".join(cells), *states]
+    return "\n".join(lines)
+
+
+def latency_drawing(machines: Iterable[MachineStatistics]) -> str:
+    """Return a drawing of how late turns began: a bar for each doubling of microseconds."""
+    by_counts: dict[tuple[int, ...], list[str]] = {}
+    for machine in machines:
+        if machine.late_counts:
+            by_counts.setdefault(machine.late_counts, []).append(machine.machine)
+    lines: list[str] = []
+    for counts, names in by_counts.items():  # with a period, the turns of all begin with one
+        lines.append(f"turns of {', '.join(names)} that began late")
+        first = next(place for place, count in enumerate(counts) if count)
+        for place, count in enumerate(counts[first:], first):
+            bar = "#" * -(-count * 40 // max(counts))
+            lines.append(f"{'<':>5} {2**place:>8} us {count:>9}  {bar}".rstrip())
     return "\n".join(lines)
 
 
