@@ -162,7 +162,7 @@ class RecalledEnvironment(BoardEnvironment):
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return a function that returns what the sensor found then."""
-        memory, latest = self._memory, sensor.default
+        memory, latest = self._memory, None
 
         def recall() -> object:
             nonlocal latest
@@ -173,7 +173,7 @@ class RecalledEnvironment(BoardEnvironment):
                 raise WhiteboardError(sensed["error"])
             try:
                 data = sensed["message"]
-                latest = sensor.default if data is None else slot.decoder.decode(data)
+                latest = None if data is None else slot.decoder.decode(data)
             except ValueError as error:
                 memory.error = RecordingFileError(
                     f"{machine} cannot read what its sensor {name!r} found then: {error}"

@@ -191,7 +191,7 @@ class Arrangement(Control):
         if caller is not None:
             self._outer.append(caller)
         # A ringlet sees one snapshot, also if another one of the same machine is nested in it.
-        snapshot = [(sensor, getattr(seat.machine, sensor)) for sensor, _ in seat.sensors]
+        snapshot = [(sensor, getattr(seat.machine, sensor)) for sensor, *_ in seat.sensors]
         seat.request = None
         seat.nested += 1
         seat.suspend()

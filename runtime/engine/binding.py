@@ -6,15 +6,21 @@ ringlet serves both and pays for observers only when there are some.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .events import Eval, Section
-from .state import SECTIONS, Guard, SectionCode, State, Transition
+from .state import SECTIONS, Guard, SectionCode, State
 
 if TYPE_CHECKING:
+    from .environment import Read
     from .seat import Seat
 
-__all__ = ["BoundState", "bind"]
+__all__ = ["BoundSensor", "BoundState", "BoundTransition", "bind"]
+
+BoundSensor: TypeAlias = tuple[str, "Read", object]
+"""A sensor's name, what reads it, and what stands for None in the snapshot."""
+BoundTransition: TypeAlias = tuple[float | None, Guard | None, "BoundState"]
+"""For how long at least it does not fire (None: it may at once), its guard, and its target."""
 
 _ON_SUSPEND = SECTIONS.index("OnSuspend")
 
@@ -42,7 +48,7 @@ class BoundState:
         self.internal: SectionCode | None = None
         self.on_suspend: SectionCode | None = None
         self.on_resume: SectionCode | None = None
-        self.transitions: tuple[tuple[Guard | None, BoundState], ...] = ()
+        self.transitions: tuple[BoundTransition, ...] = ()
 
 
 def bind(seat: Seat, *, observed: bool) -> None:
@@ -51,13 +57,12 @@ def bind(seat: Seat, *, observed: bool) -> None:
         bound = seat.states[state.name]
         code = [state.sections.get(section) for section in SECTIONS]
         code[_ON_SUSPEND] = _suspending(seat, code[_ON_SUSPEND])
-        guards = [_guard(seat, state, number) for number in range(len(state.transitions))]
+        transitions = [_transition(seat, state, number) for number in range(len(state.transitions))]
         if observed:
             code = [_watch_section(seat, state, *pair) for pair in zip(SECTIONS, code, strict=True)]
-            guards = [_watch_guard(seat, state, *pair) for pair in enumerate(guards)]
+            transitions = [_watch_transition(seat, state, *pair) for pair in enumerate(transitions)]
         bound.on_entry, bound.on_exit, bound.internal, bound.on_suspend, bound.on_resume = code
-        targets = [seat.states[transition.target.name] for transition in state.transitions]
-        bound.transitions = tuple(zip(guards, targets, strict=True))
+        bound.transitions = tuple(transitions)
     states = seat.states.values()
     seat.notifies = any(bound.on_suspend or bound.on_resume for bound in states)
 
@@ -77,12 +82,10 @@ def _suspending(seat: Seat, code: SectionCode | None) -> SectionCode | None:
     return post_and_run
 
 
-def _guard(seat: Seat, state: State, number: int) -> Guard | None:
-    """Return the function that evaluates a transition; None if it always fires."""
-    guard = _timed(seat, state.transitions[number])
-    target = state.transitions[number].target
-    if sum(each.target is target for each in state.transitions) == 1:
-        return guard
+def _transition(seat: Seat, state: State, number: int) -> BoundTransition:
+    transition = state.transitions[number]
+    guard, target = transition.guard, transition.target
+    limit_ns = None if transition.after_ms is None else transition.after_ms * 1_000_000
 
     def evaluate_and_note(machine: Any) -> bool:  # the target alone does not identify it
         value = guard is None or guard(machine)
@@ -90,17 +93,8 @@ def _guard(seat: Seat, state: State, number: int) -> Guard | None:
             seat.fired = number
         return value
 
-    return evaluate_and_note
-
-
-def _timed(seat: Seat, transition: Transition) -> Guard | None:
-    guard = transition.guard
-    if transition.after_ms is None:
-        return guard
-    now, limit_ns = seat.arrangement.environment.clock.now_ns, transition.after_ms * 1_000_000
-    if guard is None:
-        return lambda _: now() - seat.entered_ns > limit_ns
-    return lambda machine: now() - seat.entered_ns > limit_ns and guard(machine)
+    alone = sum(each.target is target for each in state.transitions) == 1
+    return limit_ns, guard if alone else evaluate_and_note, seat.states[target.name]
 
 
 def _watch_section(seat: Seat, state: State, section: str, code: SectionCode | None) -> SectionCode:
@@ -118,20 +112,22 @@ def _watch_section(seat: Seat, state: State, section: str, code: SectionCode | N
     return report_and_run
 
 
-def _watch_guard(seat: Seat, state: State, number: int, guard: Guard | None) -> Guard:
-    arrangement = seat.arrangement
-    transition = state.transitions[number]
-    label, target = transition.label, transition.target.name
+def _watch_transition(
+    seat: Seat, state: State, number: int, bound: BoundTransition
+) -> BoundTransition:
+    arrangement, (limit_ns, guard, target) = seat.arrangement, bound
+    now, label = arrangement.environment.clock.now_ns, state.transitions[number].label
 
     def evaluate_and_report(machine: Any) -> bool:
         outer, seat.doing = seat.doing, None
         try:
-            value = guard is None or guard(machine)
+            due = limit_ns is None or now() - seat.entered_ns > limit_ns
+            value = due and (guard is None or guard(machine))
         finally:
             seat.doing = outer
         arrangement.emit(
-            Eval(*arrangement.stamp(), seat.name, state.name, number, label, target, value)
+            Eval(*arrangement.stamp(), seat.name, state.name, number, label, target.name, value)
         )
         return value
 
-    return evaluate_and_report
+    return None, evaluate_and_report, target

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Attendant", "BoardEnvironment", "Elsewhere", "Environment", "Post", "Read"]
 
 Read: TypeAlias = Callable[[], object]
-"""Return a sensor's latest message, or its default before the first."""
+"""Return a sensor's latest message, None before the first: the ringlet puts in the default."""
 Post: TypeAlias = Callable[[Any], int]
 """Post a message and return the slot's count after it."""
 
@@ -194,16 +194,8 @@ class BoardEnvironment(Environment):
         self.news.wake()
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
-        """Return the slot's own `get`, or one that replaces None by the sensor's default."""
-        get, default = self._reader(machine, slot).get, sensor.default
-        if default is None:
-            return get
-
-        def get_or_default() -> object:
-            message = get()
-            return default if message is None else message
-
-        return get_or_default
+        """Return the slot's own `get`."""
+        return self._reader(machine, slot).get
 
     def read_aged(
         self,

@@ -55,7 +55,7 @@ def explain(seat: Seat, state: BoundState, code: object, error: BaseException) -
 def not_a_bool(seat: Seat, state: BoundState, guard: object, value: object) -> GuardResultError:
     """Describe the `value`, neither True nor False, that `guard` returned."""
     where, step = place_of(seat, state, guard)
-    number = next(i for i, (bound, _) in enumerate(state.transitions) if bound is guard)
+    number = next(i for i, (_, bound, _) in enumerate(state.transitions) if bound is guard)
     filename, line = seat.declared(state).transitions[number].location
     what = f"the guard returned {value!r}, a {type(value).__name__}; it must return True or False"
     return GuardResultError(what, seat.name, where, step, filename, line)
@@ -89,6 +89,6 @@ def _steps(seat: Seat, state: BoundState, code: object) -> Iterator[str]:
         yield "Internal"
     if state.on_resume is code:
         yield "OnResume"
-    for number, (guard, _) in enumerate(state.transitions):
+    for number, (_, guard, _) in enumerate(state.transitions):
         if guard is code:
             yield f"transition {seat.declared(state).transitions[number].label}"

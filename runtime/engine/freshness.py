@@ -28,7 +28,7 @@ class AgedRead(Protocol):
     """The slot's count when the machine was loaded."""
 
     def __call__(self) -> object:
-        """Return the latest message; the sensor's default if there is none or it is too old."""
+        """Return the latest message; None if there is none or it is too old."""
         ...
 
     def age_ns(self) -> int | None:
@@ -51,7 +51,6 @@ class BoardAgedRead:
     ):
         self.start_count = bound.count if start_count is None else start_count
         self._bound = bound
-        self._default = sensor.default
         self._first = self.start_count if sensor.since_start else 0
         limit_ms = math.inf if sensor.max_age_ms is None else sensor.max_age_ms
         self._limit_ns = limit_ms * 1e6
@@ -64,10 +63,10 @@ class BoardAgedRead:
             bound.on_add(self._note)
 
     def __call__(self) -> object:
-        """Return the latest message; the default if there is none or it is too old."""
+        """Return the latest message; None if there is none or it is too old."""
         sample = self._bound.sample()
         if sample is None:
-            return self._default
+            return None
         if self._stamped:
             self._read_ns = sample.stamp_ns
         else:
@@ -76,7 +75,7 @@ class BoardAgedRead:
             assert self._added is not None
             self._read_ns = self._added[1]
         if sample.count <= self._first or self._now() - self._read_ns > self._limit_ns:
-            return self._default
+            return None
         return sample.message
 
     def age_ns(self) -> int | None:

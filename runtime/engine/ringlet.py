@@ -25,9 +25,9 @@ def ringlet(seat: Seat) -> bool:
     machine, state = seat.machine, seat.current
     code: Callable[[Any], object] | None = None
     try:
-        if seat.sensors:  # 2
-            for name, read in seat.sensors:
-                setattr(machine, name, read())
+        for name, read, default in seat.sensors:  # 2
+            value = read()
+            setattr(machine, name, default if value is None else value)
         previous = seat.previous
         if state is not previous:
             seat.previous, seat.source = state, previous
@@ -45,7 +45,11 @@ def ringlet(seat: Seat) -> bool:
             seat.entered_ns = now()
             if (code := state.on_entry) is not None:
                 code(machine)
-        for code, target in state.transitions:  # 5
+        for limit_ns, code, target in state.transitions:  # 5
+            if limit_ns is not None:
+                now = seat.now
+                if now() - seat.entered_ns <= limit_ns:
+                    continue
             if code is not None:
                 value = code(machine)
                 if value is False:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from llfsm.errors import did_you_mean
 
-from .binding import BoundState
+from .binding import BoundSensor, BoundState
 from .errors import LoadError, SensorNameError
 from .events import Request, Standing, Status
 from .failure import logger
@@ -118,7 +118,7 @@ class Seat:
         self.first_round = 0  # in which it had its first turn, counted from 1
         self.nested = 0  # turns inside another machine's, besides those of rounds
         self.doing: str | None = None  # the state whose section runs, while observed
-        self.sensors: tuple[tuple[str, Read], ...] = ()
+        self.sensors: tuple[BoundSensor, ...] = ()
         self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
         self.meter: Meter | None = None  # what times the turns, if anything does
         self.taken = True
@@ -210,7 +210,7 @@ class Seat:
         # A request is not a transition, even where a transition connects the two states.
         asked = {source, self.current} == {self.suspension, self.remembered}
         if source is not None and not asked:
-            ways = [n for n, (_, to) in enumerate(source.transitions) if to is self.current]
+            ways = [n for n, (*_, to) in enumerate(source.transitions) if to is self.current]
             if ways:
                 number = self.fired if len(ways) > 1 and self.fired in ways else ways[0]
                 return Arrival(source.name, number, entered_ns)
@@ -227,7 +227,7 @@ class Seat:
                     f"{did_you_mean(slot, table.slots)}"
                 )
         self.sensors = tuple(
-            (name, self._reader(environment, name, sensor))
+            (name, self._reader(environment, name, sensor), sensor.default)
             for name, sensor in table.sensors.items()
         )
         for name, actuator in table.actuators.items():
@@ -268,8 +268,10 @@ class Seat:
             slot = self._slot(sensor)
             aged = self._aged[name] = environment.read_aged(self.name, name, sensor, slot)
             aged()
-            readers = dict(self.sensors) | {name: aged}
-            self.sensors = tuple(readers.items())
+            self.sensors = tuple(
+                (each, aged if each == name else read, default)
+                for each, read, default in self.sensors
+            )
         return aged.age_ns()
 
     def _slot(self, port: Sensor[Any, Any] | Actuator[Any]) -> Slot[Any]:

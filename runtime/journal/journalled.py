@@ -74,9 +74,7 @@ class JournalledEnvironment(Environment):
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return a function that keeps each message that is another one than before."""
-        return self._keeping(
-            machine, name, sensor, slot, self._inner.read(machine, name, sensor, slot)
-        )
+        return self._keeping(machine, name, slot, self._inner.read(machine, name, sensor, slot))
 
     def read_aged(
         self,
@@ -88,14 +86,12 @@ class JournalledEnvironment(Environment):
     ) -> AgedRead:
         """Return what keeps each message that is another one than before, and each age."""
         aged = self._inner.read_aged(machine, name, sensor, slot, start_count)
-        read = self._keeping(machine, name, sensor, slot, aged)
+        read = self._keeping(machine, name, slot, aged)
         return _JournalledAgedRead(machine, name, read, aged, self.journal)
 
-    def _keeping(
-        self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any], read: Read
-    ) -> Read:
-        add, encode, default = self.journal.add, slot.encoder.encode, sensor.default
-        latest: object = default
+    def _keeping(self, machine: str, name: str, slot: Slot[Any], read: Read) -> Read:
+        add, encode = self.journal.add, slot.encoder.encode
+        latest: object = None
 
         def read_and_keep() -> object:
             nonlocal latest
@@ -106,7 +102,7 @@ class JournalledEnvironment(Environment):
                 raise
             if message is not latest:
                 latest = message
-                data = None if message is default else encode(message)
+                data = None if message is None else encode(message)
                 add(("Sensed", machine, name, slot.name, data, None))
             return message
 

@@ -90,7 +90,7 @@ class Scripted(Elsewhere):
 
     def read(self, machine: str, name: str, sensor: Any, slot: Slot[Any]) -> Read:
         assert (machine, name, slot.name) == ("Adder", "number", "number")
-        return lambda: sensor.default if self.now is None else Int32(data=self.now)
+        return lambda: None if self.now is None else Int32(data=self.now)
 
     def post(self, machine: str, name: str, actuator: Any, slot: Slot[Any]) -> Post:
         assert (machine, name, slot.name) == ("Adder", "report", "sum")
