@@ -1,7 +1,8 @@
 # Every target sets up what it needs, in .venv and nowhere else.
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := pyproject.toml setup.py setup.cfg $(wildcard whiteboard/*.c whiteboard/*.h whiteboard/include/*.h)
+SOURCES := pyproject.toml setup.py setup.cfg \
+    $(wildcard whiteboard/*.c whiteboard/*.h whiteboard/include/*.h runtime/engine/*.c runtime/engine/*.h)
 SANITIZED := $(abspath $(VENV))/sanitized
 SANITIZE_SECONDS ?= 20
 ADDRESS := -fsanitize=address,undefined -fno-sanitize-recover=all
@@ -21,11 +22,12 @@ VENV_MADE := $(VENV)/pyvenv.cfg
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test check safety bench soak sanitize sanitized fuzz wheel lock clean
+.PHONY: help setup demo test fallback check safety bench soak sanitize sanitized fuzz wheel lock clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
 	@echo "make test      run the tests"
+	@echo "make fallback  run those of machines without the extensions in C"
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
 	@echo "make safety    measure how soon the robot stops, whatever happens (2 min)"
@@ -50,8 +52,17 @@ demo: $(VENV)/.ready-setup
 # once.
 PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin \
     -p xdist -p pytest_timeout
+TEST := $(PYTEST) -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadfile --no-loadscope-reorder
 test: $(VENV)/.ready-test
-	$(PYTEST) -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadfile --no-loadscope-reorder
+	$(TEST)
+	@$(MAKE) --no-print-directory fallback
+
+# What runs machines, once more, as where there is no compiler: the extensions are hidden, and what
+# needs shared memory is skipped.
+fallback: $(VENV)/.ready-test
+	PYTHONPATH=$(abspath tests/without_extensions)$${PYTHONPATH:+:$$PYTHONPATH} $(TEST) \
+	    tests/conformance tests/machines tests/runtime/bundles tests/runtime/engine \
+	    tests/runtime/journal tests/runtime/presence tests/runtime/testing
 
 check: $(VENV)/.ready-test
 	$(BIN)/ruff check .
@@ -62,7 +73,7 @@ check: $(VENV)/.ready-test
 	$(CXX) -std=c++17 -O2 -Wall -Wextra -Wpedantic -Werror -fsyntax-only -x c++ \
 	    whiteboard/include/llfsm_whiteboard.h
 
-# The header under many threads, then the extension under the whiteboard's tests: without the leak
+# The header under many threads, then the extensions under the tests of each: without the leak
 # checker, which cannot tell what the interpreter leaves on purpose, and without the test of memory.
 sanitize: sanitized
 	$(CC) $(STRESS_FLAGS) $(THREAD) tests/stress/stress.c -o $(SANITIZED)/thread
@@ -72,19 +83,22 @@ sanitize: sanitized
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/whiteboard tests/stress \
 	    --ignore tests/whiteboard/mirror \
 	    --deselect tests/whiteboard/test_shared.py::test_a_process_that_uses_a_hundred_slots_is_small
+	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/conformance \
+	    $(addprefix tests/runtime/engine/test_,twin.py failures.py loading.py watchdog.py)
 
 # Alone: the same tests are part of `make test`, where times depend on what else runs.
 safety: $(VENV)/.ready-test
 	LLFSM_TIMES=check $(PYTEST) -q -s tests/bridges/ros2/stopping \
 	    tests/whiteboard/mirror/test_partition.py
 
-# llfsm with its extension under ASan.
+# llfsm with its extensions under ASan.
 sanitized: $(VENV)/.ready-test
 	@rm -rf $(SANITIZED) build && mkdir -p $(SANITIZED)
 	CFLAGS="-g -O1 $(ADDRESS)" $(BIN)/python -m pip install --quiet --no-deps \
 	    --no-build-isolation --disable-pip-version-check --target $(SANITIZED)/site .
 	$(UNDER_ASAN) $(BIN)/python -c \
-	    "import llfsm.whiteboard._shm as shm; assert '$(SANITIZED)' in shm.__file__"
+	    "from llfsm.runtime.engine import _ringlet; from llfsm.whiteboard import _shm; \
+	    assert all('$(SANITIZED)' in each.__file__ for each in (_ringlet, _shm))"
 
 MINUTES ?= 20
 fuzz: sanitized
@@ -121,8 +135,8 @@ else
 	@$(INSTALL) --require-hashes -r $<
 	@$(INSTALL) --no-deps --no-build-isolation -e .
 endif
-	@$(BIN)/python -c 'import llfsm.whiteboard._shm' || \
-	    { echo "the shared-memory extension was not built; see: $(BIN)/pip install -v -e ." >&2; exit 1; }
+	@$(BIN)/python -c 'import llfsm.whiteboard._shm, llfsm.runtime.engine._ringlet' || \
+	    { echo "the extensions in C were not built; see: $(BIN)/pip install -v -e ." >&2; exit 1; }
 	@touch $@
 
 wheel: $(VENV)/.ready-release $(VENV)/.ready-test

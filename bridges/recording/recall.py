@@ -122,7 +122,7 @@ class Memory:
         while self.segment.asked and self.arrangement is not None:
             asked = self.segment.asked.popleft()
             if asked["machine"] is None:
-                self.arrangement.stopping = True  # at once, as in the journal
+                self.arrangement.stop()
                 continue
             with suppress(UnknownMachineError):  # the events will show what could not be done
                 getattr(self.arrangement, asked["action"])(asked["machine"])

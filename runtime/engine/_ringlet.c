@@ -1,312 +1,298 @@
-/* The twins of ringlet.py and rotation.py, which define what is done here, and say why.
+/* The twins of ringlet.py and rotation.py. Those define what is done, and number the steps.
  *
- * What they need of a seat and of a state is in C structures, which the Python classes extend. All
- * that is rare is left to Python: requests, failures, accepting states, and turns that are timed or
- * observed. A field may be replaced, or its object end, whenever other code runs: what is used
- * after a call is held by a reference. Only the limited API of Python 3.11 is used. */
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-#include <stdbool.h>
-#include <stddef.h>
-#include <structmember.h>
+ * Whatever is rare is left to Python: requests, failures, accepting, timed and observed turns. Code
+ * that is called may replace any field: what is used after a call is held by a reference. Nothing
+ * but the limited API of Python 3.11 is used. */
+#include "_records.h"
 
-/* What a ringlet is doing, for whoever asks while it does. */
-struct doing {
-    PyObject *state; /* in which it began; borrowed, as the ringlet holds it */
-    PyObject *code;  /* that it runs or has run last, or NULL in the snapshot */
-    Py_ssize_t step; /* the number of its calls */
+#include <time.h>
+
+/* A ringlet under way, which holds references to all but the seat. */
+struct ringlet {
+    Record *seat, *state; /* the state in which it began */
+    PyObject *machine;
+    PyObject *code; /* what it runs, or has run last; NULL in the snapshot */
+    long long step; /* the number of that call */
 };
 
-typedef struct {
-    PyObject_HEAD
-    PyObject *request, *machine, *sensors, *current, *previous, *source, *notifies, *suspension,
-        *now, *entered_ns;
-    struct doing *doing; /* NULL outside of ringlets */
-} Seat;
+static long long calls; /* of code, and ringlets begun, so far */
+static PyObject *plain_turn, *execution_error, *monotonic_ns;
 
-typedef struct {
-    PyObject_HEAD
-    PyObject *on_entry, *on_exit, *internal, *on_suspend, *on_resume, *transitions;
-} State;
-
-typedef struct {
-    PyObject_HEAD
-    PyObject *turn, *leaving, *accept, *fail, *let_go;
-} Rotation;
-
-static PyTypeObject *seat_type, *state_type, *rotation_type;
-static PyObject *plain_turn; /* the function `ringlet` of this module */
-static PyObject *perform_request;
-
-#define FIELD(type, name) {#name, T_OBJECT_EX, offsetof(type, name), 0, NULL}
-
-static PyMemberDef seat_members[] = {
-    FIELD(Seat, request),  FIELD(Seat, machine),    FIELD(Seat, sensors),  FIELD(Seat, current),
-    FIELD(Seat, previous), FIELD(Seat, source),     FIELD(Seat, notifies), FIELD(Seat, suspension),
-    FIELD(Seat, now),      FIELD(Seat, entered_ns), {NULL, 0, 0, 0, NULL}};
-
-static PyMemberDef state_members[] = {
-    FIELD(State, on_entry),   FIELD(State, on_exit),   FIELD(State, internal),
-    FIELD(State, on_suspend), FIELD(State, on_resume), FIELD(State, transitions),
-    {NULL, 0, 0, 0, NULL}};
-
-static PyMemberDef rotation_members[] = {
-    FIELD(Rotation, turn), FIELD(Rotation, leaving), FIELD(Rotation, accept),
-    FIELD(Rotation, fail), FIELD(Rotation, let_go),  {NULL, 0, 0, 0, NULL}};
-
-/* The garbage collector's view of an object whose fields are `members`. */
-
-static PyObject **field(PyObject *self, const PyMemberDef *member)
+/* Return what the function in a field returns; without arguments if `argument` is NULL. */
+static PyObject *call(PyObject *field, PyObject *argument)
 {
-    return (PyObject **)(void *)((char *)self + member->offset);
+    PyObject *function = hold(field);
+    PyObject *result = function ? PyObject_CallFunctionObjArgs(function, argument, NULL) : NULL;
+    Py_XDECREF(function);
+    return result;
 }
 
-static int visit_fields(PyObject *self, const PyMemberDef *members, visitproc visit, void *arg)
+/* Drop a result. Functions of type bool return whether nothing was raised. */
+static bool is_done(PyObject *result)
 {
-    Py_VISIT(Py_TYPE(self));
-    for (; members->name; members++)
-        Py_VISIT(*field(self, members));
-    return 0;
-}
-
-static int clear_fields(PyObject *self, const PyMemberDef *members)
-{
-    for (; members->name; members++)
-        Py_CLEAR(*field(self, members));
-    return 0;
-}
-
-static void end_fields(PyObject *self, const PyMemberDef *members)
-{
-    PyTypeObject *type = Py_TYPE(self);
-    PyObject_GC_UnTrack(self);
-    clear_fields(self, members);
-    ((freefunc)PyType_GetSlot(type, Py_tp_free))(self);
-    Py_DECREF(type);
-}
-
-#define COLLECTED(name)                                                                            \
-    static int name##_traverse(PyObject *self, visitproc visit, void *arg)                         \
-    {                                                                                              \
-        return visit_fields(self, name##_members, visit, arg);                                     \
-    }                                                                                              \
-    static int name##_clear(PyObject *self) { return clear_fields(self, name##_members); }         \
-    static void name##_dealloc(PyObject *self) { end_fields(self, name##_members); }
-
-COLLECTED(seat)
-COLLECTED(state)
-COLLECTED(rotation)
-
-/* The ringlet */
-
-static bool is_none(PyObject *value) { return value == NULL || value == Py_None; }
-
-static State *as_state(PyObject *value)
-{
-    if (value && PyObject_TypeCheck(value, state_type))
-        return (State *)value;
-    PyErr_SetString(PyExc_TypeError, "a seat's state must be a StateFields");
-    return NULL;
-}
-
-static void put(PyObject **field, PyObject *value)
-{
-    PyObject *before = *field;
-    *field = Py_NewRef(value);
-    Py_XDECREF(before);
-}
-
-static PyObject *call(struct doing *doing, PyObject *code, PyObject *machine)
-{
-    doing->step++;
-    put(&doing->code, code);
-    return PyObject_CallFunctionObjArgs(code, machine, NULL);
-}
-
-static bool run(struct doing *doing, PyObject *code, PyObject *machine)
-{
-    if (is_none(code))
-        return true;
-    PyObject *result = call(doing, code, machine);
     Py_XDECREF(result);
-    return result != NULL;
+    return result;
 }
 
-static bool take_snapshot(PyObject *sensors, PyObject *machine)
+/* Clear the error that is set, and return it. */
+static PyObject *take_error(void)
+{
+    PyObject *type, *error, *traceback;
+    PyErr_Fetch(&type, &error, &traceback);
+    PyErr_NormalizeException(&type, &error, &traceback);
+    if (traceback)
+        PyException_SetTraceback(error, traceback);
+    Py_XDECREF(traceback);
+    Py_DECREF(type);
+    return error;
+}
+
+/* Raise the error that a function of failure.py makes of a value, or of another error. */
+static void raise_failure(const struct ringlet *self, const char *function, PyObject *value)
+{
+    PyObject *module = PyImport_ImportModule("llfsm.runtime.engine.failure"), *error = NULL;
+    if (module)
+        error = PyObject_CallMethod(module, function, "OOOO", self->seat, self->state,
+                                    self->code ? self->code : Py_None, value);
+    if (error)
+        PyErr_SetObject((PyObject *)Py_TYPE(error), error);
+    Py_XDECREF(error);
+    Py_XDECREF(module);
+}
+
+static PyObject *call_code(struct ringlet *self, PyObject *code)
+{
+    self->step = ++calls;
+    put(&self->code, code);
+    return PyObject_CallFunctionObjArgs(code, self->machine, NULL);
+}
+
+static inline bool run_section(struct ringlet *self, PyObject *code)
+{
+    return code == Py_None || is_done(code ? call_code(self, code) : hold(code));
+}
+
+/* Borrow the three items of a row of a table. */
+static inline bool get_row(PyObject *table, Py_ssize_t number, PyObject *items[3])
+{
+    PyObject *row = PyTuple_GetItem(table, number);
+    for (int i = 0; i < 3; i++)
+        if (!row || !(items[i] = PyTuple_GetItem(row, i)))
+            return false;
+    return true;
+}
+
+static bool take_snapshot(struct ringlet *self, PyObject *sensors) /* 2 */
 {
     Py_ssize_t number = PyTuple_Size(sensors);
-    for (Py_ssize_t i = 0; i < number; i++) {
-        PyObject *sensor = PyTuple_GetItem(sensors, i);
-        PyObject *name = sensor ? PyTuple_GetItem(sensor, 0) : NULL;
-        PyObject *read = name ? PyTuple_GetItem(sensor, 1) : NULL;
-        PyObject *value = read ? PyObject_CallNoArgs(read) : NULL;
-        if (!value)
-            return false;
-        int failed = PyObject_SetAttr(machine, name, value);
-        Py_DECREF(value);
-        if (failed)
-            return false;
+    bool done = number >= 0;
+    for (Py_ssize_t i = 0; done && i < number; i++) {
+        PyObject *items[3]; /* name, reader, default */
+        PyObject *value = get_row(sensors, i, items) ? PyObject_CallNoArgs(items[1]) : NULL;
+        done = value && !PyObject_SetAttr(self->machine, items[0],
+                                          value == Py_None ? items[2] : value);
+        Py_XDECREF(value);
     }
-    return number >= 0;
+    return done;
 }
 
-static bool enter(struct doing *doing, Seat *seat, State *state, PyObject *machine)
+static bool notify(struct ringlet *self, Record *previous) /* 3 */
 {
-    PyObject *previous = seat->previous;
-    PyObject *source = seat->source;
-    seat->source = previous;
-    seat->previous = Py_NewRef(state);
-    Py_XDECREF(source);
-    if (seat->notifies != Py_False) {
-        State *before = NULL;
-        if (!is_none(previous) && !(before = as_state(previous)))
-            return false;
-        Py_XINCREF(before);
-        bool done = true;
-        if ((PyObject *)state == seat->suspension)
-            done = !before || run(doing, before->on_suspend, machine);
-        else if (previous == seat->suspension)
-            done = (!before || run(doing, before->on_resume, machine)) &&
-                   run(doing, state->on_resume, machine);
-        Py_XDECREF(before);
-        if (!done)
-            return false;
-    }
-    PyObject *now = seat->now ? PyObject_CallNoArgs(seat->now) : NULL;
-    if (!now)
+    const Record *seat = self->seat, *suspension = (Record *)seat->suspension;
+    if (seat->notifies != Py_True || !is_one_of(&states, previous))
+        return true;
+    if (self->state == suspension)
+        return run_section(self, previous->on_suspend);
+    return previous != suspension || (run_section(self, previous->on_resume) &&
+                                      run_section(self, self->state->on_resume));
+}
+
+static bool enter(struct ringlet *self) /* 4 */
+{
+    Record *seat = self->seat, *previous = hold(seat->previous);
+    if (!previous)
         return false;
-    put(&seat->entered_ns, now);
-    Py_DECREF(now);
-    return run(doing, state->on_entry, machine);
+    put(&seat->previous, self->state);
+    put(&seat->source, previous);
+    PyObject *now = notify(self, previous) ? call(seat->now, NULL) : NULL;
+    if (now)
+        put(&seat->entered_ns, now);
+    Py_DECREF((PyObject *)previous);
+    return is_done(now) && run_section(self, self->state->on_entry);
 }
 
-static PyObject *look_up(const char *module_name, const char *name)
+/* Read the seat's clock: most often the one that Python's time.monotonic_ns() reads. */
+static bool read_clock(const Record *seat, long long *now_ns)
 {
-    PyObject *found = PyImport_ImportModule(module_name);
+    if (seat->now == monotonic_ns) {
+        struct timespec now;
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        *now_ns = now.tv_sec * 1000000000LL + now.tv_nsec;
+        return true;
+    }
+    PyObject *now = call(seat->now, NULL);
+    *now_ns = now ? PyLong_AsLongLong(now) : 0;
+    return is_done(now) && !PyErr_Occurred();
+}
+
+/* 1 if more time has passed in the state, 0 if not, -1 after an error. */
+static int is_later(const Record *seat, PyObject *limit)
+{
+    long long now_ns, entered_ns, limit_ns = PyLong_AsLongLong(limit);
+    if (!read_clock(seat, &now_ns))
+        return -1;
+    entered_ns = seat->entered_ns ? PyLong_AsLongLong(seat->entered_ns) : -1;
+    if ((entered_ns == -1 || limit_ns == -1) && PyErr_Occurred())
+        return -1;
+    return now_ns - entered_ns > limit_ns;
+}
+
+/* 1 if the guard returns True, 0 if False, -1 after an error. */
+static int holds(struct ringlet *self, PyObject *guard)
+{
+    PyObject *value = call_code(self, guard);
+    int truth = value == Py_True ? 1 : value == Py_False ? 0 : -1;
+    if (value && truth < 0)
+        raise_failure(self, "not_a_bool", value);
+    Py_XDECREF(value);
+    return truth;
+}
+
+/* 1 if a transition fired, 0 if none did, -1 after an error. */
+static int evaluate(struct ringlet *self, PyObject *transitions) /* 5 and 6 */
+{
+    Py_ssize_t number = PyTuple_Size(transitions);
+    for (Py_ssize_t i = 0; i < number; i++) {
+        PyObject *items[3]; /* time, guard, target */
+        int fires = get_row(transitions, i, items) ? 1 : -1;
+        if (fires == 1 && items[0] != Py_None)
+            fires = is_later(self->seat, items[0]);
+        if (fires == 1 && items[1] != Py_None)
+            fires = holds(self, items[1]);
+        if (fires == 1)
+            put(&self->seat->current, items[2]);
+        if (fires)
+            return fires == 1 && run_section(self, self->state->on_exit) ? 1 : -1;
+    }
+    return number >= 0 && run_section(self, self->state->internal) ? 0 : -1;
+}
+
+static int take_steps(struct ringlet *self)
+{
+    PyObject *sensors = hold(self->seat->sensors), *transitions = NULL;
+    int fired = -1;
+    if (sensors && take_snapshot(self, sensors) &&
+        (self->seat->previous == (PyObject *)self->state || enter(self)) &&
+        (transitions = hold(self->state->transitions)))
+        fired = evaluate(self, transitions);
+    Py_XDECREF(sensors);
+    Py_XDECREF(transitions);
+    return fired;
+}
+
+static PyObject *ringlet(PyObject *module, PyObject *object)
+{
+    (void)module;
+    Record *seat = (Record *)object;
+    if (!is_one_of(&seats, seat))
+        return PyErr_Format(PyExc_TypeError, "a ringlet is one of a seat, not of %R", object);
+    if (seat->request != Py_None && /* 1 */
+        !is_done(PyObject_CallMethod(object, "perform_request", NULL)))
+        return NULL;
+    struct ringlet self = {seat, hold(seat->current), hold(seat->machine), NULL, ++calls};
+    const struct ringlet *outer = seat->running;
+    int fired = -1;
+    if (self.state && self.machine && is_one_of(&states, self.state)) {
+        seat->running = &self;
+        fired = take_steps(&self);
+        seat->running = outer;
+        if (fired < 0) {
+            PyObject *error = take_error();
+            raise_failure(&self, "explain", error);
+            Py_DECREF(error);
+        }
+    } else if (!PyErr_Occurred()) {
+        PyErr_Format(PyExc_TypeError, "the state of a seat cannot be %R", self.state);
+    }
+    Py_XDECREF((PyObject *)self.state);
+    Py_XDECREF(self.machine);
+    Py_XDECREF(self.code);
+    return fired < 0 ? NULL : PyBool_FromLong(fired);
+}
+
+static PyObject *running(PyObject *module, PyObject *seat)
+{
+    (void)module;
+    const struct ringlet *now = is_one_of(&seats, seat) ? ((Record *)seat)->running : NULL;
+    if (!now)
+        Py_RETURN_NONE;
+    return Py_BuildValue("OOL", now->state, now->code ? now->code : Py_None, now->step);
+}
+
+static bool is_accepting(PyObject *seat)
+{
+    Record *state = is_one_of(&seats, seat) ? (Record *)((Record *)seat)->current : NULL;
+    return state && is_one_of(&states, state) && PyTuple_Size(state->transitions) == 0;
+}
+
+/* Give a machine its turn, and leave to Python what comes of it. */
+static bool give_turn(Record *self, PyObject *seat, bool *any)
+{
+    PyObject *rotation = (PyObject *)self;
+    PyObject *fired = self->_turn == plain_turn ? ringlet(NULL, seat) : call(self->_turn, seat);
+    bool done = is_done(fired);
+    *any |= fired == Py_True;
+    if (fired == Py_False && is_accepting(seat))
+        done = is_done(PyObject_CallMethod(rotation, "_accept", "O", seat));
+    if (!done && PyErr_ExceptionMatches(execution_error)) {
+        PyObject *error = take_error();
+        done = is_done(PyObject_CallMethod(rotation, "_fail", "OO", seat, error));
+        Py_DECREF(error);
+    }
+    if (done && self->_leaving && PyList_Size(self->_leaving))
+        done = is_done(PyObject_CallMethod(rotation, "_let_go", NULL));
+    return done;
+}
+
+static PyObject *give_turns(PyObject *self, PyObject *turns)
+{
+    PyObject *iterator = PyObject_GetIter(turns), *seat;
+    bool any = false, done = iterator;
+    while (done && (seat = PyIter_Next(iterator))) {
+        done = seat == Py_None || give_turn((Record *)self, seat, &any);
+        Py_DECREF(seat);
+    }
+    Py_XDECREF(iterator);
+    return PyErr_Occurred() ? NULL : PyBool_FromLong(any);
+}
+
+static PyMethodDef rotation_methods[] = {{"_give_turns", give_turns, METH_O, NULL},
+                                         {NULL, NULL, 0, NULL}};
+static struct kind rotations = {.name = "llfsm.runtime.engine._ringlet.Rotation",
+                                .fields = rotation_fields,
+                                .methods = rotation_methods};
+static PyMethodDef functions[] = {{"ringlet", ringlet, METH_O, NULL},
+                                  {"running", running, METH_O, NULL},
+                                  {NULL, NULL, 0, NULL}};
+static struct PyModuleDef definition = {
+    PyModuleDef_HEAD_INIT, .m_name = "_ringlet", .m_size = -1, .m_methods = functions};
+
+static PyObject *look_up(const char *module, const char *name)
+{
+    PyObject *found = PyImport_ImportModule(module);
     PyObject *result = found ? PyObject_GetAttrString(found, name) : NULL;
     Py_XDECREF(found);
     return result;
 }
 
-/* 1 if a transition fired, 0 if none did, -1 after an error. */
-static int evaluate(struct doing *doing, Seat *seat, State *state, PyObject *machine,
-                    PyObject *transitions)
-{
-    Py_ssize_t number = PyTuple_Size(transitions);
-    for (Py_ssize_t i = 0; i < number; i++) {
-        PyObject *transition = PyTuple_GetItem(transitions, i);
-        PyObject *guard = transition ? PyTuple_GetItem(transition, 0) : NULL;
-        if (!guard)
-            return -1;
-        if (guard != Py_None) {
-            PyObject *value = call(doing, guard, machine);
-            Py_XDECREF(value);
-            if (value == Py_False)
-                continue;
-            if (value != Py_True)
-                return -1;
-        }
-        PyObject *target = PyTuple_GetItem(transition, 1);
-        if (!target)
-            return -1;
-        put(&seat->current, target);
-        return run(doing, state->on_exit, machine) ? 1 : -1;
-    }
-    if (number < 0)
-        return -1;
-    return run(doing, state->internal, machine) ? 0 : -1;
-}
-
-static int ringlet(Seat *seat)
-{
-    if (!is_none(seat->request)) {
-        PyObject *done = PyObject_CallMethodObjArgs((PyObject *)seat, perform_request, NULL);
-        Py_XDECREF(done);
-        if (!done)
-            return -1;
-    }
-    State *state = as_state(seat->current);
-    if (!state)
-        return -1;
-    PyObject *machine = Py_NewRef(seat->machine);
-    Py_INCREF(state);
-    struct doing doing = {(PyObject *)state, NULL, 0}, *outer = seat->doing;
-    seat->doing = &doing;
-    int fired = -1;
-    PyObject *sensors = Py_NewRef(seat->sensors);
-    if (take_snapshot(sensors, machine) &&
-        ((PyObject *)state == seat->previous || enter(&doing, seat, state, machine))) {
-        PyObject *transitions = Py_NewRef(state->transitions);
-        fired = evaluate(&doing, seat, state, machine, transitions);
-        Py_DECREF(transitions);
-    }
-    Py_DECREF(sensors);
-    seat->doing = outer;
-    Py_DECREF(state);
-    Py_XDECREF(doing.code);
-    Py_DECREF(machine);
-    return fired;
-}
-
-static PyObject *ringlet_of(PyObject *module, PyObject *seat)
-{
-    (void)module;
-    if (!PyObject_TypeCheck(seat, seat_type)) {
-        PyErr_SetString(PyExc_TypeError, "a ringlet needs a seat");
-        return NULL;
-    }
-    int fired = ringlet((Seat *)seat);
-    return fired < 0 ? NULL : PyBool_FromLong(fired);
-}
-
-static PyObject *rotation_run(PyObject *self_, PyObject *seats)
-{
-    Rotation *self = (Rotation *)self_;
-    PyObject *turns = PyObject_GetIter(seats), *seat;
-    bool any = false;
-    while ((seat = PyIter_Next(turns))) {
-        if (seat != Py_None) {
-            int fired = ringlet((Seat *)seat);
-            any |= fired == 1;
-        }
-        Py_DECREF(seat);
-        if (PyList_Size(self->leaving)) break;
-    }
-    Py_DECREF(turns);
-    return PyErr_Occurred() ? NULL : PyBool_FromLong(any);
-}
-
-static PyMethodDef rotation_methods[] = {{"run", rotation_run, METH_O, NULL}, {NULL, NULL, 0, NULL}};
-
-#define SLOTS(name, ...)                                                                           \
-    static PyType_Slot name##_slots[] = {                                                          \
-        {Py_tp_members, name##_members}, {Py_tp_traverse, name##_traverse},                        \
-        {Py_tp_clear, name##_clear}, {Py_tp_dealloc, name##_dealloc}, __VA_ARGS__ {0, NULL}};
-
-SLOTS(seat, )
-SLOTS(state, )
-SLOTS(rotation, {Py_tp_methods, rotation_methods}, )
-
-#define SPEC(name, Struct, text) static PyType_Spec name##_spec = {"llfsm.runtime.engine._ringlet." text, sizeof(Struct), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE | Py_TPFLAGS_HAVE_GC, name##_slots};
-SPEC(seat, Seat, "SeatFields")
-SPEC(state, State, "StateFields")
-SPEC(rotation, Rotation, "Rotation")
-
-static PyMethodDef functions[] = {{"ringlet", ringlet_of, METH_O, NULL}, {NULL, NULL, 0, NULL}};
-
-static struct PyModuleDef module = {
-    PyModuleDef_HEAD_INIT, .m_name = "_ringlet", .m_size = -1, .m_methods = functions};
-
 PyMODINIT_FUNC PyInit__ringlet(void)
 {
-    PyObject *m = PyModule_Create(&module);
-    perform_request = PyUnicode_InternFromString("perform_request");
-    seat_type = (PyTypeObject *)PyType_FromSpec(&seat_spec);
-    state_type = (PyTypeObject *)PyType_FromSpec(&state_spec);
-    rotation_type = (PyTypeObject *)PyType_FromSpec(&rotation_spec);
-    PyModule_AddType(m, seat_type);
-    PyModule_AddType(m, state_type);
-    PyModule_AddType(m, rotation_type);
-    (void)plain_turn; (void)look_up;
-    return m;
+    PyObject *module = PyModule_Create(&definition);
+    if (!module ||
+        !(execution_error = look_up("llfsm.runtime.engine.errors", "ExecutionError")) ||
+        !(monotonic_ns = look_up("time", "monotonic_ns")) ||
+        !(plain_turn = PyObject_GetAttrString(module, "ringlet")) ||
+        !add_type(module, &seats) || !add_type(module, &states) || !add_type(module, &rotations))
+        Py_CLEAR(module);
+    return module;
 }

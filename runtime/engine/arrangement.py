@@ -19,12 +19,14 @@ from .machine import Machine
 from .observers import Observers
 from .pacing import Pacer
 from .realtime import check_real_time
-from .ringlet import observed_ringlet, ringlet
+from .ringlet import observed_ringlet
+from .ringlet import ringlet as defined_ringlet
 from .schedule import Timetable
 from .seat import Failure, Seat
 from .signals import stop_on_signals
 from .statistics import MachineStatistics, Stopwatch
 from .submachine import Submachine
+from .twin import Rotation, ringlet
 from .watchdog import stop_by_signal
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ __all__ = ["Arrangement"]
 M = TypeVar("M", bound=Machine)
 
 
-class Arrangement(Control):
+class Arrangement(Rotation, Control):
     """Run machines in load order, one ringlet each per round; those in `start_suspended` last.
 
     Leaving a `with` block ends it, like the end of `run`: the `at_end` messages are posted.
@@ -114,7 +116,7 @@ class Arrangement(Control):
         self.reason: Reason | None = None
         self.stop_cause: str | None = None
         self._loader = Loader(self, self._roster, library)
-        self._leaving: list[Seat] = []  # to be unloaded at the end of their ringlet
+        self._leaving = []
         self._outer: list[Seat] = []  # those inside whose ringlet another one is nested
         self.observers = Observers()  # changed by `attach` and `detach`
         self.emit = self.observers.emit
@@ -195,7 +197,9 @@ class Arrangement(Control):
         seat.request = None
         seat.nested += 1
         seat.suspend()
-        turn = ringlet if self._stopwatch is None else self._stopwatch.within(ringlet)
+        turn: Callable[[Seat], bool] = defined_ringlet  # which a watchdog finds on the stack
+        if self._stopwatch is not None:
+            turn = self._stopwatch.within(turn)
         try:
             turn(seat)
         except ExecutionError as error:
@@ -241,23 +245,10 @@ class Arrangement(Control):
         self.rounds += 1
         if self.observers:
             self.emit(RoundBegin(*self.stamp()))
-        fired, leaving = False, self._leaving
         seats: Iterable[Seat | None] = self._roster.seats  # it grows and gets holes on the way
         if self.timetable is not None and self._pacer is not None:
             seats = self._pacer.turns(self.timetable.slots, self._roster.named)
-        for seat in seats:
-            if seat is None:
-                continue
-            turn = self._turn  # another one when an observer comes or goes
-            try:
-                if turn(seat):
-                    fired = True
-                elif not seat.current.transitions:
-                    self._accept(seat)
-            except ExecutionError as error:
-                self._fail(seat, error)
-            if leaving:
-                self._let_go()
+        fired = self._give_turns(seats)
         if self.observers:
             self.emit(RoundEnd(*self.stamp(), fired, self.finished, self.standings()))
         return fired
@@ -289,6 +280,8 @@ class Arrangement(Control):
         if not self.stopping and self.environment.may_stop(cause):
             self.stop_cause = cause
             self.stopping = True
+            for seat in self._roster:
+                seat.machine.stopping = True
             self.environment.wake()
 
     def unload_stopped(self, grace_ns: int) -> None:

@@ -6,40 +6,39 @@ ringlet serves both and pays for observers only when there are some.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from math import floor
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .events import Eval, Section
 from .state import SECTIONS, Guard, SectionCode, State
+from .twin import StateFields
 
 if TYPE_CHECKING:
     from .environment import Read
     from .seat import Seat
 
-__all__ = ["BoundSensor", "BoundState", "BoundTransition", "bind"]
+__all__ = ["BoundSensor", "BoundState", "BoundTransition", "Running", "bind"]
 
 BoundSensor: TypeAlias = tuple[str, "Read", object]
 """A sensor's name, what reads it, and what stands for None in the snapshot."""
-BoundTransition: TypeAlias = tuple[float | None, Guard | None, "BoundState"]
-"""For how long at least it does not fire (None: it may at once), its guard, and its target."""
+BoundTransition: TypeAlias = tuple[int | None, Guard | None, "BoundState"]
+"""Nanoseconds in the state that must have passed (None: any), the guard and the target."""
 
+_FOREVER_NS = 2**63 - 1  # by any clock
 _ON_SUSPEND = SECTIONS.index("OnSuspend")
 
+Running: TypeAlias = tuple["BoundState", Callable[[Any], object] | None, int]
+"""What a ringlet runs: the state it began in, code (None: it takes the snapshot), and its step."""
 
-class BoundState:
+
+class BoundState(StateFields):
     """A state of one loaded machine: plain functions and targets, nothing to look up.
 
     It stays the same object while observers come and go; only what it holds is exchanged.
     """
 
-    __slots__ = (
-        "internal",
-        "name",
-        "on_entry",
-        "on_exit",
-        "on_resume",
-        "on_suspend",
-        "transitions",
-    )
+    __slots__ = ("name",)
 
     def __init__(self, name: str):
         self.name = name
@@ -85,7 +84,9 @@ def _suspending(seat: Seat, code: SectionCode | None) -> SectionCode | None:
 def _transition(seat: Seat, state: State, number: int) -> BoundTransition:
     transition = state.transitions[number]
     guard, target = transition.guard, transition.target
-    limit_ns = None if transition.after_ms is None else transition.after_ms * 1_000_000
+    after_ms, limit_ns = transition.after_ms, None
+    if after_ms is not None:
+        limit_ns = floor(min(after_ms * 1_000_000, _FOREVER_NS))
 
     def evaluate_and_note(machine: Any) -> bool:  # the target alone does not identify it
         value = guard is None or guard(machine)

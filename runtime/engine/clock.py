@@ -11,7 +11,10 @@ __all__ = ["Clock", "ManualClock", "MonotonicClock"]
 
 
 class Clock(Protocol):
-    """What the runtime needs of time. Whole nanoseconds from any fixed start, never going back."""
+    """What the runtime needs of time. Whole nanoseconds from any fixed start, never going back.
+
+    They are less than 2**63: what that means is that they last for 292 years.
+    """
 
     def now_ns(self) -> int:
         """Return the time."""

@@ -10,9 +10,12 @@ from .events import Request, Standing, Status
 from .machine import Machine
 from .roster import Roster
 from .seat import Arrival, Failure, Seat
+from .twin import running
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, Message, Slot
+
+    from .binding import Running
 
 __all__ = ["Control"]
 
@@ -73,7 +76,7 @@ class Control:
         self.environment.requested("stop_machine", name)
         seat = self._roster.find(name)
         if not seat.stopping:
-            seat.stopping = True
+            seat.stopping = seat.machine.stopping = True
             self._stopped.append((self.clock.now_ns(), seat))
 
     # Questions
@@ -150,6 +153,14 @@ class Control:
     def safe_values(self, name: str) -> list[tuple[Slot[Any], Message]]:
         """Return what is posted when code of a machine fails: slots of the board, and messages."""
         return self._roster.find(name).safe_values()
+
+    def running(self) -> tuple[Seat, Running] | None:
+        """Return in which seat the twin of the ringlet is running, and what; for other threads."""
+        for seat in tuple(self._roster):
+            now = running(seat)
+            if now is not None:
+                return seat, now
+        return None
 
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from .errors import ExecutionError, GuardResultError
+from .errors import ExecutionError, GuardResultError, ObserverError
 
 if TYPE_CHECKING:
     from logging import Logger
@@ -37,8 +37,16 @@ def one_line(error: Exception) -> str:
     return f"{line[:half]} … {line[-half:]}"  # the place in the code comes last
 
 
-def explain(seat: Seat, state: BoundState, code: object, error: BaseException) -> ExecutionError:
-    """Describe the `error` that `code` raised in a ringlet of `seat` that began in `state`."""
+def explain(seat: Seat, state: BoundState, code: object, error: BaseException) -> BaseException:
+    """Describe the `error` that `code` raised in a ringlet of `seat` that began in `state`.
+
+    One that is no failure of the code, or is described already, is returned as it is.
+    """
+    failed = isinstance(error, Exception) or (
+        isinstance(error, SystemExit | KeyboardInterrupt) and seat.arrangement.contains_exits
+    )
+    if not failed or isinstance(error, ExecutionError | ObserverError):
+        return error
     where, step = place_of(seat, state, code)
     filename, line = None, None
     trace = error.__traceback__
@@ -49,7 +57,9 @@ def explain(seat: Seat, state: BoundState, code: object, error: BaseException) -
             break
         trace = trace.tb_next
     what = f"{type(error).__name__}: {error}"
-    return ExecutionError(what, seat.name, where, step, filename, line)
+    explained = ExecutionError(what, seat.name, where, step, filename, line)
+    explained.__cause__ = error
+    return explained
 
 
 def not_a_bool(seat: Seat, state: BoundState, guard: object, value: object) -> GuardResultError:

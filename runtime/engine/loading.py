@@ -81,6 +81,7 @@ class Loader:
         self._classes[cls.__name__] = cls
         bind(seat, observed=bool(self._arrangement.observers))
         roster.add(seat)
+        machine.stopping = self._arrangement.stopping  # last, as any thread may stop all
         self._arrangement.environment.loaded(name, path)
         return seat
 

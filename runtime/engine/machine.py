@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 from types import new_class
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, Unpack, cast, dataclass_transform
 
@@ -157,10 +158,10 @@ class Machine(metaclass=MachineType):
         """The name of the current state; during an OnExit it is already the target."""
         return self._seat.current.name
 
-    @property
+    @cached_property  # an attribute of its own from its loading on: guards of all states read it
     def stopping(self) -> bool:
         """Whether it or all machines were asked to stop: make for an accepting state."""
-        return self._seat.stopping or self._seat.arrangement.stopping
+        return self._seat.stopping
 
     @property
     def number_of_machines(self) -> int:

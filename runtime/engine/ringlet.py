@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .errors import ExecutionError, ObserverError
 from .events import Turn
 from .failure import explain, not_a_bool
-from .seat import Seat
+
+if TYPE_CHECKING:
+    from .seat import Seat
 
 __all__ = ["observed_ringlet", "ringlet"]
 
@@ -63,14 +64,8 @@ def ringlet(seat: Seat) -> bool:
         if (code := state.internal) is not None:  # 6
             code(machine)
         return False
-    except (ExecutionError, ObserverError):
-        raise
-    except Exception as error:
-        raise explain(seat, state, code, error) from error
-    except (SystemExit, KeyboardInterrupt) as error:
-        if not seat.arrangement.contains_exits:
-            raise
-        raise explain(seat, state, code, error) from error
+    except BaseException as error:
+        raise explain(seat, state, code, error)  # noqa: B904  # which knows the cause
 
 
 def observed_ringlet(seat: Seat) -> bool:

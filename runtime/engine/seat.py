@@ -13,6 +13,7 @@ from .events import Request, Standing, Status
 from .failure import logger
 from .ports import Actuator, Sensor
 from .state import State
+from .twin import SeatFields
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, Message, Slot
@@ -46,7 +47,7 @@ class Failure(NamedTuple):
     time_ns: int
 
 
-class Seat:
+class Seat(SeatFields):
     """One machine in one arrangement: its place in the order and where its execution stands.
 
     `current`, `previous` (None before the first ringlet and after a restart) and `remembered`
@@ -58,9 +59,7 @@ class Seat:
         "accepted",
         "arrangement",
         "called",
-        "current",
         "doing",
-        "entered_ns",
         "failure",
         "fired",
         "first_round",
@@ -68,22 +67,14 @@ class Seat:
         "held",
         "index",
         "initial",
-        "machine",
         "meter",
         "name",
         "nested",
-        "notifies",
-        "now",
         "path",
-        "previous",
         "remembered",
         "renamed",
-        "request",
-        "sensors",
-        "source",
         "states",
         "stopping",
-        "suspension",
         "taken",
     )
 

@@ -20,6 +20,7 @@ from .ringlet import ringlet
 
 if TYPE_CHECKING:
     from .arrangement import Arrangement
+    from .binding import Running
     from .environment import Attendant
     from .seat import Seat
 
@@ -35,9 +36,12 @@ class RunningCall(NamedTuple):
     """A call of a machine's code that is running in a ringlet."""
 
     frame: FrameType
-    """The ringlet's. While it is referenced, no other ringlet has the same object."""
+    """The ringlet's, or that of the round in which its twin runs.
+
+    While it is referenced, no other ringlet or round has the same object.
+    """
     step: int
-    """Where the ringlet is."""
+    """Where the ringlet is, or the number of its twin's call."""
     seat: Seat
     where: str
     """Machine, state and section, file and line."""
@@ -49,24 +53,37 @@ class RunningCall(NamedTuple):
 
 def running_call(thread: int) -> RunningCall | None:
     """Return the call of a machine's code that a thread runs now, the innermost one; else None."""
+    from .arrangement import Arrangement  # here, as it imports this module
+
     frame = sys._current_frames().get(thread)
     inner: FrameType | None = None  # the last of the machine's own frames on the way out
     innermost = frame
-    while frame is not None and frame.f_code is not ringlet.__code__:
+    turns = ringlet.__code__, Arrangement.round.__code__
+    while frame is not None and frame.f_code not in turns:
         if not frame.f_code.co_filename.startswith(_RUNTIME):
             inner = frame
         frame = frame.f_back
     if frame is None or inner is None or innermost is None:
         return None
-    local = frame.f_locals
-    seat, state, code = local.get("seat"), local.get("state"), local.get("code")
-    if seat is None or state is None:
+    found = _ringlet_in(frame)
+    if found is None:
         return None
-    name, step = place_of(seat, state, code)
-    where = f"machine {seat.name}, state {name}, {step} ({_line(inner)})"
+    seat, (state, code, step) = found
+    name, section = place_of(seat, state, code)
+    where = f"machine {seat.name}, state {name}, {section} ({_line(inner)})"
     if innermost is not inner and not innermost.f_code.co_filename.startswith(_RUNTIME):
         where += f", at {_line(innermost)}"
-    return RunningCall(frame, frame.f_lasti, seat, where)
+    return RunningCall(frame, step, seat, where)
+
+
+def _ringlet_in(frame: FrameType) -> tuple[Seat, Running] | None:
+    """Return what a ringlet runs: that of the frame, or its twin in a round of the frame."""
+    local = frame.f_locals
+    if frame.f_code is not ringlet.__code__:
+        arrangement: Arrangement = local["self"]
+        return arrangement.running()
+    seat, state, code = local.get("seat"), local.get("state"), local.get("code")
+    return None if seat is None or state is None else (seat, (state, code, frame.f_lasti))
 
 
 def _line(frame: FrameType) -> str:

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import os
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
-from measure import Subject
+from measure import Sampler, Subject
 
+from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, Machine, State
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
-__all__ = ["MANY", "subjects"]
+sys.path.append(str(Path(__file__).parents[1]))
+from definition import Defined
+
+__all__ = ["MANY", "nonstop", "subjects"]
 
 MANY = 1000
+_WALLS = 100
+_NONSTOP = 500  # rounds
 _READERS = 100
 _BUILD = "Twist(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0))"
 
@@ -94,7 +103,7 @@ def subjects() -> Iterator[dict[str, Subject]]:
     name = f"bench-{os.getpid()}"
     with Whiteboard(name) as board, Whiteboard(name) as elsewhere:
         try:
-            yield _on_board(board, elsewhere) | _machines()
+            yield _on_board(board, elsewhere) | _machines() | _walls(board)
         finally:
             board.remove()
 
@@ -148,5 +157,77 @@ def _machines() -> dict[str, Subject]:
             "arrangement.round()", {"arrangement": Arrangement(ten_timed, timed=True)}, 10
         ),
         "many": Subject("arrangement.round()", {"arrangement": Arrangement(many)}, MANY),
+        "many, defined": Subject(
+            "arrangement.round()",
+            {"arrangement": Defined([Staying() for _ in range(MANY)])},
+            MANY,
+        ),
+        "firing, defined": Subject("arrangement.round()", {"arrangement": Defined([Firing])}),
         "empty method": Subject("machine.empty()", {"machine": Staying()}),
     }
+
+
+def _walls(board: Whiteboard) -> dict[str, Subject]:
+    """Make a hundred of the machine that ships, as it drives: it waits for a second at a time."""
+
+    def driving(kind: type[Arrangement]) -> Subject:
+        arrangement = kind([RosWallTurttleBot() for _ in range(_WALLS)], whiteboard=board)
+
+        def restart() -> None:
+            for machine in arrangement.machines:
+                arrangement.restart(machine.name)
+            arrangement.round()
+
+        return Subject(
+            "round()", {"round": arrangement.round, "restart": restart}, _WALLS, before="restart()"
+        )
+
+    return {"wall": driving(Arrangement), "wall, defined": driving(Defined)}
+
+
+class Timing(Machine):
+    """Note the processor's time at the first turn and at the last."""
+
+    turns: int = 0
+    begin_ns: int = 0
+    end_ns: int = 0
+
+    timing = State()
+    done = State()
+
+    @timing.on_entry
+    def _(self) -> None:
+        self.begin_ns = time.process_time_ns()
+
+    @timing.internal
+    def _(self) -> None:
+        self.turns += 1
+
+    @timing.to(done)
+    def over(self) -> bool:
+        return self.turns == _NONSTOP
+
+    @done.on_entry
+    def _(self) -> None:
+        self.end_ns = time.process_time_ns()
+
+
+@contextmanager
+def nonstop() -> Iterator[Sampler]:
+    """Make a board, and what runs a hundred machines there without a rest.
+
+    With all that a run does between rounds: others see the machines and may make requests. A sample
+    is the processor's nanoseconds of a ringlet.
+    """
+
+    def sample() -> float:
+        timing, walls = Timing(), [RosWallTurttleBot() for _ in range(_WALLS)]
+        arrangement = Arrangement([timing, *walls], whiteboard=board, idle_us=0)
+        arrangement.run(max_rounds=_NONSTOP + 2)
+        return (timing.end_ns - timing.begin_ns) / (_NONSTOP * _WALLS)
+
+    with Whiteboard(f"bench-{os.getpid()}-nonstop") as board:
+        try:
+            yield sample
+        finally:
+            board.remove()
