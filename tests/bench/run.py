@@ -132,7 +132,7 @@ def _calls(pace: Pace) -> Iterator[Row]:
                 statement("an empty method", empty, pace.sample_s),
             ]
             sides = in_turns(meters, pace.processes)
-        yield Row("  of 100 non-stop, on the board", sides, SLOWER, 28)
+        yield Row("100 wall machines, non-stop", sides, SLOWER, 28)
 
 
 def _safety(pace: Pace) -> Iterator[Row]:
