@@ -121,7 +121,7 @@ def mirror(choose: Random, folder: Path) -> None:
     mine, theirs = Slot("mine", Int64), Slot("robot/number", Int64)
     board.add_message(mine, Int64(1))
     hostile = Hostile(choose.getrandbits(32), choose.choice(("hostile/", "robot/", "")))
-    for _ in range(10):
+    for _ in range(3):
         exchange.receive_batch(hostile.batch(), "hostile")
         exchange.receive_reply(hostile.batch(), "hostile")
         exchange.receive_heartbeat(hostile.heartbeat(), "hostile")
