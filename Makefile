@@ -55,7 +55,6 @@ PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesi
 TEST := $(PYTEST) -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadfile --no-loadscope-reorder
 test: $(VENV)/.ready-test
 	$(TEST)
-	@$(MAKE) --no-print-directory fallback
 
 # What runs machines, once more, as where there is no compiler: the extensions are hidden, and what
 # needs shared memory is skipped.
