@@ -17,7 +17,7 @@ from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.llfsm import status_slot, will_slot
 from llfsm.whiteboard.messages.std_msgs import String
 from memory_transport import MemoryWorld
-from robot import Robot, memory_bridge, memory_robot, report
+from stopping_robot import Robot, memory_bridge, memory_robot, report
 from waiting import wait_for
 from wheels import CMD_VEL, CUE
 

@@ -28,7 +28,7 @@ from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.llfsm import status_slot, will_slot
 from llfsm.whiteboard.messages.std_msgs import String
 from memory_transport import MemoryWorld
-from robot import TWIST, Robot, memory_bridge, memory_robot, subscribe
+from stopping_robot import TWIST, Robot, memory_bridge, memory_robot, subscribe
 from waiting import wait_for
 from wheels import CMD_VEL, CUE, LAMP
 

@@ -15,7 +15,7 @@ import pytest
 
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import status_slot
-from robot import Robot, report
+from stopping_robot import Robot, report
 from waiting import wait_for
 from wheels import CMD_VEL
 

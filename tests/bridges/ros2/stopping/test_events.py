@@ -16,7 +16,7 @@ import pytest
 
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard.messages.llfsm import status_slot
-from robot import report
+from stopping_robot import report
 from waiting import wait_for
 
 from .conftest import Rig

@@ -20,8 +20,8 @@ from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.std_msgs import Int32
 from memory_transport import MemoryWorld
-from robot import Robot, memory_bridge, memory_robot, report
 from small_disks import small_disk
+from stopping_robot import Robot, memory_bridge, memory_robot, report
 from waiting import wait_for
 from wheels import CMD_VEL
 

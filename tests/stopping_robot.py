@@ -1,6 +1,6 @@
 """A robot: what its topic `cmd_vel` has brought, through a bridge in memory or any other.
 
-Importable from every test: `from robot import Robot`.
+Importable from every test: `from stopping_robot import Robot`.
 """
 
 from __future__ import annotations
