@@ -39,6 +39,8 @@ class Rotation:
                 self._let_go()
         return fired
 
+    # The arrangement's part: what comes of a turn. The twin in C calls the same names.
+
     def _accept(self, seat: Seat) -> None:
         raise NotImplementedError
 

@@ -5,12 +5,41 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
 from types import FrameType
 
-__all__ = ["stop_on_signals"]
+__all__ = ["StopRequest", "stop_on_signals"]
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class StopRequest:
+    """Whether a stop was asked for: an event that one thread waits for, and a handler may set.
+
+    A `threading.Event` is none: a handler runs in the thread that it interrupts, and where that
+    thread holds the event's lock, on its way into a wait, `set` would wait for it for ever.
+    """
+
+    def __init__(self) -> None:
+        self._made = False
+        self._bell: SimpleQueue[None] = SimpleQueue()  # `put` may interrupt a `get` or `put`
+
+    def make(self) -> None:
+        """Ask for a stop; from any thread, and from a signal's handler."""
+        self._made = True
+        self._bell.put(None)
+
+    def is_made(self) -> bool:
+        """Return whether a stop was asked for."""
+        return self._made
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until a stop is asked for, at most so long; return whether it was."""
+        if not self._made:
+            with suppress(Empty):
+                self._bell.get(timeout=timeout_s)
+        return self._made
 
 
 @contextmanager

@@ -70,7 +70,7 @@ class Mirror:
             due_ns = self._exchange.due_ns()
             due = heartbeat if due_ns is None else min(heartbeat, due_ns / 1e9)
             if self._send(self._exchange.collect(self._watch(max(0, due - time.monotonic())))):
-                self._stop.wait(_TICK_S)
+                time.sleep(_TICK_S)  # in a wait, a signal's handler could not call `stop`
         self._send(self._exchange.collect(self._watch(0), ignore_rates=True))
 
     @property

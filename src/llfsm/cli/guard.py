@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import logging
 import sys
-import threading
 
 import click
 
-from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 
 from .options import board_option, directory_option, end_with_input, until_eof_option
@@ -31,8 +30,8 @@ def guard(board: str, directory: str, until_eof: bool) -> None:
     """
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     logging.getLogger("llfsm.guard").setLevel(logging.DEBUG)  # which whiteboard is guarded, too
-    asked = threading.Event()
-    with stop_on_signals(lambda _: asked.set()), GuardThread(board, directory):
+    asked = StopRequest()
+    with stop_on_signals(lambda _: asked.make()), GuardThread(board, directory):
         if until_eof:
             end_with_input()
         asked.wait()

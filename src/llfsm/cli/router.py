@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from types import FrameType
+from contextlib import closing
 
 import click
 
 from llfsm.bridges.ros2.router import loopback, open_router
+from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 
 from .options import end_with_input, until_eof_option
 
@@ -34,19 +33,10 @@ def router(listen: tuple[str, ...], until_eof: bool) -> None:
     llfsm router
     llfsm router --listen tcp/0.0.0.0:7447
     """
-    over = threading.Event()
-
-    def end(_: int, __: FrameType | None) -> None:
-        over.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+    asked = StopRequest()
     endpoints = listen or loopback()
-    session = open_router(endpoints)
-    try:
+    with stop_on_signals(lambda _: asked.make()), closing(open_router(endpoints)):
         if until_eof:
             end_with_input()
         click.echo(f"router: listening on {', '.join(endpoints)}")
-        over.wait()
-    finally:
-        session.close()
+        asked.wait()

@@ -45,7 +45,8 @@ class Client:
         """Return the latest status that was published of a goal; None if it is not there yet."""
         found = (
             GoalStatus(each.status)
-            for each in self.statuses[-1].status_list
+            for statuses in self.statuses[-1:]
+            for each in statuses.status_list
             if each.goal_info.goal_id == goal_id
         )
         return next(found, None)

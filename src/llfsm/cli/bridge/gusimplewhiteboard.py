@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import sys
-import threading
 from contextlib import closing
 from pathlib import Path
 from typing import get_args
@@ -21,7 +20,7 @@ from llfsm.bridges.gusimplewhiteboard.relay_configuration import (
     read_configuration,
 )
 from llfsm.runtime.engine.errors import ConfigurationError
-from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import Whiteboard
 
@@ -87,7 +86,7 @@ def gusimplewhiteboard(
 
 
 def _relay(config: RelayConfiguration) -> None:
-    asked, period_s = threading.Event(), config.period_ms / 1000
+    asked, period_s = StopRequest(), config.period_ms / 1000
     with (
         closing(GuWhiteboard(config.file)) as foreign,
         Whiteboard(config.board) as board,
@@ -99,7 +98,7 @@ def _relay(config: RelayConfiguration) -> None:
         ]
         click.echo(f"{config.file} <-> {board.name}: {len(relays)} relayed", err=True)
         try:
-            with stop_on_signals(lambda _: asked.set()):
+            with stop_on_signals(lambda _: asked.make()):
                 run(
                     foreign,
                     relays,

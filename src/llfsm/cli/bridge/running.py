@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import sys
-import threading
 import time
 from contextlib import ExitStack, suppress
 
@@ -12,7 +11,7 @@ import click
 
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.errors import DomainIdError
-from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import SlotTypeError, Whiteboard
 
@@ -41,8 +40,8 @@ def run_bridge(configured: Configured, options: BridgeOptions) -> None:
 
 
 def _run(configured: Configured, options: BridgeOptions) -> None:
-    asked = threading.Event()
-    with suppress(KeyboardInterrupt), stop_on_signals(lambda _: asked.set()), ExitStack() as stack:
+    asked = StopRequest()
+    with suppress(KeyboardInterrupt), stop_on_signals(lambda _: asked.make()), ExitStack() as stack:
         plan = configured.plan(slots_on(options.board))
         transport = stack.enter_context(
             open_chosen(options.transport, options.domain, options.router)
@@ -61,12 +60,12 @@ def _run(configured: Configured, options: BridgeOptions) -> None:
         bridge.linger()
 
 
-def _stay(bridge: Bridge, board: Whiteboard, asked: threading.Event, quiet: bool) -> None:
+def _stay(bridge: Bridge, board: Whiteboard, asked: StopRequest, quiet: bool) -> None:
     def over(seconds: float) -> bool:
         until = time.monotonic() + seconds
-        while board.alive and not asked.is_set() and time.monotonic() < until:
+        while board.alive and not asked.is_made() and time.monotonic() < until:
             asked.wait(min(seconds, _POLL_S))
-        return asked.is_set() or not board.alive
+        return asked.is_made() or not board.alive
 
     if quiet:
         while not over(_POLL_S):
