@@ -39,6 +39,14 @@ static PyObject *take_error(void)
     return value;
 }
 
+static PyObject *look_up(const char *module_name, const char *name)
+{
+    PyObject *found = PyImport_ImportModule(module_name);
+    PyObject *result = found ? PyObject_GetAttrString(found, name) : NULL;
+    Py_XDECREF(found);
+    return result;
+}
+
 typedef struct {
     PyObject_HEAD
     struct lwb_board board;
@@ -115,16 +123,20 @@ static PyObject *board_shared(Board *self, PyObject *unused)
     return is_open(self, self->path) ? PyBool_FromLong(lwb_shared(&self->board)) : NULL;
 }
 
+static PyObject *decoded_name(const union lwb_name *name)
+{
+    return PyUnicode_DecodeUTF8(name->text, (Py_ssize_t)strlen(name->text), "surrogateescape");
+}
+
 /* A slot's record: name and type (decoded as far as possible), schema (None if damaged),
  * fingerprint and capacity. */
-static PyObject *board_record(const struct lwb_record *r)
+static PyObject *board_record(const struct lwb_record *r, const union lwb_name *name, bool damaged)
 {
-    const char *name = lwb_texts(r), *type = name + r->name_length;
     PyObject *texts[3] = {
-        PyUnicode_DecodeUTF8(name, (Py_ssize_t)r->name_length, "surrogateescape"),
-        PyUnicode_DecodeUTF8(type, (Py_ssize_t)r->type_length, "replace"),
-        lwb_is_sound(r)
-            ? PyBytes_FromStringAndSize(type + r->type_length, (Py_ssize_t)r->schema_length)
+        decoded_name(name),
+        PyUnicode_DecodeUTF8(lwb_type_text(r), (Py_ssize_t)r->type_length, "replace"),
+        !damaged && lwb_is_sound(r)
+            ? PyBytes_FromStringAndSize(lwb_schema_text(r), (Py_ssize_t)r->schema_length)
             : Py_NewRef(Py_None),
     };
     PyObject *item = NULL;
@@ -149,7 +161,12 @@ static PyObject *board_slots(Board *self, PyObject *unused)
         uint64_t offset;
         if (!(r = lwb_slot_at(&self->board, i, &offset, &status)))
             break;
-        PyObject *item = board_record(r);
+        union lwb_name name;
+        uint64_t life;
+        bool damaged;
+        if (!lwb_name_of(r, &name, &life, &damaged) && !damaged)
+            continue;
+        PyObject *item = board_record(r, &name, damaged);
         if (!item || PyList_Append(list, item))
             Py_CLEAR(list);
         Py_XDECREF(item);
@@ -160,6 +177,81 @@ static PyObject *board_slots(Board *self, PyObject *unused)
         Py_CLEAR(list);
     }
     return list;
+}
+
+/* names(indices): the name of each of these slots, or None if it has none now. */
+static PyObject *board_names(Board *self, PyObject *indices)
+{
+    if (!is_open(self, self->path))
+        return NULL;
+    if (!PyList_Check(indices)) {
+        PyErr_SetString(PyExc_TypeError, "names() needs a list");
+        return NULL;
+    }
+    PyObject *list = PyList_New(0);
+    for (Py_ssize_t i = 0; list && i < PyList_Size(indices); i++) {
+        long index = PyLong_AsLong(PyList_GetItem(indices, i));
+        if (index == -1 && PyErr_Occurred()) {
+            Py_CLEAR(list);
+            break;
+        }
+        union lwb_name name;
+        uint64_t offset, life;
+        bool damaged;
+        int status;
+        struct lwb_record *r = index < 0 ? NULL
+            : lwb_slot_at(&self->board, index < LWB_MAX_SLOTS ? (int)index : LWB_MAX_SLOTS,
+                          &offset, &status);
+        PyObject *item = r && lwb_name_of(r, &name, &life, &damaged) ? decoded_name(&name)
+                                                                     : Py_NewRef(Py_None);
+        if (!item || PyList_Append(list, item))
+            Py_CLEAR(list);
+        Py_XDECREF(item);
+    }
+    return list;
+}
+
+/* readings(): a number that grows when a process begins or ends to read a slot. */
+static PyObject *board_readings(Board *self, PyObject *unused)
+{
+    (void)unused;
+    return is_open(self, self->path) ? PyLong_FromUnsignedLong(lwb_readings(&self->board)) : NULL;
+}
+
+/* read(): the indices of the slots that any process reads. */
+static PyObject *board_read(Board *self, PyObject *unused)
+{
+    (void)unused;
+    if (!is_open(self, self->path))
+        return NULL;
+    PyObject *list = PyList_New(0);
+    uint64_t offset;
+    int status;
+    for (int i = 0; list && lwb_slot_at(&self->board, i, &offset, &status); i++) {
+        if (!lwb_is_read(&self->board, i))
+            continue;
+        PyObject *index = PyLong_FromLong(i);
+        if (!index || PyList_Append(list, index))
+            Py_CLEAR(list);
+        Py_XDECREF(index);
+    }
+    return list;
+}
+
+/* vacate(name): give up the name of a slot, if there is one. */
+static PyObject *board_vacate(Board *self, PyObject *name)
+{
+    const char *text = PyUnicode_AsUTF8AndSize(name, NULL);
+    if (!text || !is_open(self, self->path))
+        return NULL;
+    struct lwb_slot slot;
+    const struct lwb_schema schema = {text, "", "", 0, 1};
+    int status = lwb_bind(&self->board, &slot, &schema, false);
+    if (status == LWB_OK || status == LWB_DIFFERS)
+        lwb_vacate(&slot);
+    else if (status != LWB_MISSING)
+        return fail(status, name, NULL);
+    Py_RETURN_NONE;
 }
 
 /* Seconds of `seconds` left since `start`; not more than 0, or NaN, if none are. */
@@ -177,15 +269,17 @@ static uint64_t sleep_ns(double left)
     return !(left > 0) ? 0 : left > 1 ? 1000000000u : (uint64_t)(left * 1e9);
 }
 
-/* watch(words, timeout): returns the indices of the slots whose word differs from the one in
- * `words`, a bytearray, and updates it; waits for a change for at most `timeout` seconds. */
+/* watch(words, timeout, readings): returns the indices of the slots whose word differs from the one in
+ * `words`, a bytearray, and updates it; waits for a change for at most `timeout` seconds, or until
+ * readings() is another number. */
 static PyObject *board_watch(Board *self, PyObject *args)
 {
     PyObject *seen;
     double seconds;
+    unsigned int readings;
     uint32_t which[LWB_MAX_SLOTS];
     int number = 0, status;
-    if (!PyArg_ParseTuple(args, "O!d", &PyByteArray_Type, &seen, &seconds))
+    if (!PyArg_ParseTuple(args, "O!dI", &PyByteArray_Type, &seen, &seconds, &readings))
         return NULL;
     struct timespec start;
     clock_gettime(CLOCK_MONOTONIC, &start);
@@ -201,10 +295,11 @@ static PyObject *board_watch(Board *self, PyObject *args)
         uint32_t odd = 0;
         status = lwb_changed(&self->board, words, which, &number);
         double left = seconds_left(&start, seconds);
-        bool over = !(left > 0);
+        bool over = !(left > 0) || lwb_readings(&self->board) != readings;
         if (!status && !number && !over) {
             odd = lwb_announce(watching);
             status = lwb_changed(&self->board, words, which, &number);
+            over = lwb_readings(&self->board) != readings;
         }
         if (status)
             return fail(status, self->path, NULL);
@@ -241,6 +336,10 @@ static PyMethodDef board_methods[] = {
     {"linked", (PyCFunction)board_linked, METH_NOARGS, NULL},
     {"shared", (PyCFunction)board_shared, METH_NOARGS, NULL},
     {"slots", (PyCFunction)board_slots, METH_NOARGS, NULL},
+    {"names", (PyCFunction)board_names, METH_O, NULL},
+    {"readings", (PyCFunction)board_readings, METH_NOARGS, NULL},
+    {"read", (PyCFunction)board_read, METH_NOARGS, NULL},
+    {"vacate", (PyCFunction)board_vacate, METH_O, NULL},
     {"raise_alarm", (PyCFunction)board_raise_alarm, METH_NOARGS, NULL},
     {"watch", (PyCFunction)board_watch, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL}};

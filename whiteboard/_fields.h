@@ -5,7 +5,7 @@
 #include <Python.h>
 
 enum field_kind { FIELD_FLOAT, FIELD_INT, FIELD_BOOL, FIELD_STR, FIELD_BYTES, FIELD_MESSAGE,
-                  FIELD_OTHER /* left to the decoder */ };
+                  FIELD_TUPLE, FIELD_OTHER /* left to the decoder */ };
 
 struct field_check;
 struct field_checks {
@@ -15,9 +15,9 @@ struct field_checks {
 struct field_check {
     Py_ssize_t place;
     int kind;
-    long long least, most;       /* FIELD_INT: the range */
+    long long least, most;       /* FIELD_INT: the range; FIELD_TUPLE: how many items */
     PyTypeObject *type;          /* FIELD_MESSAGE: borrowed from the outer class's schema */
-    struct field_checks inner;
+    struct field_checks inner;   /* FIELD_TUPLE: one, for each of its items */
 };
 
 static inline void field_checks_free(struct field_checks *checks)
@@ -51,8 +51,8 @@ static inline Py_ssize_t field_place(PyObject *empty, const char *name)
     return place;
 }
 
-/* `fields`: a tuple of (name, kind, least, most, message type or None, its fields). Returns
- * 0, or -1 with an exception. */
+/* `fields`: a tuple of (name, kind, least, most, message type or None, its fields); `type` is NULL
+ * for the item of a tuple, which has no place. Returns 0, or -1 with an exception. */
 static inline int field_checks_init(struct field_checks *checks, PyTypeObject *type,
                                     PyObject *fields)
 {
@@ -62,8 +62,8 @@ static inline int field_checks_init(struct field_checks *checks, PyTypeObject *t
         PyErr_NoMemory();
         return -1;
     }
-    PyObject *empty = PyType_GenericAlloc(type, 0);
-    if (!empty)
+    PyObject *empty = type ? PyType_GenericAlloc(type, 0) : NULL;
+    if (type && !empty)
         goto failed;
     for (Py_ssize_t i = 0; i < count; i++) {
         struct field_check *c = &checks->at[i];
@@ -72,14 +72,15 @@ static inline int field_checks_init(struct field_checks *checks, PyTypeObject *t
         if (!PyArg_ParseTuple(PyTuple_GetItem(fields, i), "siLLOO!", &name, &c->kind, &c->least,
                               &c->most, &inner_type, &PyTuple_Type, &inner))
             goto failed;
-        if ((c->place = field_place(empty, name)) < 0)
+        if (empty && (c->place = field_place(empty, name)) < 0)
             goto failed;
         c->type = (PyTypeObject *)inner_type;
         checks->count = i + 1;
-        if (c->kind == FIELD_MESSAGE && field_checks_init(&c->inner, c->type, inner))
+        if ((c->kind == FIELD_MESSAGE && field_checks_init(&c->inner, c->type, inner)) ||
+            (c->kind == FIELD_TUPLE && field_checks_init(&c->inner, NULL, inner)))
             goto failed;
     }
-    Py_DECREF(empty);
+    Py_XDECREF(empty);
     return 0;
 failed:
     Py_XDECREF(empty);
@@ -87,34 +88,43 @@ failed:
     return -1;
 }
 
+static inline int field_checks_hold(const struct field_checks *checks, PyObject *message);
+
+static inline int field_holds(const struct field_check *c, PyObject *value)
+{
+    switch (c->kind) {
+    case FIELD_FLOAT: /* the decoder accepts an int as a float, too */
+        return PyFloat_CheckExact(value) || PyLong_CheckExact(value);
+    case FIELD_INT: {
+        if (!PyLong_CheckExact(value))
+            return 0;
+        int overflow;
+        long long number = PyLong_AsLongLongAndOverflow(value, &overflow);
+        return !overflow && number >= c->least && number <= c->most;
+    }
+    case FIELD_BOOL: return PyBool_Check(value);
+    case FIELD_STR: return PyUnicode_CheckExact(value);
+    case FIELD_BYTES: return PyBytes_CheckExact(value);
+    case FIELD_MESSAGE: return Py_IS_TYPE(value, c->type) && field_checks_hold(&c->inner, value);
+    case FIELD_TUPLE: {
+        Py_ssize_t count = PyTuple_CheckExact(value) ? PyTuple_Size(value) : -1;
+        if (count < c->least || count > c->most)
+            return 0;
+        for (Py_ssize_t i = 0; i < count; i++)
+            if (!field_holds(c->inner.at, PyTuple_GetItem(value, i)))
+                return 0;
+        return 1;
+    }
+    }
+    return 0;
+}
+
 static inline int field_checks_hold(const struct field_checks *checks, PyObject *message)
 {
     for (Py_ssize_t i = 0; i < checks->count; i++) {
         const struct field_check *c = &checks->at[i];
         PyObject *value = *(PyObject **)((char *)message + c->place);
-        if (!value)
-            return 0;
-        int right = 0;
-        switch (c->kind) {
-        case FIELD_FLOAT: /* the decoder accepts an int as a float, too */
-            right = PyFloat_CheckExact(value) || PyLong_CheckExact(value);
-            break;
-        case FIELD_INT: {
-            int overflow;
-            if (!PyLong_CheckExact(value))
-                break;
-            long long number = PyLong_AsLongLongAndOverflow(value, &overflow);
-            right = !overflow && number >= c->least && number <= c->most;
-            break;
-        }
-        case FIELD_BOOL: right = PyBool_Check(value); break;
-        case FIELD_STR: right = PyUnicode_CheckExact(value); break;
-        case FIELD_BYTES: right = PyBytes_CheckExact(value); break;
-        case FIELD_MESSAGE:
-            right = Py_IS_TYPE(value, c->type) && field_checks_hold(&c->inner, value);
-            break;
-        }
-        if (!right)
+        if (!value || !field_holds(c, value))
             return 0;
     }
     return 1;

@@ -7,9 +7,13 @@ static PyObject *port_recent(Port *self, PyObject *unused)
     if (!is_open(self->board, self->name))
         return NULL;
     PyObject *all = PyList_New(0);
+    if (port_renew(self, false)) /* nothing was added under its name since that was given up */
+        return all;
     for (unsigned writer = 0; all && writer < LWB_MAX_WRITERS; writer++) {
         struct lwb_meta metas[LWB_BUFFERS];
         int found, status = lwb_recent(&self->slot, writer, metas, &found);
+        if (status == LWB_RENAMED)
+            break;
         if (status) {
             Py_DECREF(all);
             return fail(status, self->name, NULL);

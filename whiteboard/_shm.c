@@ -24,7 +24,10 @@ typedef struct {
     struct lwb_meta meta;    /* and its metadata */
     uint64_t added;          /* the count of the last message that it has added */
     char retired;            /* it adds no more */
+    char reads;              /* it has declared that it reads the slot */
 } Port;
+
+#include "_reading.h"
 
 static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwargs)
 {
@@ -59,8 +62,7 @@ static PyObject *port_new(PyTypeObject *subtype, PyObject *args, PyObject *kwarg
     PyObject *theirs = NULL;
     if (status == LWB_DIFFERS) {
         struct lwb_record *r = self->slot.record;
-        theirs = PyBytes_FromStringAndSize(lwb_texts(r) + r->name_length + r->type_length,
-                                           (Py_ssize_t)r->schema_length);
+        theirs = PyBytes_FromStringAndSize(lwb_schema_text(r), (Py_ssize_t)r->schema_length);
     }
     fail(status, name, theirs);
 failed:
@@ -85,6 +87,7 @@ static void port_dealloc(Port *self)
     PyTypeObject *subtype = Py_TYPE((PyObject *)self);
     PyObject_GC_UnTrack(self);
     field_checks_free(&self->checks);
+    port_end_reading(self);
     Py_XDECREF(self->message);
     Py_XDECREF(self->scratch);
     Py_DECREF(self->decode);
@@ -94,6 +97,19 @@ static void port_dealloc(Port *self)
     Py_DECREF(self->board);
     PyObject_GC_Del(self);
     Py_DECREF(subtype);
+}
+
+/* If the slot's record has another name by now, bind the slot again: make it if `create`, or return
+ * LWB_MISSING if it is not on the board. What was read before is forgotten. */
+static int port_renew(Port *self, bool create)
+{
+    if (!lwb_is_renamed(&self->slot))
+        return LWB_OK;
+    port_end_reading(self);
+    self->meta = (struct lwb_meta){0};
+    Py_CLEAR(self->message);
+    const char *name = PyUnicode_AsUTF8AndSize(self->name, NULL);
+    return name ? lwb_renew(&self->slot, name, create) : LWB_INVALID;
 }
 
 /* Encode a message into `scratch`. The limited API's call with two objects would take a tenth of an
@@ -127,9 +143,12 @@ static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
     }
     uint64_t count = 0;
     size_t length = (size_t)PyByteArray_Size(scratch);
-    int status = !done ? WRONG_FIELD
-               : self->board->closed ? CLOSED
-               : lwb_add_after(&self->slot, PyByteArray_AsString(scratch), length, after, &count);
+    int status;
+    do status = !done ? WRONG_FIELD
+              : self->board->closed ? CLOSED
+              : (status = port_renew(self, true)) ? status
+              : lwb_add_after(&self->slot, PyByteArray_AsString(scratch), length, after, &count);
+    while (status == LWB_RENAMED);
     if (self->scratch || length > 1 << 20) /* keep one, and not a huge one */
         Py_DECREF(scratch);
     else
@@ -137,6 +156,8 @@ static PyObject *port_put(Port *self, PyObject *message, uint64_t after)
     Py_XDECREF(done);
     if (status == WRONG_FIELD)
         return fail(status, self->name, Py_BuildValue("ON", self->type, take_error()));
+    if (status == LWB_DIFFERS)
+        return fail(status, self->name, NULL);
     if (status && status != LWB_PASSED)
         return fail(status, self->name, Py_BuildValue("nK", (Py_ssize_t)length,
                                                       (unsigned long long)self->slot.capacity));
@@ -169,11 +190,20 @@ static inline bool is_fresh(Port *self)
            lwb_word(&self->slot) == self->meta.word;
 }
 
+static int port_copy(Port *self, void *data, size_t room, struct lwb_meta *meta)
+{
+    int status;
+    do status = (status = port_renew(self, false)) ? status
+              : lwb_read(&self->slot, data, room, meta);
+    while (status == LWB_RENAMED);
+    return status == LWB_MISSING ? LWB_EMPTY : status;
+}
+
 /* The latest message's bytes and metadata; NULL without an exception if nothing was added yet. */
 static PyObject *port_read(Port *self, struct lwb_meta *meta)
 {
     char near[256]; /* enough for most messages; a longer one is read again with its size */
-    int status = lwb_read(&self->slot, near, sizeof near, meta);
+    int status = port_copy(self, near, sizeof near, meta);
     if (!status && meta->length <= sizeof near)
         return PyBytes_FromStringAndSize(near, (Py_ssize_t)meta->length);
     PyObject *data = NULL;
@@ -183,7 +213,7 @@ static PyObject *port_read(Port *self, struct lwb_meta *meta)
         Py_XDECREF(data);
         if (!(data = PyBytes_FromStringAndSize(NULL, (Py_ssize_t)room)))
             return NULL;
-        status = lwb_read(&self->slot, PyBytes_AsString(data), room, meta);
+        status = port_copy(self, PyBytes_AsString(data), room, meta);
     }
     if (!status && meta->length == room)
         return data;
@@ -203,6 +233,7 @@ static int port_refresh(Port *self)
         return -1;
     struct lwb_meta meta;
     PyObject *data = port_read(self, &meta);
+    port_begin_reading(self);
     if (!data)
         return PyErr_Occurred() ? -1 : 0;
     PyObject *message = PyObject_CallFunctionObjArgs(self->decode, data, NULL);
@@ -261,8 +292,10 @@ static PyObject *port_encoded(Port *self, PyObject *unused)
 static PyObject *port_count(Port *self, void *unused)
 {
     (void)unused;
-    return is_open(self->board, self->name) ? PyLong_FromUnsignedLongLong(lwb_count(&self->slot))
-                                            : NULL;
+    int status = is_open(self->board, self->name) ? port_renew(self, false) : CLOSED;
+    if (status && status != LWB_MISSING)
+        return fail(status, self->name, NULL);
+    return PyLong_FromUnsignedLongLong(lwb_count(&self->slot));
 }
 
 static PyObject *port_retire(Port *self, PyObject *unused)
@@ -277,7 +310,9 @@ static PyObject *port_reserve(Port *self, PyObject *unused)
     (void)unused;
     if (!is_open(self->board, self->name))
         return NULL;
-    int status = lwb_make_ready(&self->slot);
+    int status;
+    do status = (status = port_renew(self, true)) ? status : lwb_make_ready(&self->slot);
+    while (status == LWB_RENAMED);
     return status ? fail(status, self->name, NULL) : Py_NewRef(Py_None);
 }
 
@@ -291,6 +326,8 @@ static PyMethodDef port_methods[] = {
     {"sample", (PyCFunction)port_sample, METH_NOARGS, NULL},
     {"encoded", (PyCFunction)port_encoded, METH_NOARGS, NULL},
     {"wait", (PyCFunction)(void (*)(void))port_wait, METH_VARARGS | METH_KEYWORDS, NULL},
+    {"wait_count", (PyCFunction)(void (*)(void))port_wait_count, METH_VARARGS | METH_KEYWORDS,
+     NULL},
     {"recent", (PyCFunction)port_recent, METH_NOARGS, NULL},
     {"reserve", (PyCFunction)port_reserve, METH_NOARGS, NULL},
     {"retire", (PyCFunction)port_retire, METH_NOARGS, NULL},
@@ -322,20 +359,12 @@ static PyType_Spec port_spec = {
     .slots = port_type_slots,
 };
 
-
-static PyMethodDef functions[] = {{"wait_any", wait_any, METH_VARARGS, NULL},
+static PyMethodDef functions[] = {{"wait_any", (PyCFunction)(void (*)(void))wait_any,
+                                   METH_FASTCALL, NULL},
                                   {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_shm", .m_size = -1,
                                     .m_methods = functions};
-
-static PyObject *look_up(const char *module_name, const char *name)
-{
-    PyObject *found = PyImport_ImportModule(module_name);
-    PyObject *result = found ? PyObject_GetAttrString(found, name) : NULL;
-    Py_XDECREF(found);
-    return result;
-}
 
 /* The methods of BoundSlot that are the same for every board are written in Python. Port does not
  * inherit from BoundSlot, so its type is given them. */

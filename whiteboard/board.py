@@ -105,6 +105,10 @@ class BoundSlot(ABC, Generic[M]):
         """
 
     @abstractmethod
+    def wait_count(self, *, after: int, timeout: float | None = None) -> int | None:
+        """Wait as :meth:`wait` does, but return only the message's number: nothing is decoded."""
+
+    @abstractmethod
     def reserve(self) -> None:
         """Reserve what this process needs to add, so that an add cannot find the board full.
 
@@ -177,7 +181,7 @@ class Waiter(Protocol):
 
         Their numbers in ``seen`` become those of the newest messages. Return none after
         ``timeout`` seconds, and at a :meth:`wake`. Raise :class:`.BoardClosedError` if the board
-        is closed.
+        is closed, or was removed and there is no message.
         """
         ...
 
@@ -204,6 +208,12 @@ class _Bound(dict[Slot[Any], BoundSlot[Any]]):
         if bound is None:
             bound = self[slot] = self._alike[alike] = self._bind(slot)
         return bound
+
+    def forget(self, slot: Slot[Any]) -> None:
+        """Release what is bound to slots of this name and type."""
+        bound = self._alike.pop((slot.name, slot.type), None)
+        for each in [each for each, of_it in self.items() if of_it is bound]:
+            del self[each]
 
 
 class Board(ABC):
@@ -232,11 +242,31 @@ class Board(ABC):
         """Return the slot's latest message, or None before the first."""
         return self._bound[slot].get()
 
+    def vacate(self, slot: Slot[Any]) -> None:
+        """Give up the slot's name, if nobody needs it any more; its last message may be lost.
+
+        In shared memory, another name of the same type may take its room, so a board does not fill
+        up with names that come and go. Until then the slot stays as it is, and an add or a
+        :meth:`BoundSlot.reserve` keeps it. Handles of any process notice when its room was taken:
+        they read nothing, and an add makes the slot anew, from 1.
+        """
+        self.forget(slot)
+
+    def forget(self, slot: Slot[Any]) -> None:
+        """Release what this process has bound to the slot, other than handles kept elsewhere."""
+        self._bound.forget(slot)
+
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _repr_html_(self) -> str:
+        """Return the slots with their latest messages, as a notebook shows the board."""
+        from .notebook import board_html  # here, as few boards are in one
+
+        return board_html(self)
 
     @abstractmethod
     def _bind(self, slot: Slot[M]) -> BoundSlot[M]: ...
@@ -256,8 +286,22 @@ class Board(ABC):
     def watcher(self) -> Callable[[float], list[str]]:
         """Return a function that waits until any slot has a new message; its argument: seconds.
 
-        It returns the names of the slots with messages added since its last call, or none when the
-        time has passed.
+        It returns the names of the slots with messages added since its last call; none when the
+        time has passed, or :meth:`read_slots` has changed.
+        """
+
+    @property
+    @abstractmethod
+    def readings(self) -> int:
+        """A number that grows when :meth:`read_slots` does."""
+
+    @abstractmethod
+    def read_slots(self) -> set[str]:
+        """Return the names of the slots that are read: by a get, a sample or a wait of a handle.
+
+        A handle of any process counts from its first read on, for as long as it exists. Reading
+        by :meth:`BoundSlot.encoded` does not count. A daemon brings messages of other hosts here
+        that are read here.
         """
 
     @abstractmethod

@@ -191,13 +191,20 @@ def name_fields(kind: type, cause: object) -> str:
     """Return the decoder's error text with field names in place of array indices."""
     from msgspec import inspect as mi
 
+    with_items = mi.StructType, mi.TupleType, mi.VarTupleType, mi.FrozenSetType
+
     def names(match: re.Match[str]) -> str:
         path, node = "", mi.type_info(kind)
         for index in map(int, re.findall(r"\d+", match[0])):
-            if isinstance(node, mi.StructType):
-                path, node = f"{path}.{node.fields[index].name}", node.fields[index].type
-            else:  # within a tuple; deeper levels are not named
-                path, node = f"{path}[{index}]", mi.AnyType()
+            if isinstance(node, mi.UnionType):  # at most one of its types has items
+                node = next(each for each in node.types if isinstance(each, with_items))
+            match node:
+                case mi.StructType(fields=fields):
+                    path, node = f"{path}.{fields[index].name}", fields[index].type
+                case mi.TupleType(item_types=types):
+                    path, node = f"{path}[{index}]", types[index]
+                case mi.VarTupleType() | mi.FrozenSetType():
+                    path, node = f"{path}[{index}]", node.item_type
         return f"`{path.lstrip('.')}`"
 
     return re.sub(r"`\$((\[\d+\])+)`", names, str(cause))
@@ -240,6 +247,10 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
             )
         case 5, bytes(schema):
             raise SchemaClash(schema)
+        case 5, _:
+            raise SlotTypeError(
+                f"slot {where!r} has another type by now, as its name was given up; bind it again"
+            )
         case 4, (int(length), int(capacity)):
             raise too_large(str(where), length, capacity)
         case ((6 | 7 | 8), _):

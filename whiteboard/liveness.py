@@ -23,8 +23,6 @@ __all__ = [
     "writer_lives",
 ]
 
-_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-
 
 @cache
 def host_name() -> str:
@@ -108,6 +106,7 @@ def writer_lives(sample: Sample[Any]) -> bool:
     started = born(sample.writer)
     if started == 0:
         return False
+    ticks_per_s = os.sysconf("SC_CLK_TCK")  # here, as Windows has no such function
     # Start times include the time in which the host was suspended, stamps do not.
     suspended_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()
-    return started * 1_000_000_000 // _TICKS_PER_S <= sample.stamp_ns + suspended_ns
+    return started * 1_000_000_000 // ticks_per_s <= sample.stamp_ns + suspended_ns

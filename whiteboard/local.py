@@ -41,6 +41,7 @@ class _Cell:
         self.latest: _Added | None = None
         self.on_add: list[weakref.WeakMethod[Callable[[int], None]]] = []
         self.awaited_by: list[threading.Condition] = []  # of those that wait for several slots
+        self.readers: weakref.WeakSet[_LocalSlot[Any]] = weakref.WeakSet()
 
     @property
     def count(self) -> int:
@@ -54,6 +55,7 @@ class _LocalSlot(BoundSlot[M]):
         self.cell = cell
         self._read: tuple[_Added, Sample[M]] | None = None
         self._retired = False
+        self._reads = False
         self._added = 0
 
     @property
@@ -123,6 +125,7 @@ class _LocalSlot(BoundSlot[M]):
 
     def sample(self) -> Sample[M] | None:
         self._board.check_open()
+        self.begin_reading()
         latest, read = self.cell.latest, self._read
         if latest is None:
             return None
@@ -135,12 +138,25 @@ class _LocalSlot(BoundSlot[M]):
         self._board.check_open()
         return self.cell.latest
 
+    def begin_reading(self) -> None:
+        if not self._reads:
+            with self._board.changed:
+                self._reads = True
+                self.cell.readers.add(self)
+                self._board.wake_watchers()
+
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
+        with self._board.changed:
+            newer = self.wait_count(after=after, timeout=timeout)
+            return self.sample() if newer else None
+
+    def wait_count(self, *, after: int, timeout: float | None = None) -> int | None:
         if timeout is not None:
             timeout = min(timeout, threading.TIMEOUT_MAX)
+        self.begin_reading()
         with self._board.changed:
             newer = self._board.changed.wait_for(lambda: self.count > after, timeout)
-            return self.sample() if newer else None
+            return self.count if newer else None
 
 
 class LocalBoard(Board):
@@ -200,6 +216,16 @@ class LocalBoard(Board):
 
         return wait
 
+    @property
+    def readings(self) -> int:
+        """A number that grows when :meth:`read_slots` does."""
+        return self._wakes
+
+    def read_slots(self) -> set[str]:
+        """Return the names of the slots that are read."""
+        self.check_open()
+        return {name for name, cell in list(self._cells.items()) if len(cell.readers)}
+
     def waiter(self) -> Waiter:
         """Return what waits, in one thread, for new messages in any of several slots."""
         return _LocalWaiter(self)
@@ -236,7 +262,10 @@ class _LocalWaiter:
         self._changed = threading.Condition(board.lock)
 
     def wait(self, seen: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
-        cells = [slot.cell for slot in seen if isinstance(slot, _LocalSlot)]
+        slots = [slot for slot in seen if isinstance(slot, _LocalSlot)]
+        for each in slots:
+            each.begin_reading()
+        cells = [slot.cell for slot in slots]
 
         def newer() -> list[BoundSlot[Any]]:
             self._board.check_open()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from types import new_class
 from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform
@@ -35,10 +36,36 @@ class _MessageMeta(msgspec.StructMeta):
         # are in the slot's schema, once. Unknown fields are forbidden so that a larger message in
         # place of a smaller one is an error instead of being truncated.
         config = {"frozen": True, "array_like": True, "forbid_unknown_fields": True, **config}
-        cls = super().__new__(mcls, name, bases, namespace, **config)
+        try:
+            cls = super().__new__(mcls, name, bases, namespace, **config)
+        except TypeError as error:
+            if found := re.match(r"Required field '(\w+)' cannot follow", str(error)):
+                raise MessageTypeError(
+                    f"{name}: field {found[1]!r} has no default, but one before it has: give it a "
+                    f"default, or move it up"
+                ) from None
+            raise
+        for field, value in namespace.items():
+            if isinstance(value, _PLAIN) and field.islower() and _is_untyped(cls, field):
+                raise MessageTypeError(
+                    f"{name}: {field!r} is no field without its type; write {field}: "
+                    f"{type(value).__name__} = {value!r}, or call a constant {field.upper()}"
+                )
         with suppress(NameError):  # an annotation refers to a later class: the Slot checks again
             describe(cls)
         return cls
+
+
+_PLAIN = (bool, int, float, str, bytes, tuple, msgspec.Struct)
+
+
+def _is_untyped(cls: type, name: str) -> bool:
+    if name[0] == "_" or name in cls.__struct_fields__:  # type: ignore[attr-defined]
+        return False
+    try:
+        return name not in cls.__annotations__  # where a ClassVar is, too
+    except NameError:  # one of them refers to a later class
+        return False
 
 
 class Message(msgspec.Struct, metaclass=_MessageMeta):

@@ -7,19 +7,22 @@ with its problem, and does not affect the others.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from typing import Any
 
 from .board import Board, BoundSlot, SlotInfo
 from .errors import BoardClosedError, MessageTypeError, WhiteboardError
 from .message import Message, type_from_schema
+from .messages.fleet import KEEPS_READ
 from .messages.llfsm import (
     COMMANDERS,
     DEFINITIONS,
     JOURNALS,
     MACHINES,
+    REQUESTS,
     Commanders,
     MachineDefinition,
+    MachineRequest,
     MachineStatus,
 )
 from .schema import describe
@@ -31,6 +34,7 @@ _OURS: dict[str, type[Message]] = {
     MACHINES: MachineStatus,
     DEFINITIONS: MachineDefinition,
     COMMANDERS: Commanders,
+    REQUESTS: MachineRequest,
 }
 _SCHEMAS = {prefix: describe(cls) for prefix, cls in _OURS.items()}
 
@@ -96,8 +100,10 @@ class BoardPoller:
         return changed
 
     def discover(self) -> None:
-        """Find new slots now. Raise as :meth:`poll` does."""
-        for info in self._board.slots():
+        """Find new slots now, and drop those that are gone. Raise as :meth:`poll` does."""
+        listed = self._board.slots()
+        self._drop(self.slots.keys() - {info.name for info in listed})
+        for info in listed:
             if info.name in self.slots or not self._wants(info.name):
                 continue
             polled = self.slots[info.name] = PolledSlot(info)
@@ -110,6 +116,14 @@ class BoardPoller:
             except WhiteboardError as error:
                 polled.problem = str(error)
                 self._unusable.append(polled)
+
+    def _drop(self, names: Set[str]) -> None:
+        for name in names:
+            slot = self.slots.pop(name).slot
+            if slot is not None:
+                self._board.forget(slot)
+        if names:
+            self._bound = [each for each in self._bound if each[0].name not in names]
 
 
 def _read(polled: PolledSlot, bound: BoundSlot[Any]) -> None:
@@ -127,8 +141,8 @@ def _read(polled: PolledSlot, bound: BoundSlot[Any]) -> None:
 
 
 def is_data(name: str) -> bool:
-    """Return whether a slot holds data, and is not a channel for journals to a recorder."""
-    return not name.startswith(JOURNALS)
+    """Return whether a slot holds data: no channel for journals, nor what keeps a folder read."""
+    return not name.startswith(JOURNALS) and not name.endswith(KEEPS_READ)
 
 
 def class_of(info: SlotInfo) -> type[Message]:

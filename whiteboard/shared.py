@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,7 +30,7 @@ else:
 if TYPE_CHECKING:
     from .local import LocalBoard
 
-__all__ = ["BoardInfo", "Whiteboard", "boards"]
+__all__ = ["BoardInfo", "Whiteboard", "boards", "require_shared_memory"]
 
 _MOST_SLOTS = 4096
 
@@ -59,11 +59,7 @@ class Whiteboard(Board):
     ) -> None:
         super().__init__(default_name() if name is None else name)
         self.path = board_path(self.name, directory)
-        if _MISSING:
-            raise SharedMemoryUnavailableError(
-                "this installation of llfsm has no shared memory (it needs Linux, and a C compiler "
-                "at installation); use Whiteboard.local()"
-            ) from _MISSING
+        require_shared_memory()
         self._core = _shm.Board(str(self.path), create)
 
     @staticmethod
@@ -74,20 +70,31 @@ class Whiteboard(Board):
         return LocalBoard(name)
 
     @staticmethod
-    def connect(endpoint: str, name: str | None = None, *, zenoh: str | None = None) -> Board:
+    def connect(
+        endpoint: str,
+        name: str | None = None,
+        *,
+        zenoh: str | None = None,
+        as_: str = "",
+        fleet: Sequence[str] = (),
+    ) -> Board:
         """Return a board of other hosts, for a process without shared memory or a daemon.
 
         Args:
             endpoint: the Zenoh endpoint on which a daemon listens: ``tcp/robot:7447``.
             name: the board's name; by default that of a board in shared memory.
             zenoh: a Zenoh configuration file, for TLS.
+            as_: this process's name among the hosts: they have its own slots in a folder of that
+                name. By default, all hosts have all slots under the same names.
+            fleet: globs of the other hosts' names, for a process with a name.
 
-        Raise :class:`.NetworkError` if no daemon of that board answers within five seconds.
+        Raise :class:`.NetworkError` if no daemon of that board answers within five seconds, or
+        `as_` is no name of a host.
 
         """
         from .mirror.remote_board import RemoteBoard
 
-        return RemoteBoard(endpoint, default_name() if name is None else name, zenoh)
+        return RemoteBoard(endpoint, default_name() if name is None else name, zenoh, as_, fleet)
 
     def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
         try:
@@ -124,16 +131,32 @@ class Whiteboard(Board):
 
     def watcher(self) -> Callable[[float], list[str]]:
         """Return a function that waits until any slot has a new message."""
-        words = bytearray(8 * _MOST_SLOTS)
-        names: list[str] = []
+        words, readings = bytearray(8 * _MOST_SLOTS), self._core.readings()
 
         def wait(timeout: float) -> list[str]:
-            changed = self._core.watch(words, timeout)
-            if changed and changed[-1] >= len(names):
-                names[:] = [name for name, *_ in self._core.slots()]
-            return list(map(names.__getitem__, changed))
+            nonlocal readings
+            changed = self._core.watch(words, timeout, readings)
+            readings = self._core.readings()
+            return self._names(changed)
 
         return wait
+
+    @property
+    def readings(self) -> int:
+        """A number that grows when :meth:`read_slots` does."""
+        return self._core.readings()
+
+    def read_slots(self) -> set[str]:
+        """Return the names of the slots that any process reads."""
+        return set(self._names(self._core.read()))
+
+    def _names(self, indices: list[int]) -> list[str]:
+        return [name for name in self._core.names(indices) if name is not None]
+
+    def vacate(self, slot: Slot[Any]) -> None:
+        """Give up the slot's name; see :meth:`.Board.vacate`."""
+        super().vacate(slot)
+        self._core.vacate(slot.name)
 
     def waiter(self) -> Waiter:
         """Return what waits, in one thread, for new messages in any of several slots."""
@@ -159,9 +182,7 @@ class _SharedWaiter:
     def __init__(self, core: _shm.Board) -> None:
         self._core = core
         self._woken = bytearray(1)
-
-    def wait(self, seen: dict[BoundSlot[Any], int], timeout: float) -> list[BoundSlot[Any]]:
-        return _shm.wait_any(self._core, seen, timeout, self._woken)
+        self.wait = partial(_shm.wait_any, core, self._woken)
 
     def wake(self) -> None:
         self._woken[0] = 1
@@ -193,6 +214,15 @@ def _schema(text: bytes) -> tuple[Schema, str]:
     return ({} if too_much else schema), too_much
 
 
+def require_shared_memory() -> None:
+    """Raise :class:`.SharedMemoryUnavailableError` if this installation has no such boards."""
+    if _MISSING:
+        raise SharedMemoryUnavailableError(
+            "this installation of llfsm has no shared memory (it needs Linux, and a C compiler "
+            "at installation); use Whiteboard.local(), or --local with `llfsm run` and `llfsm demo`"
+        ) from _MISSING
+
+
 class BoardInfo(NamedTuple):
     """A board as tools list it."""
 
@@ -203,6 +233,7 @@ class BoardInfo(NamedTuple):
 
 def boards(directory: str | os.PathLike[str] = DIRECTORY) -> list[BoardInfo]:
     """List this user's boards, including damaged ones (as not used)."""
+    require_shared_memory()
     found = []
     for name, path in board_files(directory):
         with suppress(FileNotFoundError):  # removed since it was listed
@@ -223,7 +254,7 @@ def _is_used(path: Path) -> bool:
 
 
 # The kinds of _fields.h, in its order.
-_FLOAT, _INT, _BOOL, _STR, _BYTES, _MESSAGE, _OTHER = range(7)
+_FLOAT, _INT, _BOOL, _STR, _BYTES, _MESSAGE, _TUPLE, _OTHER = range(8)
 _SMALLEST, _LARGEST = -(2**63), 2**63 - 1
 
 
@@ -250,4 +281,7 @@ def _field(name: str, node: mi.Type) -> Field:
             kind = _BYTES
         case mi.StructType():
             return name, _MESSAGE, 0, 0, node.cls, _fields(node)
+        case mi.VarTupleType():
+            most = _LARGEST if node.max_length is None else node.max_length
+            return name, _TUPLE, node.min_length or 0, most, None, (_field("", node.item_type),)
     return name, kind, least, most, None, ()

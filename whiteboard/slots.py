@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from functools import cached_property
 from typing import Any, Generic, NamedTuple
+from zlib import crc32
 
 import msgspec
 
@@ -12,10 +13,11 @@ from .errors import MessageTypeError, SlotNameError, SlotTypeError
 from .message import M, Message
 from .schema import Schema, describe, differences, fingerprint
 
-__all__ = ["DEFAULT_CAPACITY", "Sample", "Slot"]
+__all__ = ["DEFAULT_CAPACITY", "Sample", "Slot", "legal_name"]
 
 DEFAULT_CAPACITY = 1024
 _NAME = re.compile(r"[^\s\x00-\x1f\x7f\ud800-\udfff]{1,255}")
+_MAX_PART = 230  # bytes of another name that fit into a slot's name
 
 
 class Slot(Generic[M]):
@@ -36,16 +38,19 @@ class Slot(Generic[M]):
     """
 
     def __init__(self, name: str, type: type[M], capacity: int = DEFAULT_CAPACITY) -> None:
+        if not isinstance(name, str):
+            raise SlotNameError("a slot's name is a text, as Slot('name', Type)")
         if not _NAME.fullmatch(name) or len(name.encode()) > 255:
             raise SlotNameError(
                 f"{name!r} is not a valid slot name: use 1 to 255 bytes without white space"
             )
-        if not 1 <= capacity <= 1 << 30:
+        if not (isinstance(capacity, int) and 1 <= capacity <= 1 << 30):
             raise SlotNameError(
-                f"slot {name!r}: the capacity {capacity} is not between 1 and 2**30"
+                f"slot {name!r}: the capacity {capacity!r} is not an integer from 1 to 2**30"
             )
         if not (isinstance(type, msgspec.StructMeta) and issubclass(type, Message)):
-            raise MessageTypeError(f"slot {name!r}: {type!r} is not a Message class")
+            given = getattr(type, "__qualname__", repr(type))
+            raise MessageTypeError(f"slot {name!r}: {given} is not a Message class")
         self.name = name
         self.type = type
         self.capacity = capacity
@@ -103,3 +108,11 @@ class Sample(NamedTuple, Generic[M]):
     """When it was added: nanoseconds of this host's CLOCK_MONOTONIC."""
     writer: int
     """The id of the process that added it."""
+
+
+def legal_name(name: str) -> str:
+    """Return the name of a machine or slot in a form that is valid in another slot's name."""
+    visible = re.sub(r"[\s\x00-\x1f\x7f]", "_", name).encode("utf-8", "replace")
+    if len(visible) > _MAX_PART:  # a checksum keeps the names distinct
+        visible = visible[: _MAX_PART - 9] + b"~%08x" % crc32(visible)
+    return visible.decode("utf-8", "ignore")

@@ -54,14 +54,16 @@ static void perhaps_yield(void)
         __atomic_store(at, &value_, order); \
     })
 
-static long patient_futex(long number, void *word, int operation, uint32_t value,
-                          const struct timespec *time, void *unused, int unused2)
+static long patient_SYS_futex(void *word, int operation, uint32_t value,
+                              const struct timespec *time, void *unused, int unused2)
 {
     perhaps_yield();
-    return syscall(number, word, operation, value, time && time->tv_nsec ? NULL : time, unused,
+    return syscall(SYS_futex, word, operation, value, time && time->tv_nsec ? NULL : time, unused,
                    unused2);
 }
-#define syscall patient_futex
+#define patient_SYS_clone(...) (syscall)(SYS_clone, __VA_ARGS__)
+#define patient_SYS_exit_group(status) (syscall)(SYS_exit_group, status)
+#define syscall(number, ...) patient_##number(__VA_ARGS__)
 
 #ifdef __SANITIZE_THREAD__
 enum { SHARED = 1 << 28 };

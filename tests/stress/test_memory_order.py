@@ -102,11 +102,40 @@ def executions(events: list[Event]) -> Iterator[dict[int, int]]:
             continue
         at = {r: age[w] for r, w in sees.items()} | age
         happens = close(before | synchronised(events, before, sees))
-        if all(
+        coherent = all(
             at[i] < at[j] or (at[i] == at[j] and events[j].kind == "read")
             for i, j in happens & same_place
-        ):
+        )
+        if coherent and has_one_order(events, before, happens, same_place, at):
             yield sees
+
+
+def has_one_order(
+    events: list[Event],
+    before: Relation,
+    happens: Relation,
+    same_place: Relation,
+    at: dict[int, int],
+) -> bool:
+    """Whether the sequentially consistent events have one order that all others agree with.
+
+    As in RC11, a cycle among them must not arise from: what stands before in a thread, what happens
+    before at the same place, or before by way of events at other places, and the order of each
+    place: a write before the next, and a read before the writes that are newer than what it sees.
+    """
+    strong = {i for i, e in enumerate(events) if e.order == "seq_cst"}
+    if not strong:
+        return True
+    elsewhere = before - same_place
+    through = {(i, k) for i, m in elsewhere for j, k in elsewhere if (m, j) in happens}
+    newer = {
+        (i, j)
+        for i, j in same_place
+        if i in at and j in at and at[i] < at[j] and events[j].kind in ("write", "swap")
+    }
+    order = before | through | (happens & same_place) | newer
+    among = {(i, j) for i, j in order if i in strong and j in strong}
+    return not any((i, i) in close(among) for i in strong)
 
 
 def synchronised(events: list[Event], before: Relation, sees: dict[int, int]) -> Relation:
@@ -118,14 +147,14 @@ def synchronised(events: list[Event], before: Relation, sees: dict[int, int]) ->
     pairs: Relation = set()
     for read, write in sees.items():
         acquires = [f for f in fences("acquire") if (read, f) in before]
-        if events[read].order == "acquire":
+        if events[read].order in ("acquire", "seq_cst"):
             acquires.append(read)
         heads = [write]
         while events[heads[-1]].kind == "swap":
             heads.append(sees[heads[-1]])
         for head in heads:
             releases = [f for f in fences("release") if (f, head) in before]
-            if events[head].order == "release":
+            if events[head].order in ("release", "seq_cst"):
                 releases.append(head)
             pairs.update(product(releases, acquires))
     return pairs
@@ -168,6 +197,96 @@ def test_no_order_is_more_than_enough(name: str) -> None:
     assert mistakes(ADD | READ | {name: "relaxed"})
 
 
+# The record that had message 1 gets another name, under which message 3 is added; 2 is the swap of
+# its word in between. Who has a handle of the first name reads the word, and then the generation.
+RENAME = {"bump": "release", "word": "acquire"}
+# The name is copied between two looks at the generation.
+COPY = {"fence": "release", "check": "acquire"}
+
+
+def threads_of(*threads: list[Event]) -> list[Event]:
+    places = {event.place: None for events in threads for event in events if event.place}
+    return [Event("write", place, 0) for place in places] + [
+        event._replace(thread=n) for n, events in enumerate(threads) for event in events
+    ]
+
+
+def reads_another_names_message(order: dict[str, str]) -> bool:
+    events = threads_of(
+        [swap(1, {"swap": "release"})],
+        [
+            Event("swap", "life", 1, sees=(0,)),
+            Event("swap", "word", 2, order["bump"], sees=(1,)),
+        ],
+        [Event("swap", "word", 3, "release", sees=(2,))],
+        [
+            Event("read", "word", order=order["word"], sees=(3,)),
+            Event("read", "life", sees=(0, 1)),
+        ],
+    )
+    reader = len(events) - 1
+    return any(events[sees[reader]].value == 0 for sees in executions(events))
+
+
+def copies_a_torn_name(order: dict[str, str]) -> bool:
+    events = threads_of(
+        [
+            Event("swap", "life", 1, sees=(0,)),
+            Event("fence", order=order["fence"]),
+            Event("write", "name", 1),
+        ],
+        [
+            Event("read", "life", order="acquire", sees=(0,)),
+            Event("read", "name", sees=(1,)),
+            Event("fence", order=order["check"]),
+            Event("read", "life", sees=(0, 1)),
+        ],
+    )
+    reader = len(events) - 1
+    return any(events[sees[reader]].value == 0 for sees in executions(events))
+
+
+def test_the_orders_of_names_are_enough_and_not_more() -> None:
+    assert not reads_another_names_message(RENAME)
+    assert not copies_a_torn_name(COPY)
+    for name in ("bump", "word"):
+        assert reads_another_names_message(RENAME | {name: "relaxed"}), name
+    for name in COPY:
+        assert copies_a_torn_name(COPY | {name: "relaxed"}), name
+
+
+# One process waits for a message, another adds it: who adds swaps the word and then looks for who
+# waits; who waits announces that, and then looks at the word.
+WAKE = {"swap": "seq_cst", "look": "seq_cst"}
+WAIT = {"announce": "seq_cst", "check": "seq_cst"}
+
+
+def loses_a_wake(order: dict[str, str], *, announced_by: str) -> bool:
+    """Whether the one may sleep, having seen no message, while the other has seen nobody wait."""
+    events = threads_of(
+        [
+            Event("swap", "word", 1, order["swap"], sees=(0,)),
+            Event("read", "waiting", order=order["look"], sees=(0, 1)),
+        ],
+        [
+            Event(announced_by, "waiting", 1, order["announce"], sees=(0,)),
+            Event("read", "word", order=order["check"], sees=(0, 1)),
+        ],
+    )
+    writer, waiter = (i for i, event in enumerate(events) if event.kind == "read")
+    return any(
+        events[sees[writer]].value == events[sees[waiter]].value == 0 for sees in executions(events)
+    )
+
+
+@pytest.mark.parametrize("announced_by", ["swap", "write"])  # lwb_wait, and lwb_wait_any
+def test_the_orders_of_wait_and_wake_are_enough_and_not_more(announced_by: str) -> None:
+    assert not loses_a_wake(WAKE | WAIT, announced_by=announced_by)
+    weaker = {"swap": "release", "look": "acquire", "announce": "release", "check": "acquire"}
+    for name, order in weaker.items():
+        assert loses_a_wake(WAKE | WAIT | {name: order}, announced_by=announced_by), name
+
+
 def test_these_are_the_orders_in_the_header() -> None:
     text = HEADER.read_text()
 
@@ -176,6 +295,12 @@ def test_these_are_the_orders_in_the_header() -> None:
         found = re.findall(r"memory_order_(\w+)", body[: body.index("\n}\n")])
         return [order for order in found if order != "relaxed"]
 
-    assert orders("lwb_add_after") == ["release", "release", "seq_cst"]
+    assert orders("lwb_add_after") == ["release", "release", "seq_cst", "acquire"]
     assert orders("lwb_word") == ["acquire"]
+    for function in ("lwb_ring", "lwb_wake", "lwb_announce", "lwb_is_newer", "lwb_wait_any"):
+        assert orders(function) == [], (
+            function
+        )  # as in calls that name none: sequentially consistent
+    assert orders("lwb_rename") == ["release"]
+    assert orders("lwb_name_of") == ["acquire", "acquire"]
     assert orders("lwb_read") == ["acquire", "acquire", "acquire"]  # the first of a block's place

@@ -18,7 +18,8 @@ from llfsm.whiteboard.messages.std_msgs import Int64, String
 # Where things are, by llfsm_whiteboard.h.
 END, LOCKS, SLOTS = 40, 128, 448
 HEADER = SLOTS + 8 * 4096
-WORD, BLOCKS, RECORD = 64, 128, 128 + 8 * 256  # of a slot record; its texts follow
+WORD, BLOCKS, NAME = 64, 128, 128 + 8 * 256  # of a slot record
+RECORD = NAME + 256  # its texts follow
 BLOCK, BUFFER, BUFFERS = 64, 32, 4
 
 Overwrite = tuple[int, bytes]
@@ -166,7 +167,8 @@ def test_damage_in_the_header(sound: bytes, directory: Path) -> None:
 def test_damage_in_a_slot_record(slot: int, sound: bytes, directory: Path) -> None:
     record = get(sound, SLOTS + 8 * slot)
     texts = range(record + RECORD, record + get(sound, record + 8))
-    assert sound[texts.start :].startswith((b"numberstd_msgs/msg/Int64{", b"placegeometry_msgs"))
+    assert sound[texts.start :].startswith((b"std_msgs/msg/Int64\0{", b"geometry_msgs"))
+    assert sound[record + NAME :].startswith((b"number\0", b"place\0"))
     used = [offset for offset in range(record, record + RECORD) if sound[offset]]
     static = range(record, record + BLOCKS + 24)
     met = probe(directory, flips(sound, [*static, *used, *texts]))

@@ -188,7 +188,7 @@ def test_a_mirror_leaves_them_out(board: Whiteboard) -> None:
     names = [info.name for info in board.slots()]
     for _ in range(2):
         (sent,) = exchange.collect(names, ignore_rates=True)
-        assert [value.slot for value in decoder(Batch).decode(sent).values] == ["good"]
+        assert [value.slot for value in decoder(Batch).decode(sent.data).values] == ["good"]
         board.add_message(GOOD, Int32(8))
     status = exchange.status()
     assert {"unusable: list", "unusable: odd"} <= {each.what for each in status.refused}

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from llfsm.whiteboard import Board, Message, Slot
+from thoroughness import examples
 
 OpenBoard = Callable[[], Board]
 
@@ -76,7 +77,7 @@ RICHES = st.builds(
 
 
 @settings(
-    max_examples=150,
+    max_examples=examples(40),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Annotated
 
@@ -43,6 +44,16 @@ class Plain(Message):
     text: str = ""
     data: bytes = b""
     point: Point = Point()
+    points: tuple[Point, ...] = ()
+    texts: tuple[str, ...] = ()
+    rows: tuple[tuple[float, ...], ...] = ()
+    three: Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)] = (0.0,) * 3
+
+
+class Deep(Message):
+    pair: tuple[int, Point] | None = None
+    paths: tuple[Path, ...] = ()
+    found: frozenset[Point] = frozenset()
 
 
 POINT = Slot("robot/point", Point)
@@ -128,6 +139,14 @@ def test_a_wrong_value_is_refused_with_its_place(board: Board, path: Path, where
         ("point", [None, 1.0, "x", {"x": 1.0}]),
         ("point.x", [Point(x="1"), Point(x=None)]),  # type: ignore[arg-type]
         ("point.y", [Point(y=b""), Point(y=False)]),  # type: ignore[arg-type]
+        ("points", [None, 1, "x", b""]),
+        (r"points\[1\]", [(Point(), 3), (Point(), None), (Point(), "", Point())]),
+        (r"points\[0\].x", [(Point(x=""),), (Point(x=None), 3)]),  # type: ignore[arg-type]
+        (r"texts\[2\]", [("", "a", b""), ("", "", 1), ("", "", ("",))]),
+        (r"rows\[1\]", [((), 1.0), ((0.5,), None)]),
+        (r"rows\[1\]\[0\]", [((), ("",)), ((), (True,))]),
+        ("three", [(), (0.0, 0.0), (0.0,) * 4, None]),
+        (r"three\[2\]", [(0.0, 1, "")]),
     ],
 )
 def test_a_wrong_value_is_refused_by_the_quick_check(
@@ -135,11 +154,25 @@ def test_a_wrong_value_is_refused_by_the_quick_check(
 ) -> None:
     board.add_message(PLAIN, Plain(text="good"))
     for value in values:
-        wrong = msgspec.structs.replace(Plain(), **{field.partition(".")[0]: value})
+        (name,) = (each for each in Plain.__struct_fields__ if re.match(rf"{each}\b", field))
+        wrong = msgspec.structs.replace(Plain(), **{name: value})
         with pytest.raises(MessageFieldError, match=f"slot 'plain': the Plain .*at `{field}`"):
             board.add_message(PLAIN, wrong)
     assert board[PLAIN].count == 1
     assert board.get_message(PLAIN) == Plain(text="good")
+
+
+@pytest.mark.parametrize(
+    ("deep", "place"),
+    [
+        (Deep(pair=(1, Point(y=""))), "pair[1].y"),  # type: ignore[arg-type]
+        (Deep(paths=(Path(), Path(points=(Point(x=""),)))), "paths[1].points[0].x"),  # type: ignore[arg-type]
+        (Deep(found=frozenset([Point(x="")])), "found[0].x"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_place_is_named_however_deep_it_is(board: Board, deep: Deep, place: str) -> None:
+    with pytest.raises(MessageFieldError, match=re.escape(f"at `{place}`")):
+        board.add_message(Slot("deep", Deep), deep)
 
 
 @pytest.mark.parametrize(
@@ -152,6 +185,8 @@ def test_a_wrong_value_is_refused_by_the_quick_check(
         Plain(small=-3),
         Plain(text="\0", data=b"\0"),
         Plain(point=Point(x=-(2**53))),
+        Plain(points=(Point(1, 2), Point())),
+        Plain(texts=("", "\0"), rows=((), (1, 0.5), ()), three=(1, 2.0, 3)),
     ],
     ids=repr,
 )

@@ -27,6 +27,7 @@ NUMBER = Slot("number", Number)
 @pytest.fixture(autouse=True)
 def no_thread_is_left() -> Iterator[None]:
     before = set(threading.enumerate())
+    gc.freeze()  # so that a collection looks at what the test makes, and at nothing else
     yield
     gc.collect()
     wait_for(lambda: set(threading.enumerate()) <= before, "all threads have ended")

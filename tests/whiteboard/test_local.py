@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
+import xml.etree.ElementTree as ET
 
 import pytest
 
 from llfsm.whiteboard import BoardClosedError, Slot, Whiteboard
-from llfsm.whiteboard.messages.std_msgs import Int64
+from llfsm.whiteboard.messages.std_msgs import Int64, String
 
 NUMBER = Slot("number", Int64)
 
@@ -39,3 +40,18 @@ def test_closing_ends_the_wait_of_another_thread() -> None:
     for thread in threads:
         thread.join(timeout=30)
     assert ended == ["well"] * 4
+
+
+def test_a_notebook_shows_slots_as_text_only() -> None:
+    """Also those that hold what would be markup, or are long."""
+    board = Whiteboard.local()
+    board.add_message(Slot("text", String), String("<b>&" + "x" * 1000))
+    board[Slot("empty", Int64)]
+    rows = ET.fromstring(board._repr_html_())
+    cells = [["".join(cell.itertext()) for cell in row] for row in rows][1:]
+    assert [row[:3] for row in cells] == [
+        ["text", "std_msgs/msg/String", "1"],
+        ["empty", "std_msgs/msg/Int64", "0"],
+    ]
+    assert cells[0][3].startswith('{"data":"<b>&xxx')
+    assert len(cells[0][3]) < 300

@@ -20,6 +20,7 @@ from llfsm.whiteboard.schema import (
     from_plain,
     to_plain,
 )
+from thoroughness import examples
 
 
 class Colour(enum.Enum):
@@ -88,7 +89,9 @@ TYPES = st.lists(
     st.recursive(st.sampled_from(LEAVES), containers, max_leaves=6), min_size=1, max_size=4
 ).map(made)
 
-any_type = settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
+any_type = settings(
+    deadline=None, max_examples=examples(40), suppress_health_check=[HealthCheck.too_slow]
+)
 
 
 @any_type

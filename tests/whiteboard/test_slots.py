@@ -33,7 +33,9 @@ def test_a_possible_capacity(capacity: int) -> None:
 
 @pytest.mark.parametrize("capacity", [0, -1, 2**30 + 1, 2**64])
 def test_an_impossible_capacity(capacity: int) -> None:
-    with pytest.raises(SlotNameError, match=rf"slot 'a': the capacity {capacity} is not between"):
+    with pytest.raises(
+        SlotNameError, match=rf"slot 'a': the capacity {capacity} is not an integer from 1 to"
+    ):
         Slot("a", Twist, capacity)
 
 

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.whiteboard import Message, MessageUnreadableError, Sample, Slot, Whiteboard, _shm
+from llfsm.whiteboard import Message, MessageUnreadableError, Sample, Slot, Whiteboard
 from waiting import PATIENCE_S, wait_for
+
+_shm = pytest.importorskip("llfsm.whiteboard._shm", reason="the extension is hidden")
 
 
 class Number(Message):

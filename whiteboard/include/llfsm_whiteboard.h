@@ -10,6 +10,8 @@
  *      leaves nothing that another process has to clean up.
  *   5. A damaged file results in LWB_CORRUPT, never in an access outside the mapping. (Truncating
  *      a file while it is open cannot be caught: that is SIGBUS, as with any mapping.)
+ *   6. A name that was given up (lwb_vacate) makes room for another one of the same type. No handle
+ *      ever gets or adds a message under another name than its own: it returns LWB_RENAMED.
  *
  * Method: a slot has one word, (count, writer, buffer), and each writing process owns buffers of
  * its own in the slot. A writer fills a buffer that the word does not name, then swaps the word;
@@ -22,6 +24,16 @@
  * (lwb_word, lwb_count, lwb_wait and lwb_wait_any access shared memory only; other threads may use
  * the board at the same time.) A forked child may continue to use its parent's. Linux on 64-bit
  * machines only; elsewhere use boards that need no shared memory.
+ *
+ * Memory orders are C11's, and no more is assumed: not that loads stay in order, as on x86. On ARM,
+ * plain loads and stores pass each other, and acquires, releases and fences are instructions of their
+ * own, so that a missing one shows there first. Two places need more than release and acquire. A
+ * payload's words are relaxed, between fences on both sides: what a reader copies while it is
+ * overwritten is discarded, since its second look at the count then sees the 0 or a later count. And
+ * who waits stores first and then looks at the word, while who adds swaps the word and then looks for
+ * who waits: both looks may be early under release and acquire, and the wake be lost. So these four
+ * are sequentially consistent (ldar, stlr and their kind, which keep their order among themselves).
+ * tests/stress/test_memory_order.py goes through all executions of both that C11 allows.
  *
  * All of it is one file, so that a program in another language needs to copy and include no more,
  * and so that one reading shows each memory order beside the one it pairs with.
@@ -47,6 +59,7 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
+#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -67,7 +80,7 @@ typedef _Atomic uint64_t lwb_atomic64;
 #endif
 
 enum {
-    LWB_VERSION = 1,
+    LWB_VERSION = 2,
     LWB_MAX_SLOTS = 4096,      /* slots of a board */
     LWB_MAX_WRITERS = 256,     /* processes writing to a board at the same time */
     LWB_BUFFERS = 4,           /* a writer's buffers in a slot */
@@ -91,12 +104,13 @@ enum lwb_status {
     LWB_CORRUPT,   /* the file is damaged */
     LWB_INVALID,   /* an argument is out of range */
     LWB_SYSTEM,    /* a system call failed: see errno */
-    LWB_PASSED     /* another message was added to the slot first */
+    LWB_PASSED,    /* another message was added to the slot first */
+    LWB_RENAMED    /* the slot's name was given up, and its record has another: open it again */
 };
 
 /* ---- The file -------------------------------------------------------------------------------
  * Everything is 8-byte aligned. Offsets are from the file's start; 0 means none. Records are
- * never moved or freed, so an offset stays valid. */
+ * never moved or freed, so an offset stays valid; of what describes a slot, only its name changes. */
 
 #define LWB_MAGIC 0x4452414f42574c4cull       /* "LLWBOARD" */
 #define LWB_SLOT_MAGIC 0x544f4c5342574c4cull  /* "LLWBSLOT" */
@@ -116,21 +130,36 @@ struct lwb_header {
     lwb_atomic64 end;         /* where the next record goes; only grows */
     lwb_atomic32 watching;        /* odd if a process may wait for any slot's word */
     lwb_atomic32 alarm;           /* grows when an armed slot has changed */
-    uint64_t unused[9];
+    lwb_atomic64 named;       /* generation << 12 | index of the record named last */
+    lwb_atomic32 readings;        /* grows when a process begins or ends to read a slot */
+    uint32_t unused2;
+    uint64_t unused[7];
     unsigned char locks[LWB_MAX_WRITERS + 64]; /* never read: see lwb_claim and lwb_attach */
     lwb_atomic64 slots[LWB_MAX_SLOTS];     /* offsets of slot records, filled in order */
 };
 
-struct lwb_record { /* a slot, followed by its name, type name and schema */
+enum { LWB_NAME_WORDS = (LWB_MAX_NAME + 1) / 8 };
+
+struct lwb_record { /* a slot, followed by its type name and schema, each with a 0 */
     uint64_t magic, size, capacity, fingerprint;
-    uint32_t name_length, type_length, schema_length, unused;
-    uint64_t checksum; /* of all above and the three texts */
+    uint32_t type_length, schema_length, unused[2];
+    uint64_t checksum; /* of all above and both texts */
     uint64_t unused2;
     lwb_atomic64 word; /* count << 16 | writer << 4 | buffer */
     lwb_atomic32 waiting; /* odd if a process may wait for the word to change */
     lwb_atomic32 armed; /* not 0 if a process may wait for this slot's word among others */
-    uint32_t unused3[12];
+    lwb_atomic64 life; /* generation << 2 | enum lwb_life; each name has a generation of its own */
+    lwb_atomic64 base; /* the count with which this name began */
+    lwb_atomic64 name_sum;
+    uint64_t unused3[3];
     lwb_atomic64 blocks[LWB_MAX_WRITERS]; /* each writer's buffers; only that writer sets it */
+    lwb_atomic64 name[LWB_NAME_WORDS]; /* filled up with 0 */
+};
+
+enum lwb_life {
+    LWB_NAMED,  /* the slot of that name */
+    LWB_VACANT, /* still that, until another name takes the record */
+    LWB_TAKEN   /* being named, by who has a lock on its entry of the table; nobody's without one */
 };
 
 struct lwb_block { /* a writer's buffers in one slot */
@@ -155,12 +184,16 @@ struct lwb_board {
     int writer;                       /* this process's writer id, or -1 */
     uint64_t process;                 /* this process's id, as in its messages */
     volatile unsigned char *same;     /* 1, on a page that is wiped at a fork: 0 in a child */
+    bool wiped;                       /* whether that page really is */
+    uint32_t reading[LWB_MAX_SLOTS];  /* lwb_begin_reading without its end, for each slot */
 };
 
 struct lwb_slot {
     struct lwb_board *board;
     struct lwb_record *record;
     uint64_t offset, capacity;
+    int index;                                 /* of the record */
+    uint64_t life, base;                       /* the record's, when it had the slot's name */
     size_t stride;                             /* bytes from one buffer to the next */
     int writer, next;                          /* the owner of `own`; the next buffer to fill */
     struct lwb_block *own;
@@ -183,8 +216,9 @@ static inline const char *lwb_describe(int status)
         "no space left for the board", "the board's table of slots is full",
         "too many processes write to the board", "not a whiteboard of this user",
         "a whiteboard of another version", "the board's file is damaged",
-        "an argument is out of range", "a system call failed", "another message was added first"};
-    return status >= 0 && status <= LWB_PASSED ? texts[status] : "unknown status";
+        "an argument is out of range", "a system call failed", "another message was added first",
+        "the slot's name was given up"};
+    return status >= 0 && status <= LWB_RENAMED ? texts[status] : "unknown status";
 }
 
 /* ---- Helpers -------------------------------------------------------------------------------- */
@@ -214,7 +248,21 @@ static inline const char *lwb_texts(const struct lwb_record *r) { return (const 
 static inline uint64_t lwb_record_sum(const struct lwb_record *r)
 {
     uint64_t head = lwb_hash(0, r, offsetof(struct lwb_record, checksum));
-    return lwb_hash(head, lwb_texts(r), (size_t)r->name_length + r->type_length + r->schema_length);
+    return lwb_hash(head, lwb_texts(r), (size_t)r->type_length + r->schema_length + 2);
+}
+
+static inline const char *lwb_type_text(const struct lwb_record *r) { return lwb_texts(r); }
+
+static inline const char *lwb_schema_text(const struct lwb_record *r)
+{
+    return lwb_texts(r) + r->type_length + 1;
+}
+
+static inline uint64_t lwb_generation_of(uint64_t life) { return life >> 2; }
+static inline enum lwb_life lwb_state_of(uint64_t life) { return (enum lwb_life)(life & 3); }
+static inline uint64_t lwb_life_of(uint64_t generation, enum lwb_life state)
+{
+    return generation << 2 | (uint64_t)state;
 }
 
 static inline uint64_t lwb_block_sum(const struct lwb_block *b)
@@ -307,36 +355,41 @@ static inline int lwb_allocate(struct lwb_board *b, size_t length, uint64_t *off
 /* Lock byte `index` of the header's lock area, or test whether it could be locked. The lock is one
  * of the open file description, which the kernel releases when the last process that has the
  * description open ends, in any way. Returns -1 on failure; for F_OFD_GETLK 0 if free, else 1. */
-static inline int lwb_lock(int fd, int command, short type, int index)
+static inline int lwb_lock(int fd, int command, short type, int64_t index)
 {
     struct flock lock = LWB_ZERO;
     lock.l_type = type;
     lock.l_whence = SEEK_SET;
-    lock.l_start = (off_t)offsetof(struct lwb_header, locks) + index;
+    lock.l_start = (off_t)offsetof(struct lwb_header, locks) + (off_t)index;
     lock.l_len = 1;
     if (fcntl(fd, command, &lock))
         return -1;
     return lock.l_type == F_UNLCK ? 0 : 1;
 }
 
+/* The same for the byte of those who read slot `index`: beyond all that is in the file. */
+static inline int lwb_lock_reading(int fd, int command, short type, int index)
+{
+    return lwb_lock(fd, command, type, (int64_t)LWB_FURTHEST + index);
+}
+
 /* ---- Boards -------------------------------------------------------------------------------- */
 
-/* Whether a record is intact. */
+/* Whether a record is intact, but for its name. */
 static inline bool lwb_is_sound(const struct lwb_record *r)
 {
     return r->checksum == lwb_record_sum(r);
 }
 
 /* The record at `offset`, or NULL; its lengths are checked against the file's size. Callers that
- * use more than its name call lwb_is_sound, too, which reads all of it. */
+ * use its texts call lwb_is_sound, too, which reads all of it. */
 static inline struct lwb_record *lwb_record_at(struct lwb_board *b, uint64_t offset)
 {
     struct lwb_record *r = (struct lwb_record *)lwb_at(b, offset, sizeof *r);
     if (!r || r->magic != LWB_SLOT_MAGIC || r->capacity > LWB_MAX_CAPACITY ||
-        r->name_length > LWB_MAX_NAME || r->type_length > LWB_MAX_NAME ||
-        r->schema_length > LWB_MAX_SCHEMA)
+        r->type_length > LWB_MAX_NAME || r->schema_length > LWB_MAX_SCHEMA)
         return NULL;
-    size_t texts = (size_t)r->name_length + r->type_length + r->schema_length;
+    size_t texts = (size_t)r->type_length + r->schema_length + 2;
     return r->size == sizeof *r + texts ? (struct lwb_record *)lwb_at(b, offset, r->size) : NULL;
 }
 
@@ -350,6 +403,38 @@ static inline struct lwb_block *lwb_block_at(struct lwb_board *b, uint64_t offse
            block->writer == writer && block->checksum == lwb_block_sum(block) ? block : NULL;
 }
 
+union lwb_name { char text[LWB_MAX_NAME + 1]; uint64_t words[LWB_NAME_WORDS]; };
+
+static inline uint64_t lwb_name_sum(const union lwb_name *name)
+{
+    return lwb_hash(0, name->text, sizeof name->text);
+}
+
+/* Copy a record's name, and its life then; false if it has none, or if that is damaged: then
+ * *damaged is set. A name is only written while the record is taken. So a copy is of one name if the
+ * generation is the same after it; the fence pairs with the one in lwb_rename. */
+static inline bool lwb_name_of(const struct lwb_record *r, union lwb_name *name, uint64_t *life,
+                               bool *damaged)
+{
+    uint64_t sum;
+    *damaged = false;
+    for (;;) {
+        *life = atomic_load_explicit(&r->life, memory_order_acquire);
+        if (lwb_state_of(*life) > LWB_VACANT)
+            return false;
+        for (int i = 0; i < LWB_NAME_WORDS; i++)
+            name->words[i] = atomic_load_explicit(&r->name[i], memory_order_relaxed);
+        sum = atomic_load_explicit(&r->name_sum, memory_order_relaxed);
+        atomic_thread_fence(memory_order_acquire);
+        uint64_t now = atomic_load_explicit(&r->life, memory_order_relaxed);
+        if (lwb_generation_of(now) == lwb_generation_of(*life))
+            break;
+    }
+    *damaged = sum != lwb_name_sum(name) || name->text[LWB_MAX_NAME];
+    name->text[LWB_MAX_NAME] = 0;
+    return !*damaged;
+}
+
 /* Whether the end is beyond every record; a wrong one would let new records overwrite old ones. */
 static inline bool lwb_end_is_sound(struct lwb_board *b)
 {
@@ -359,7 +444,10 @@ static inline bool lwb_end_is_sound(struct lwb_board *b)
         if (!at)
             break;
         struct lwb_record *r = lwb_record_at(b, at);
-        if (!r || !lwb_is_sound(r))
+        union lwb_name name;
+        uint64_t life;
+        bool damaged = !r || !lwb_is_sound(r);
+        if (damaged || (!lwb_name_of(r, &name, &life, &damaged) && damaged))
             return false;
         if (at + r->size > furthest)
             furthest = at + r->size;
@@ -463,6 +551,35 @@ static inline int lwb_create(const char *path)
     return status;
 }
 
+/* Whether the kernel wipes `page` in a child. It may accept MADV_WIPEONFORK and ignore it, as qemu
+ * does, so it is tried out, once per process: on a child that nothing else in this process notices, as
+ * its end sends no signal and only this waits for it. Without an answer, the page is not relied on. */
+static inline bool lwb_wipes(volatile unsigned char *page)
+{
+    static lwb_atomic32 known; /* 0: not yet; 1: no; 2: yes */
+    if (!atomic_load_explicit(&known, memory_order_relaxed)) {
+        int status = -1, saved = errno;
+        *page = 1;
+        long child = syscall(SYS_clone, 0L, 0L, 0L, 0L, 0L); /* a fork, in any order of arguments */
+        if (!child)
+            syscall(SYS_exit_group, (long)*page);
+        if (child > 0)
+            while (waitpid((pid_t)child, &status, __WALL) < 0 && errno == EINTR)
+                ;
+        bool wipes = status != -1 && WIFEXITED(status) && !WEXITSTATUS(status);
+        atomic_store_explicit(&known, wipes ? 2u : 1u, memory_order_relaxed);
+        errno = saved;
+    }
+    return atomic_load_explicit(&known, memory_order_relaxed) == 2;
+}
+
+/* False in a forked child. Where no page shows that, the process id does, which costs a system call
+ * for each add. */
+static inline bool lwb_is_same(const struct lwb_board *b)
+{
+    return *b->same && (b->wiped || b->process == (uint64_t)getpid());
+}
+
 /* Register this process, here and for others. The page is made here, not at the first claim,
  * because a fork before that claim has to be noticed, too. */
 static inline int lwb_attach(struct lwb_board *b)
@@ -472,13 +589,15 @@ static inline int lwb_attach(struct lwb_board *b)
         if (page == MAP_FAILED)
             return LWB_SYSTEM;
         b->same = (unsigned char *)page;
-        if (madvise(page, 4096, MADV_WIPEONFORK))
-            return LWB_SYSTEM;
+        b->wiped = !madvise(page, 4096, MADV_WIPEONFORK) && lwb_wipes(b->same);
     }
     *b->same = 1;
     b->writer = -1;
     b->process = (uint64_t)getpid();
     lwb_lock(b->fd, F_OFD_SETLK, F_RDLCK, LWB_MAX_WRITERS); /* a shared lock: in use */
+    for (int i = 0; i < LWB_MAX_SLOTS; i++) /* none, unless in a forked child */
+        if (b->reading[i])
+            lwb_lock_reading(b->fd, F_OFD_SETLK, F_RDLCK, i);
     return LWB_OK;
 }
 
@@ -535,82 +654,284 @@ static inline struct lwb_record *lwb_slot_at(struct lwb_board *b, int index, uin
     return r;
 }
 
-static inline bool lwb_is_named(const struct lwb_record *r, const char *name, size_t length)
-{
-    return r->name_length == length && !memcmp(lwb_texts(r), name, length);
-}
-
 struct lwb_schema {
     const char *name, *type, *text; /* the slot's name, its type's name, the JSON schema */
     uint64_t fingerprint;           /* equal exactly if two schemas agree */
     uint64_t capacity;              /* bytes of the largest message */
 };
 
-static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema *s,
-                                   uint64_t *offset)
+/* ---- Names ----------------------------------------------------------------------------------
+ * All names are given by swaps of one word of the board, `named`, so there is one order of them. Who
+ * needs a new name (lwb_bind)
+ *
+ *   1. reads `named`, and completes what it says: the record named last becomes LWB_NAMED;
+ *   2. looks through all records for the name, and is done if it is there;
+ *   3. takes a record, which nobody else does, and writes the name there;
+ *   4. swaps `named` from what was read in 1 to that record and its generation, and starts again.
+ *
+ * The swap fails if any name was given since 1, so no name is given twice. It never repeats a value,
+ * as a record has a new generation whenever it is taken. Who dies anywhere delays nobody: 1 is done
+ * by the next one, and what is taken can be taken again when the kernel has released its lock. Who is
+ * stopped keeps one record back.
+ *
+ * A record is taken if it is new, or vacant and of the same type and capacity. Its count goes on:
+ * `base` is where the new name begins, and there is no message before base + 1. Its word is swapped
+ * in between. So a writer whose handle has the former name either has swapped the word before, or its
+ * swap fails; it then reads the new word and after that the new generation (lwb_add_after). A reader
+ * reads the generation after the word, too: if that is its own, so is the message. */
+
+static inline int lwb_attach(struct lwb_board *b);
+
+/* In a forked child, open a file description of its own: its copy shares the parent's locks. */
+static inline int lwb_reopen(struct lwb_board *b)
 {
-    size_t n = strlen(s->name), t = strlen(s->type), x = strlen(s->text);
-    if (!n || n > LWB_MAX_NAME || t > LWB_MAX_NAME || x > LWB_MAX_SCHEMA || !s->capacity ||
-        s->capacity > LWB_MAX_CAPACITY)
-        return LWB_INVALID;
+    if (lwb_is_same(b))
+        return LWB_OK;
+    char self[64];
+    snprintf(self, sizeof self, "/proc/self/fd/%d", b->fd);
+    int fd = open(self, O_RDWR | O_CLOEXEC); /* by number: the name may be removed or reused */
+    if (fd < 0)
+        return LWB_SYSTEM;
+    close(b->fd);
+    b->fd = fd;
+    return lwb_attach(b);
+}
+
+static inline bool lwb_lock_entry(struct lwb_board *b, int index, short type)
+{
+    int from = (int)(offsetof(struct lwb_header, slots) - offsetof(struct lwb_header, locks));
+    return lwb_lock(b->fd, F_OFD_SETLK, type, from + 8 * index) >= 0;
+}
+
+struct lwb_taken { struct lwb_record *record; uint64_t generation; int index; };
+
+enum { LWB_NAMED_BITS = 12 }; /* of `named` for the index; the others are the generation's */
+static_assert(LWB_MAX_SLOTS == 1 << LWB_NAMED_BITS, "an index has as many bits");
+
+static inline void lwb_complete(struct lwb_board *b, uint64_t named)
+{
+    uint64_t offset, generation = named >> LWB_NAMED_BITS;
+    uint64_t taken = lwb_life_of(generation, LWB_TAKEN);
+    int status;
+    struct lwb_record *r = lwb_slot_at(b, (int)(named & (LWB_MAX_SLOTS - 1)), &offset, &status);
+    if (r) /* unless it is complete, or has been taken again */
+        atomic_compare_exchange_strong(&r->life, &taken, lwb_life_of(generation, LWB_NAMED));
+}
+
+/* Write the name into a record that only this process can see, or has taken. The fence pairs with
+ * the one in lwb_name_of: who has read any of the name sees that the record was taken. */
+static inline void lwb_rename(struct lwb_record *r, const union lwb_name *name, uint64_t base)
+{
+    atomic_thread_fence(memory_order_release);
+    atomic_store_explicit(&r->base, base, memory_order_relaxed);
+    for (int i = 0; i < LWB_NAME_WORDS; i++)
+        atomic_store_explicit(&r->name[i], name->words[i], memory_order_relaxed);
+    atomic_store_explicit(&r->name_sum, lwb_name_sum(name), memory_order_relaxed);
+}
+
+static inline bool lwb_is_alike(const struct lwb_record *r, const struct lwb_schema *s)
+{
+    return r->fingerprint == s->fingerprint && r->capacity == s->capacity && lwb_is_sound(r) &&
+           !strcmp(lwb_type_text(r), s->type) && !strcmp(lwb_schema_text(r), s->text);
+}
+
+/* Take record `index` if it has no name that is in use. */
+static inline bool lwb_take_over(struct lwb_board *b, struct lwb_record *r, int index,
+                                 const struct lwb_schema *s, const union lwb_name *name,
+                                 struct lwb_taken *taken)
+{
+    uint64_t life = atomic_load(&r->life), generation = lwb_generation_of(life) + 1;
+    if (lwb_state_of(life) == LWB_NAMED || generation >> (64 - LWB_NAMED_BITS) ||
+        !lwb_is_alike(r, s) || !lwb_lock_entry(b, index, F_WRLCK))
+        return false;
+    if (!atomic_compare_exchange_strong(&r->life, &life, lwb_life_of(generation, LWB_TAKEN))) {
+        lwb_lock_entry(b, index, F_UNLCK);
+        return false;
+    }
+    uint64_t word = atomic_load(&r->word), none;
+    do none = (lwb_count_of(word) + 1) << 16 | 0xffff; /* no writer's buffer */
+    while (!atomic_compare_exchange_weak(&r->word, &word, none));
+    lwb_rename(r, name, lwb_count_of(none));
+    taken->record = r;
+    taken->generation = generation;
+    taken->index = index;
+    return true;
+}
+
+static inline int lwb_write_record(struct lwb_board *b, const struct lwb_schema *s,
+                                   const union lwb_name *name, uint64_t *offset)
+{
+    size_t t = strlen(s->type), x = strlen(s->text);
     void *at;
-    int status = lwb_allocate(b, sizeof(struct lwb_record) + n + t + x, offset, &at);
+    int status = lwb_allocate(b, sizeof(struct lwb_record) + t + x + 2, offset, &at);
     if (status)
         return status;
     /* New space is zero, and a word of 0 means that nothing was added. */
     struct lwb_record *r = (struct lwb_record *)at;
     r->magic = LWB_SLOT_MAGIC;
-    r->size = sizeof *r + n + t + x;
+    r->size = sizeof *r + t + x + 2;
     r->capacity = s->capacity;
     r->fingerprint = s->fingerprint;
-    r->name_length = (uint32_t)n;
     r->type_length = (uint32_t)t;
     r->schema_length = (uint32_t)x;
-    char *texts = (char *)(r + 1);
-    memcpy(texts, s->name, n);
-    memcpy(texts + n, s->type, t);
-    memcpy(texts + n + t, s->text, x);
+    memcpy((char *)(r + 1), s->type, t + 1);
+    memcpy((char *)(r + 1) + t + 1, s->text, x + 1);
     r->checksum = lwb_record_sum(r);
+    atomic_store_explicit(&r->life, lwb_life_of(1, LWB_TAKEN), memory_order_relaxed);
+    lwb_rename(r, name, 0);
     return LWB_OK;
 }
 
-/* Open the slot; make it if it does not exist. If its `fingerprint` differs from the board's, the
- * status is LWB_DIFFERS, with the slot open for reading its schema. The table is filled from the
- * front and entries never change, so two processes that make the same name meet at one entry. */
-static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const struct lwb_schema *s)
+/* Take a record for a name: one that is vacant, or else a new one, at the first free entry. The lock
+ * on a new one's entry only keeps others from taking it over at once. */
+static inline int lwb_take(struct lwb_board *b, const struct lwb_schema *s,
+                           const union lwb_name *name, struct lwb_taken *taken)
 {
     uint64_t offset, mine = 0;
-    struct lwb_record *r;
-    size_t length = strlen(s->name);
-    int status;
-    for (int i = 0;; i++) {
+    int status = lwb_reopen(b);
+    for (int i = 0; !status; i++) {
+        struct lwb_record *r = lwb_slot_at(b, i, &offset, &status);
+        if (r && lwb_take_over(b, r, i, s, name, taken))
+            return LWB_OK;
+        if (status != LWB_MISSING)
+            continue;
         if (i == LWB_MAX_SLOTS)
             return LWB_NO_SLOT;
-        r = lwb_slot_at(b, i, &offset, &status);
-        if (status == LWB_MISSING) {
-            if (!mine && (status = lwb_write_record(b, s, &mine)))
-                return status;
-            uint64_t none = 0;
-            if (atomic_compare_exchange_strong(&lwb_head(b)->slots[i], &none, mine))
-                none = mine;
-            offset = none;
-            r = lwb_record_at(b, offset);
+        if (!mine && (status = lwb_write_record(b, s, name, &mine)))
+            return status;
+        lwb_lock_entry(b, i, F_WRLCK);
+        uint64_t none = 0;
+        if (atomic_compare_exchange_strong(&lwb_head(b)->slots[i], &none, mine)) {
+            taken->record = lwb_record_at(b, mine);
+            taken->generation = 1;
+            taken->index = i;
+            return taken->record ? LWB_OK : lwb_why();
         }
-        if (!r)
-            return lwb_why();
-        if (lwb_is_named(r, s->name, length))
-            break;
+        lwb_lock_entry(b, i, F_UNLCK);
+        status = LWB_OK; /* another process was first: look at its record */
+        i--;
     }
+    return status;
+}
+
+/* The record of that name, with its place and life; NULL with *status LWB_MISSING if there is none. */
+static inline struct lwb_record *lwb_look_up(struct lwb_board *b, const union lwb_name *name,
+                                             int *index, uint64_t *offset, uint64_t *life,
+                                             int *status)
+{
+    uint64_t sum = lwb_name_sum(name);
+    union lwb_name found;
+    bool damaged;
+    for (int i = 0;; i++) {
+        *index = i;
+        struct lwb_record *r = lwb_slot_at(b, i, offset, status);
+        if (!r || (atomic_load_explicit(&r->name_sum, memory_order_relaxed) == sum &&
+                   lwb_name_of(r, &found, life, &damaged) && !strcmp(found.text, name->text)))
+            return r;
+    }
+}
+
+static inline int lwb_bind(struct lwb_board *b, struct lwb_slot *slot, const struct lwb_schema *s,
+                           bool create)
+{
+    size_t n = strlen(s->name);
+    if (!n || n > LWB_MAX_NAME || strlen(s->type) > LWB_MAX_NAME ||
+        strlen(s->text) > LWB_MAX_SCHEMA || !s->capacity || s->capacity > LWB_MAX_CAPACITY)
+        return LWB_INVALID;
+    union lwb_name name = LWB_ZERO;
+    memcpy(name.text, s->name, n);
+    struct lwb_taken taken = LWB_ZERO;
+    struct lwb_record *r;
+    uint64_t offset, life, base;
+    int index, status;
+    for (;;) {
+        uint64_t named = atomic_load(&lwb_head(b)->named);
+        lwb_complete(b, named);
+        r = lwb_look_up(b, &name, &index, &offset, &life, &status);
+        if (r) {
+            base = atomic_load_explicit(&r->base, memory_order_relaxed);
+            atomic_thread_fence(memory_order_acquire); /* as in lwb_name_of */
+            uint64_t now = atomic_load_explicit(&r->life, memory_order_relaxed);
+            if (lwb_generation_of(now) == lwb_generation_of(life))
+                break;
+            continue; /* it has another name by now */
+        }
+        if (status != LWB_MISSING || !create)
+            break;
+        if (!taken.record && (status = lwb_take(b, s, &name, &taken)))
+            break;
+        if (atomic_compare_exchange_strong(&lwb_head(b)->named, &named,
+                                           taken.generation << LWB_NAMED_BITS |
+                                               (uint64_t)taken.index)) {
+            lwb_complete(b, taken.generation << LWB_NAMED_BITS | (uint64_t)taken.index);
+            lwb_lock_entry(b, taken.index, F_UNLCK);
+            taken.record = NULL;
+        }
+    }
+    if (taken.record) /* another process has given the name first: the next one takes the record */
+        lwb_lock_entry(b, taken.index, F_UNLCK);
+    if (!r)
+        return status;
     if (!lwb_is_sound(r))
         return LWB_CORRUPT;
     memset(slot, 0, sizeof *slot);
     slot->board = b;
     slot->record = r;
     slot->offset = offset;
+    slot->index = index;
     slot->capacity = r->capacity;
+    slot->life = lwb_life_of(lwb_generation_of(life), LWB_NAMED);
+    slot->base = base;
     slot->stride = lwb_stride(r->capacity);
     slot->writer = -1;
     return r->fingerprint == s->fingerprint ? LWB_OK : LWB_DIFFERS;
+}
+
+/* Open the slot; make it if it does not exist. If its `fingerprint` differs from the board's, the
+ * status is LWB_DIFFERS, with the slot open for reading its schema. */
+static inline int lwb_slot(struct lwb_board *b, struct lwb_slot *slot, const struct lwb_schema *s)
+{
+    return lwb_bind(b, slot, s, true);
+}
+
+/* Open a slot again whose handle is LWB_RENAMED; make it only with `create`, else LWB_MISSING. The
+ * handle stays as it was if that fails. */
+static inline int lwb_renew(struct lwb_slot *slot, const char *name, bool create)
+{
+    struct lwb_record *r = slot->record; /* its texts stay */
+    struct lwb_schema schema = {name, lwb_type_text(r), lwb_schema_text(r), r->fingerprint,
+                                r->capacity};
+    struct lwb_slot again;
+    int status = lwb_bind(slot->board, &again, &schema, create);
+    if (!status)
+        *slot = again;
+    return status;
+}
+
+/* Give up the slot's name: its record may get another one of the same type. Until then the slot is
+ * there, and lwb_add or lwb_make_ready takes the name back. */
+static inline void lwb_vacate(struct lwb_slot *slot)
+{
+    uint64_t life = slot->life;
+    uint64_t vacant = lwb_life_of(lwb_generation_of(life), LWB_VACANT);
+    atomic_compare_exchange_strong(&slot->record->life, &life, vacant);
+}
+
+/* Whether the slot has its name, for who is to add; a vacant one takes it back. */
+static inline bool lwb_keeps_name(struct lwb_slot *s)
+{
+    uint64_t life = atomic_load_explicit(&s->record->life, memory_order_relaxed);
+    if (life == s->life)
+        return true;
+    return life == lwb_life_of(lwb_generation_of(s->life), LWB_VACANT) &&
+           (atomic_compare_exchange_strong(&s->record->life, &life, s->life) || life == s->life);
+}
+
+/* Whether the record has another name by now. What was read from it before is the slot's own. */
+static inline bool lwb_is_renamed(const struct lwb_slot *s)
+{
+    uint64_t life = atomic_load_explicit(&s->record->life, memory_order_relaxed);
+    return lwb_generation_of(life) != lwb_generation_of(s->life);
 }
 
 /* The slot's word: it changes with every add and never repeats. */
@@ -619,25 +940,28 @@ static inline uint64_t lwb_word(const struct lwb_slot *s)
     return atomic_load_explicit(&s->record->word, memory_order_acquire);
 }
 
-/* Messages added so far. */
-static inline uint64_t lwb_count(const struct lwb_slot *s) { return lwb_count_of(lwb_word(s)); }
+/* Messages added so far under the slot's name, as a word of it says. */
+static inline uint64_t lwb_number_of(const struct lwb_slot *s, uint64_t word)
+{
+    uint64_t count = lwb_count_of(word);
+    return count > s->base ? count - s->base : 0;
+}
+
+/* Messages added so far; 0 if LWB_RENAMED. */
+static inline uint64_t lwb_count(const struct lwb_slot *s)
+{
+    uint64_t word = lwb_word(s);
+    return lwb_is_renamed(s) ? 0 : lwb_number_of(s, word);
+}
 
 /* ---- Adding -------------------------------------------------------------------------------- */
 
-/* Claim a writer id, at the first add of this process and again after a fork: the child's copy of
- * the file description shares the parent's lock, so the child opens one of its own. */
+/* Claim a writer id, at the first add of this process and again after a fork. */
 static inline int lwb_claim(struct lwb_board *b)
 {
-    if (!*b->same) {
-        char self[64];
-        snprintf(self, sizeof self, "/proc/self/fd/%d", b->fd);
-        int fd = open(self, O_RDWR | O_CLOEXEC); /* by number: the name may be removed or reused */
-        if (fd < 0)
-            return LWB_SYSTEM;
-        close(b->fd);
-        b->fd = fd;
-        lwb_attach(b);
-    }
+    int status = lwb_reopen(b);
+    if (status)
+        return status;
     for (int id = 0; id < LWB_MAX_WRITERS; id++) {
         if (lwb_lock(b->fd, F_OFD_SETLK, F_WRLCK, id) >= 0) {
             b->writer = id;
@@ -653,7 +977,7 @@ static inline int lwb_claim(struct lwb_board *b)
 static inline int lwb_own(struct lwb_slot *s)
 {
     struct lwb_board *b = s->board;
-    if (b->writer < 0 || !*b->same) {
+    if (b->writer < 0 || !lwb_is_same(b)) {
         int status = lwb_claim(b);
         if (status)
             return status;
@@ -679,11 +1003,16 @@ static inline int lwb_own(struct lwb_slot *s)
     return s->own ? LWB_OK : lwb_why();
 }
 
+static inline int lwb_keep_own(struct lwb_slot *s)
+{
+    struct lwb_board *b = s->board;
+    return s->own && s->writer == b->writer && lwb_is_same(b) ? LWB_OK : lwb_own(s);
+}
+
 /* Reserve what this process needs to add to the slot: adds need no more memory after that. */
 static inline int lwb_make_ready(struct lwb_slot *s)
 {
-    struct lwb_board *b = s->board;
-    return s->own && s->writer == b->writer && *b->same ? LWB_OK : lwb_own(s);
+    return lwb_keeps_name(s) ? lwb_keep_own(s) : LWB_RENAMED;
 }
 
 /* Wake the waiting processes, after the swap. `waiting` becomes even and a new number, so a process
@@ -737,11 +1066,11 @@ static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t len
     if (length > s->capacity)
         return LWB_TOO_LARGE;
     struct lwb_board *b = s->board;
-    int status = lwb_make_ready(s);
+    int status = lwb_keep_own(s);
     if (status)
         return status;
     lwb_atomic64 *slot_word = &s->record->word;
-    uint64_t word = atomic_load_explicit(slot_word, memory_order_relaxed);
+    uint64_t word = lwb_word(s);
     if (lwb_writer_of(word) == (unsigned)s->writer && lwb_buffer_of(word) == (unsigned)s->next)
         s->next = (s->next + 1) % LWB_BUFFERS; /* readers use the published one */
     struct lwb_buffer *buffer = lwb_buffer_at(s->own, (unsigned)s->next, s->stride);
@@ -771,17 +1100,20 @@ static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t len
     atomic_store_explicit(&buffer->stamp, stamp, memory_order_relaxed);
     uint64_t place = (uint64_t)s->writer << 4 | (uint64_t)s->next, mine;
     do {
-        if (after != LWB_ANY && lwb_count_of(word) != after)
-            return LWB_PASSED; /* the buffer stays unused: the word does not name it */
+        if (!lwb_keeps_name(s))
+            return LWB_RENAMED; /* the buffer stays unused: the word does not name it */
+        if (after != LWB_ANY && lwb_number_of(s, word) != after)
+            return LWB_PASSED;
         mine = (lwb_count_of(word) + 1) << 16 | place;
         atomic_store_explicit(&buffer->count, lwb_count_of(mine), memory_order_relaxed);
         /* Sequentially consistent, like the load in lwb_wake and both steps of lwb_wait: either
-         * this writer sees the waiter, or the waiter sees the new word. */
+         * this writer sees the waiter, or the waiter sees the new word. If it fails, it acquires:
+         * the name is looked at after the word. */
     } while (!atomic_compare_exchange_weak_explicit(slot_word, &word, mine, memory_order_seq_cst,
-                                                    memory_order_relaxed));
+                                                    memory_order_acquire));
     s->next = (s->next + 1) % LWB_BUFFERS;
     if (count)
-        *count = lwb_count_of(mine);
+        *count = lwb_number_of(s, mine);
     lwb_wake(s);
     return LWB_OK;
 }
@@ -802,8 +1134,10 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
     for (;;) {
         uint64_t word = lwb_word(s);
         unsigned writer = lwb_writer_of(word), index = lwb_buffer_of(word);
+        if (lwb_is_renamed(s))
+            return LWB_RENAMED;
         meta->word = word;
-        meta->count = lwb_count_of(word);
+        meta->count = lwb_number_of(s, word);
         if (!meta->count)
             return LWB_EMPTY;
         if (writer >= LWB_MAX_WRITERS || index >= LWB_BUFFERS)
@@ -833,7 +1167,7 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
             memcpy(to + 8 * words, &w, rest);
         }
         atomic_thread_fence(memory_order_acquire);
-        if (atomic_load_explicit(&buffer->count, memory_order_relaxed) == meta->count)
+        if (atomic_load_explicit(&buffer->count, memory_order_relaxed) == lwb_count_of(word))
             return meta->length <= s->capacity ? LWB_OK : LWB_CORRUPT;
         /* The owner only overwrites a buffer that the word does not name. So if the word is still
          * the same, the buffer is damaged, and starting again would never end. The fence pairs
@@ -860,15 +1194,16 @@ static inline int lwb_recent(struct lwb_slot *s, unsigned writer, struct lwb_met
     for (unsigned i = 0; i < LWB_BUFFERS; i++) {
         struct lwb_buffer *buffer = lwb_buffer_at(block, i, s->stride);
         struct lwb_meta *meta = &metas[*found];
-        meta->count = atomic_load_explicit(&buffer->count, memory_order_acquire);
+        uint64_t count = atomic_load_explicit(&buffer->count, memory_order_acquire);
+        meta->count = lwb_number_of(s, count << 16);
         meta->stamp = atomic_load_explicit(&buffer->stamp, memory_order_relaxed);
         meta->process = atomic_load_explicit(&buffer->process, memory_order_relaxed);
         atomic_thread_fence(memory_order_acquire);
         if (meta->count && /* as in lwb_read: a writer first sets it to 0 */
-            atomic_load_explicit(&buffer->count, memory_order_relaxed) == meta->count)
+            atomic_load_explicit(&buffer->count, memory_order_relaxed) == count)
             ++*found;
     }
-    return LWB_OK;
+    return lwb_is_renamed(s) ? LWB_RENAMED : LWB_OK;
 }
 
 /* Announce that this process is about to wait. */
@@ -886,17 +1221,26 @@ static inline void lwb_sleep(lwb_atomic32 *waiting, uint32_t odd, uint64_t ns)
     syscall(SYS_futex, waiting, FUTEX_WAIT, odd, &look, NULL, 0);
 }
 
+/* LWB_OK if the count exceeds `after`, else LWB_TIMEOUT. The word is read sequentially consistently,
+ * for lwb_wait: see lwb_add_after. */
+static inline int lwb_is_newer(const struct lwb_slot *s, uint64_t after)
+{
+    uint64_t word = atomic_load(&s->record->word);
+    return lwb_is_renamed(s) ? LWB_RENAMED : lwb_number_of(s, word) > after ? LWB_OK : LWB_TIMEOUT;
+}
+
 /* Wait until the count exceeds `after`, for at most `ns`. May return LWB_TIMEOUT early, after a
  * signal or 50 ms: call it again while there is time left. */
 static inline int lwb_wait(struct lwb_slot *s, uint64_t after, uint64_t ns)
 {
-    if (lwb_count(s) > after)
-        return LWB_OK;
+    int status = lwb_is_newer(s, after);
+    if (status != LWB_TIMEOUT)
+        return status;
     lwb_atomic32 *waiting = &s->record->waiting;
     uint32_t odd = lwb_announce(waiting);
-    if (lwb_count_of(atomic_load(&s->record->word)) <= after)
+    if (lwb_is_newer(s, after) == LWB_TIMEOUT)
         lwb_sleep(waiting, odd, ns);
-    return lwb_count(s) > after ? LWB_OK : LWB_TIMEOUT;
+    return lwb_is_newer(s, after);
 }
 
 /* ---- Waiting for any of several slots -------------------------------------------------------
@@ -914,10 +1258,10 @@ static inline int lwb_wait_any(lwb_atomic32 *alarm, uint32_t seen,
 {
     uint32_t bits = UINT32_C(1) << LWB_ALARM_BITS;
     for (size_t i = 0; i < number; i++) {
-        struct lwb_record *r = awaited[i].slot->record;
-        atomic_store(&r->armed, 1);
-        if (lwb_count_of(atomic_load(&r->word)) > awaited[i].after)
-            return LWB_OK;
+        atomic_store(&awaited[i].slot->record->armed, 1);
+        int status = lwb_is_newer(awaited[i].slot, awaited[i].after);
+        if (status != LWB_TIMEOUT)
+            return status;
         bits |= lwb_alarm_bit(awaited[i].slot);
     }
     struct timespec until; /* this kind of wait takes a time, not a duration */
@@ -926,10 +1270,56 @@ static inline int lwb_wait_any(lwb_atomic32 *alarm, uint32_t seen,
     until.tv_sec += (time_t)(nanoseconds / 1000000000u);
     until.tv_nsec = (long)(nanoseconds % 1000000000u);
     syscall(SYS_futex, alarm, FUTEX_WAIT_BITSET, seen, &until, NULL, bits);
-    for (size_t i = 0; i < number; i++)
-        if (lwb_count(awaited[i].slot) > awaited[i].after)
-            return LWB_OK;
+    for (size_t i = 0; i < number; i++) {
+        int status = lwb_is_newer(awaited[i].slot, awaited[i].after);
+        if (status != LWB_TIMEOUT)
+            return status;
+    }
     return LWB_TIMEOUT;
+}
+
+/* ---- Who reads -----------------------------------------------------------------------------
+ * A process that reads a slot may declare that, for who brings messages from elsewhere only if they
+ * are read. It holds a shared lock on a byte of that slot, which the kernel releases when the process
+ * dies. That changes no count: look again now and then. */
+
+/* Declare that the slot is read through this handle; end it as often as it was begun, or close the
+ * board. A renamed handle's declaration is about the slot that has its record now: end it first. */
+static inline int lwb_begin_reading(struct lwb_slot *s)
+{
+    struct lwb_board *b = s->board;
+    int status = lwb_reopen(b);
+    if (status)
+        return status;
+    if (!b->reading[s->index] && lwb_lock_reading(b->fd, F_OFD_SETLK, F_RDLCK, s->index) < 0)
+        return LWB_SYSTEM;
+    if (!b->reading[s->index]++) {
+        atomic_fetch_add(&lwb_head(b)->readings, 1);
+        lwb_ring(&lwb_head(b)->watching);
+    }
+    return LWB_OK;
+}
+
+static inline void lwb_end_reading(struct lwb_slot *s)
+{
+    struct lwb_board *b = s->board;
+    if (--b->reading[s->index] || !lwb_is_same(b)) /* a child's copy of its parent's lock */
+        return;
+    lwb_lock_reading(b->fd, F_OFD_SETLK, F_UNLCK, s->index);
+    atomic_fetch_add(&lwb_head(b)->readings, 1);
+    lwb_ring(&lwb_head(b)->watching);
+}
+
+/* Whether slot `index` is read, as declared through this board or by any other process. */
+static inline bool lwb_is_read(const struct lwb_board *b, int index)
+{
+    return b->reading[index] || lwb_lock_reading(b->fd, F_OFD_GETLK, F_WRLCK, index) == 1;
+}
+
+/* How often a process has begun to read a slot, or ended. */
+static inline uint32_t lwb_readings(struct lwb_board *b)
+{
+    return atomic_load(&lwb_head(b)->readings);
 }
 
 /* ---- Watching all slots --------------------------------------------------------------------

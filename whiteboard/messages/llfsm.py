@@ -1,12 +1,11 @@
 """Messages between llfsm's own processes: the status of machines, and requests to them."""
 
-import re
 from functools import lru_cache
 from typing import Literal, TypeAlias
-from zlib import crc32
 
 from ..message import Message
-from ..slots import Slot
+from ..slots import Slot, legal_name
+from .mirroring import MIRROR, MirrorStatus, PeerStatus, QuotaStatus, Refusal
 
 __all__ = [
     "BELL",
@@ -25,6 +24,7 @@ __all__ = [
     "Bell",
     "Commander",
     "Commanders",
+    "Debugging",
     "DefinedBox",
     "DefinedSection",
     "DefinedState",
@@ -36,6 +36,7 @@ __all__ = [
     "MachineStatus",
     "MachineVariables",
     "MirrorStatus",
+    "OverriddenSensor",
     "PeerStatus",
     "QuotaStatus",
     "Recorder",
@@ -61,9 +62,19 @@ COMMANDERS = "llfsm/commander/"
 JOURNALS = "llfsm/journal/"
 """Slots that carry bytes from arrangements to a recorder; tools do not show or record them."""
 
-_MAX_NAME = 230  # bytes of another name that fit into a slot's name
+Debugging: TypeAlias = Literal["pause", "renew", "step", "continue", "break", "override", "release"]
+Action: TypeAlias = Literal["suspend", "resume", "restart", "reload", "stop"] | Debugging
 
-Action: TypeAlias = Literal["suspend", "resume", "restart", "stop"]
+
+class OverriddenSensor(Message):
+    """A sensor that finds what a debugger has given it, not what is in its slot.
+
+    That ends `left_s` seconds after the message's stamp, unless it is renewed; without a time, only
+    when the sensor is released.
+    """
+
+    sensor: str
+    left_s: float | None = None
 
 
 class MachineStatus(Message):
@@ -72,14 +83,15 @@ class MachineStatus(Message):
     The machine entered `state` `in_state_s` seconds before the message's stamp, by transition
     number `transition` (from 0) of state `source`, which is empty if there was none. `entered_ns`
     is that time on the machine's clock, or 0 before its first ringlet in the state. `pending` is a
-    request that takes effect at its next ringlet; `obeyed` is the count of the latest request
-    seen. The process has id `pid` in PID namespace `namespace` of `host`, and started `born` clock
-    ticks after boot.
-    After its code has raised, the machine is `failed` until it is resumed or restarted: `error`
-    describes it in one line, with section, file and line, `error_state` is the state whose code
-    that was, and `error_s` is how many seconds before the message's stamp. While its code is
+    request that takes effect at its next ringlet; `obeyed` is the count of the latest request seen.
+    The process has id `pid` in PID namespace `namespace` of `host`, and started `born` clock ticks
+    after boot. After its code has raised, the machine is `failed` until it is resumed or restarted:
+    `error` describes it in one line, with section, file and line, `error_state` is the state whose
+    code that was, and `error_s` is how many seconds before the message's stamp. While its code is
     `hung`, a watchdog publishes the status, and `error` is where that is. `realtime` is the
-    priority at which it has its turns, or 0, and `cpu` the only core for them, or -1.
+    priority at which it has its turns, or 0, and `cpu` the only core for them, or -1. While a
+    debugger has paused the machines of its process, `paused` is why. `caller` is the machine that
+    has called this one as a submachine, while that is loaded; `refusal` is why it is not reloaded.
     """
 
     state: str = ""
@@ -104,12 +116,25 @@ class MachineStatus(Message):
     namespace: int = 0
     realtime: int = 0
     cpu: int = -1
+    paused: str = ""
+    overridden: tuple[OverriddenSensor, ...] = ()
+    caller: str = ""
+    refusal: str = ""
 
 
 class MachineRequest(Message):
-    """A request to a machine; a later one replaces an earlier one."""
+    """A request to a machine; a later one replaces an earlier one.
+
+    A "reload" is to begin as its bundle is by then. Those from "pause" to "break" are for all
+    machines of its process. Pauses by "pause", "step" and the breakpoints of "break", and an
+    "override", last for `lease_s` seconds; "renew" lets them last so long from then on. `argument`
+    is what to step, the breakpoints, one to a line, the sensor to "release", or the one to
+    "override", then a space and the message, in JSON, that it finds.
+    """
 
     action: Action
+    argument: str = ""
+    lease_s: float = 0.0
 
 
 class Bell(Message):
@@ -192,16 +217,20 @@ class MachineDefinition(Message):
 
 
 class VariableValue(Message, type_name="Variable"):
-    """A machine's variable; a value that is neither a number nor a text is described by a text."""
+    """A variable or sensor; a value that is neither a number nor a text is described by a text."""
 
     name: str
     value: bool | int | float | str | None
 
 
 class MachineVariables(Message):
-    """A machine's variables between two ringlets; published ten times a second for a viewer."""
+    """A machine's variables between two ringlets; published ten times a second for a viewer.
+
+    Sensors have the values of the machine's last snapshot.
+    """
 
     variables: tuple[VariableValue, ...]
+    sensors: tuple[VariableValue, ...] = ()
 
 
 class SafeValue(Message):
@@ -235,9 +264,10 @@ WILL_BELL = Slot("llfsm/wills", Bell)
 
 
 class Viewer(Message):
-    """Requests that variables be published for the next two seconds, for viewer process `pid`."""
+    """Requests variables for two seconds, and with `why` why states are kept, for viewer `pid`."""
 
     pid: int
+    why: bool = False
 
 
 VIEWER = Slot("llfsm/viewer", Viewer)
@@ -274,106 +304,43 @@ class JournalPart(Message):
     data: bytes = b""
 
 
-class PeerStatus(Message):
-    """Another host, as seen by the daemon of a board."""
-
-    name: str
-    host: str
-    silent_s: float
-    lag_ms: float  # from sending a batch to receiving it; as accurate as the clocks
-    received: int  # batches
-    lost: int  # batches that did not arrive
-    certificate: str = ""  # the name in it, if that is known
-
-
-class QuotaStatus(Message):
-    """What a host has taken of its quota, since the daemon started."""
-
-    name: str  # in its certificate; empty for all hosts that share a quota
-    slots: int  # that it has made here
-    max_slots: int
-    bytes: int  # of shared memory for them
-    max_bytes: int
-    over_rate: int  # messages of the network that were dropped
-
-
-class Refusal(Message):
-    """A kind of message or connection that was refused, and how often."""
-
-    what: str
-    count: int
-
-
-class MirrorStatus(Message):
-    """The status of the daemon that mirrors a board, published once a second.
-
-    Rates are in slots per second since the previous status. A conflict is a message from another
-    host that arrived after a newer one of the same slot.
-    """
-
-    host: str = ""
-    pid: int = 0
-    slots: int = 0
-    left: int = 0
-    entered: int = 0
-    leave_rate: float = 0.0
-    enter_rate: float = 0.0
-    conflicts: int = 0
-    held_back: int = 0  # messages of slots that arrive too often; the newest enters later
-    peers: tuple[PeerStatus, ...] = ()
-    quotas: tuple[QuotaStatus, ...] = ()
-    refused: tuple[Refusal, ...] = ()
-    partition_s: float = 3.0  # a host that was silent for so long counts as dead
-
-
-MIRROR = Slot("llfsm/mirror", MirrorStatus, capacity=1 << 16)
-
-
-@lru_cache(maxsize=4096)  # each new Slot object would be bound anew
+@lru_cache(maxsize=128)  # making a slot takes its time
 def status_slot(machine: str) -> Slot[MachineStatus]:
     """Return the slot for a machine's status."""
-    return Slot(MACHINES + _legal(machine), MachineStatus)
+    return Slot(MACHINES + legal_name(machine), MachineStatus)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=128)
 def request_slot(machine: str) -> Slot[MachineRequest]:
     """Return the slot for requests to a machine."""
-    return Slot(REQUESTS + _legal(machine), MachineRequest)
+    return Slot(REQUESTS + legal_name(machine), MachineRequest)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=128)
 def commanders_slot(slot: str) -> Slot[Commanders]:
     """Return the slot for the machines that post to a slot."""
-    return Slot(COMMANDERS + _legal(slot), Commanders, 4 << 10)
+    return Slot(COMMANDERS + legal_name(slot), Commanders, 4 << 10)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=128)
 def definition_slot(machine: str) -> Slot[MachineDefinition]:
     """Return the slot for a machine's definition."""
-    return Slot(DEFINITIONS + _legal(machine), MachineDefinition, 32 << 10)
+    return Slot(DEFINITIONS + legal_name(machine), MachineDefinition, 32 << 10)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=128)
 def variables_slot(machine: str) -> Slot[MachineVariables]:
     """Return the slot for a machine's variables."""
-    return Slot(VARIABLES + _legal(machine), MachineVariables, 16 << 10)
+    return Slot(VARIABLES + legal_name(machine), MachineVariables, 16 << 10)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=128)
 def will_slot(machine: str) -> Slot[LastWill]:
     """Return the slot for a machine's last will."""
-    return Slot(WILLS + _legal(machine), LastWill, 8 << 10)
+    return Slot(WILLS + legal_name(machine), LastWill, 8 << 10)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=128)
 def journal_slot(number: int) -> Slot[JournalPart]:
     """Return the slot for the journal of that number."""
     return Slot(f"{JOURNALS}{number}", JournalPart, 128 << 10)
-
-
-def _legal(name: str) -> str:
-    """Return the name of a machine or slot in a form that is valid in another slot's name."""
-    visible = re.sub(r"[\s\x00-\x1f\x7f]", "_", name).encode("utf-8", "replace")
-    if len(visible) > _MAX_NAME:  # a checksum keeps the names distinct
-        visible = visible[: _MAX_NAME - 9] + b"~%08x" % crc32(visible)
-    return visible.decode("utf-8", "ignore")

@@ -94,12 +94,14 @@ class Arrivals:
             account.charge(self._now_ns(), messages=1 + size // _BYTES_OF_TIME)
             if size > _MAX_DECLARATION:
                 self._refusals.add("a declaration that is too long", "a declaration is too long")
-            elif (declaration := self._decode(_DECLARATIONS, raw, "declaration")) is not None:
-                declared[declaration.slot] = declaration
+            elif (sent := self._decode(_DECLARATIONS, raw, "declaration")) is not None:
+                declaration = self._routes.naming.arriving(sent)
+                if declaration is not None:
+                    declared[declaration.slot] = declaration
             yield
         for raw in batch.values:
             account.charge(self._now_ns(), messages=1)
-            value = self._decode(_VALUES, raw, "message")
+            value = self._here(self._decode(_VALUES, raw, "message"))
             if value is not None and self._may_add(source, value.slot):
                 try:
                     self._add(source, value, declared.get(value.slot))
@@ -122,6 +124,16 @@ class Arrivals:
             return True
         self._refusals.add(f"from {source}: {slot}", f"slot {slot!r}: {source} may not add to it")
         return False
+
+    def _here(self, sent: Value | None) -> Value | None:
+        """Return a message with the name that its slot has here; None, counted, if it has none."""
+        value = None if sent is None else self._routes.naming.arriving(sent)
+        if sent is not None and value is None:
+            self._refusals.add(
+                "slots of no host in `fleet`",
+                f"slot {sent.slot!r}: no host of `fleet` has it, so it has no name here",
+            )
+        return value
 
     def _decode(self, of: msgspec.msgpack.Decoder[T], raw: msgspec.Raw, what: str) -> T | None:
         try:

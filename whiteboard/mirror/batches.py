@@ -1,7 +1,8 @@
 """What hosts send to each other: MessagePack arrays, each field validated when it is decoded.
 
-A sender numbers its batches, so that a receiver notices a lost one and asks for the sender's
-messages again. A heartbeat carries the number of the last batch, in case that one was lost.
+A sender numbers the batches of each group of slots, so that a receiver notices a lost one and asks
+for the sender's messages of that group again. A heartbeat carries the number of the group's last
+batch, in case that one was lost.
 
 A receiver decodes each message of a batch on its own: one that is malformed does not take the
 others with it.
@@ -30,7 +31,7 @@ __all__ = [
     "footprint",
 ]
 
-VERSION = 3
+VERSION = 4
 """Of this protocol; hosts with another version only report each other."""
 
 _CHUNK = 1 << 16  # bytes of messages in a batch; a longer message travels alone
@@ -86,7 +87,7 @@ class ReceivedBatch(_Head, frozen=True, array_like=True, forbid_unknown_fields=T
 
 
 class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Reports that a host is alive, a few times a second."""
+    """Reports to a group's readers that a host is alive, a few times a second."""
 
     sender: Id
     born: Time
@@ -97,7 +98,7 @@ class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fie
 
 
 class StateQuery(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Requests a host's messages that are newer than the known ones, given by their versions."""
+    """Requests a group's messages that are newer than the known ones, given by their versions."""
 
     known: Annotated[tuple[tuple[_Name, Version], ...], _EACH_SLOT]
 

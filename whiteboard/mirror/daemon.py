@@ -6,11 +6,12 @@ import logging
 import os
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from ..errors import WhiteboardError
 from ..messages.llfsm import MIRROR, MirrorStatus
+from .keeper import Keeper
 from .mirror import Mirror
 from .settings import Settings
 from .version_log import FileVersionLog
@@ -27,19 +28,19 @@ _log = logging.getLogger("llfsm.mirror")
 def daemon(board: Whiteboard, settings: Settings) -> Iterator[Mirror]:
     """Mirror the board within the context, once :meth:`.Mirror.run` is called.
 
-    Raise :class:`.BoardMirroredError` if another daemon mirrors it, and :class:`.NetworkError`.
+    Raise :class:`.BoardMirroredError` if another daemon mirrors it, :class:`.NetworkError`, and the
+    errors of a :class:`.Keeper`.
     """
-    versions = FileVersionLog(board.path)
-    try:
-        mirror = Mirror(board, settings, versions, host=versions.host)
+    with ExitStack() as stack:
+        versions = stack.enter_context(closing(FileVersionLog(board.path)))
+        keeper = None
+        if settings.keep is not None:
+            keeper = stack.enter_context(closing(Keeper(settings.keep, board.name)))
+        mirror = Mirror(board, settings, versions, host=versions.host, keeper=keeper)
+        stack.enter_context(closing(mirror))
         notify_supervisor("READY=1")
-        try:
-            yield mirror
-        finally:
-            notify_supervisor("STOPPING=1")
-            mirror.close()
-    finally:
-        versions.close()
+        stack.callback(notify_supervisor, "STOPPING=1")
+        yield mirror
 
 
 def status_publisher(board: Whiteboard) -> Callable[[MirrorStatus], None]:
@@ -62,5 +63,7 @@ def notify_supervisor(state: str) -> None:
     """Notify systemd if it has started this process with ``Type=notify``."""
     address = os.environ.get("NOTIFY_SOCKET")
     if address:
+        if address.startswith("@"):  # the name of a socket without a file
+            address = f"\0{address[1:]}"
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
-            supervisor.sendto(state.encode(), address.replace("@", "\0", 1))
+            supervisor.sendto(state.encode(), address)

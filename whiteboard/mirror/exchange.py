@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import socket
-import threading
+from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeVar
 
@@ -27,7 +27,9 @@ from .batches import (
     divide,
     encode,
 )
+from .groups import EVERY_GROUP, group_of
 from .merge import Version
+from .packets import EVERY_HOST, Packet, Query
 from .peers import Peers, Source
 from .quotas import Quotas
 from .refusals import Refusals
@@ -35,7 +37,7 @@ from .routes import Route, Routes
 from .settings import Settings
 from .store import Store
 
-__all__ = ["Exchange", "Query"]
+__all__ = ["Exchange"]
 
 T = TypeVar("T")
 
@@ -44,14 +46,14 @@ _HEARTBEATS = decoder(Heartbeat)
 _QUERIES = decoder(StateQuery)
 _DONE = object()
 _MAX_LISTED = 50  # hosts, and kinds of refusals, in a status
+_ANNOUNCE_NS = 2_000_000_000  # from a connection on, so that a lost announcement is repeated
 
 
-class Query(NamedTuple):
-    """A query to send to another host."""
+class _Leaving(NamedTuple):
+    """What leaves in one group."""
 
-    source: Source
-    gaps: int  # of that host; passed back at the end of the reply
-    data: bytes
+    values: list[Value]
+    declarations: list[Declaration]
 
 
 class _Reported(NamedTuple):
@@ -70,6 +72,8 @@ class Exchange:
         settings: which slots leave and enter, and how often.
         now_ns: a monotonic clock.
         wall_ns: the host's clock: the time since 1970.
+        is_read: whether any other host reads a group. It is called without the exchange's lock:
+            Zenoh has locks of its own, and waits for this one while it holds one of them.
 
     """
 
@@ -79,14 +83,19 @@ class Exchange:
         settings: Settings,
         now_ns: Callable[[], int],
         wall_ns: Callable[[], int],
+        is_read: Callable[[str], bool] = lambda _: True,
     ) -> None:
         self._store = store
         self._settings = settings
         self._now_ns = now_ns
         self._wall_ns = wall_ns
-        self._lock = threading.Lock()
+        self._is_read = is_read
+        self._lock = store.lock
         self._born = wall_ns()
-        self._number = 0
+        self._numbers: Counter[str] = Counter()  # of the latest batch, by group
+        self._announced_ns = 0  # until when all groups are announced
+        self._interest: set[str] = set()
+        self._asked: set[str] = set()  # groups to ask all hosts for
         self._changed: dict[str, Route] = {}  # in the order of the changes
         self._left = 0
         self._peers = Peers()
@@ -107,37 +116,53 @@ class Exchange:
 
     # ---- Sending ----------------------------------------------------------------------------
 
-    def collect(self, slots: Iterable[str] = (), *, ignore_rates: bool = False) -> list[bytes]:
-        """Return batches to send: the newest message of each slot that has changed and may leave.
+    def collect(self, slots: Iterable[str] = (), *, ignore_rates: bool = False) -> list[Packet]:
+        """Return batches to send: the newest message of each slot that has changed and is read.
 
         `slots` are those that may have changed since the last call. A slot waits until its rate
-        permits it to leave, unless `ignore_rates`.
+        permits it to leave, unless `ignore_rates`. One that nobody reads does not leave.
         """
+        read = {group for group in self._groups_of_changes(slots) if self._is_read(group)}
         with self._lock:
             store, changed = self._store, self._changed
-            for name in slots:
-                route = self._routes.usable(name)
-                if route is not None and route.leaves and route.cell.has_news():
-                    changed[name] = route
-            if store.news:
-                routes = {name: self._routes.get(name) for name in store.news}
-                changed.update((name, r) for name, r in routes.items() if r.leaves)
-            now_ns, values, declarations = self._now_ns(), [], []
+            now_ns, leaving = self._now_ns(), dict[str, _Leaving]()
             for name, route in list(changed.items()):
+                group = route.group
+                if group not in read:  # who begins to read it asks for it
+                    del changed[name]
+                    continue
                 if now_ns < route.departures.due_ns and not ignore_rates:
                     continue
                 del changed[name]
                 value = store.latest(route.cell)
+                store.news.pop(name, None)
                 if value is None or value.version.host != store.host or value.version == route.sent:
                     continue
+                values, declarations = leaving.setdefault(group, _Leaving([], []))
                 if route.sent is None:
                     declarations.append(store.declaration(route.cell))
                 route.sent = value.version
                 route.departures.record(now_ns)
                 values.append(value)
-            store.news.clear()  # each is in `values` or still in `changed`
-            self._left += len(values)
-            return self._pack(values, declarations) if values else []
+                self._left += 1
+            return [
+                Packet(group, data)
+                for group in self._routes.in_order(leaving)
+                for data in self._pack(*leaving[group], group)
+            ]
+
+    def _groups_of_changes(self, slots: Iterable[str]) -> set[str]:
+        """Return the groups of the slots that have changed, `slots` perhaps among them."""
+        with self._lock:
+            changed, news = self._changed, self._store.news
+            for name in slots:
+                route = self._routes.usable(name)
+                if route is not None and route.leaves and route.cell.has_news():
+                    changed[name] = route
+            routes = {name: self._routes.get(name) for name in news}
+            changed.update((name, route) for name, route in routes.items() if route.leaves)
+            news.clear()
+            return {route.group for route in changed.values()}
 
     def batches_sent(self) -> None:
         """Record that the collected batches were sent."""
@@ -145,24 +170,69 @@ class Exchange:
             self._store.note()
 
     def _pack(
-        self, values: list[Value], declarations: list[Declaration], *, counted: bool = True
+        self, values: list[Value], declarations: list[Declaration], group: str | None
     ) -> list[bytes]:
+        """Return batches, with the next numbers of a group; a reply has none."""
         packed = []
-        for part in divide(values):
-            self._number += counted
+        for part in divide(list(map(self._routes.naming.leaving, values))):
+            number = 0
+            if group is not None:
+                number = self._numbers[group] = self._numbers[group] + 1
             declared: tuple[Declaration, ...] = ()
             if declarations:
                 names = {value.slot for value in part}
-                declared = tuple(d for d in declarations if d.slot in names)
-            head = self._store.host, self._born, self._number, self._wall_ns()
+                leaving = map(self._routes.naming.leaving, declarations)
+                declared = tuple(d for d in leaving if d.slot in names)
+            head = self._store.host, self._born, number, self._wall_ns()
             packed.append(encode(Batch(*head, tuple(part), declared)))
         return packed
 
-    def heartbeat(self) -> bytes:
-        """Return a heartbeat."""
+    def groups(self, slots: Iterable[str] = ()) -> list[str]:
+        """Return the groups of which this host has slots that may leave; `slots` may be new."""
         with self._lock:
-            store, name = self._store, socket.gethostname()[:255]
-            return encode(Heartbeat(store.host, self._born, self._number, self._wall_ns(), name))
+            for slot in slots:
+                self._routes.usable(slot)
+            return self._routes.in_order(self._routes.offered)
+
+    def heartbeats(self) -> list[Packet]:
+        """Return a heartbeat for each group that is read, and has news of this host.
+
+        A host that receives only what is read here leaves the rest to who adds it: otherwise, all
+        readers of a slot would report to each other. But it does so while hosts connect.
+        """
+        with self._lock:
+            every = self._settings.eager or self._now_ns() < self._announced_ns
+            groups = self._routes.in_order(self._routes.offered if every else self._numbers)
+        read = {group for group in groups if self._is_read(group)}
+        with self._lock:
+            head, name = (self._store.host, self._born), socket.gethostname()[:255]
+            sent_ns = self._wall_ns()
+            return [
+                Packet(group, encode(Heartbeat(*head, self._numbers[group], sent_ns, name)))
+                for group in groups
+                if group in read
+            ]
+
+    def begin_sending(self, group: str) -> None:
+        """Send what a group has that was not sent, as another host has begun to read it."""
+        with self._lock:
+            routes = self._routes.of(group)
+            self._changed.update((name, route) for name, route in routes if route.leaves)
+
+    def connect(self) -> None:
+        """Announce all, and ask for what is read here again, as hosts have just connected."""
+        with self._lock:
+            self._announced_ns = self._now_ns() + _ANNOUNCE_NS
+            self._asked |= self._interest
+
+    def read(self, slots: Iterable[str]) -> set[str]:
+        """Return the groups to receive, as these slots are read on this board."""
+        with self._lock:
+            entering = map(self._routes.naming.wire, filter(self._routes.enters, slots))
+            groups = self._routes.own | {group_of(wire) for wire in entering if wire is not None}
+            self._asked = (self._asked | (groups - self._interest)) & groups
+            self._interest = groups
+            return groups
 
     def queries(self) -> list[Query]:
         """Return the queries to send now."""
@@ -170,28 +240,39 @@ class Exchange:
             if self._settings.read_only or not self._settings.enter:
                 return []
             now_ns = self._now_ns()
-            peers = self._peers.to_query(now_ns, self._wall_ns())
-            if not peers:
-                return []
-            known = tuple(self._known())
-            data = encode(StateQuery(known))
-            for peer in peers:  # who pretends to lose messages is not queried all the time
-                self._quotas.account(peer.source.name).charge(now_ns, messages=len(known))
-            return [Query(peer.source, peer.gaps, data) for peer in peers]
+            asked, self._asked = self._asked, set()
+            found = [Query(EVERY_HOST._replace(group=group), 0, self._query(group)[0])
+                     for group in sorted(asked)]  # fmt: skip
+            for peer in self._peers.to_query(now_ns, self._wall_ns()):
+                data, known = self._query(peer.source.group)
+                # who pretends to lose messages is not queried all the time
+                self._quotas.account(peer.source.name).charge(now_ns, messages=known)
+                found.append(Query(peer.source, peer.gaps, data))
+            return found
 
-    def _known(self) -> list[tuple[str, Version]]:
-        """Return the versions of the messages that other hosts may have, too."""
+    def query_for_all(self) -> Query:
+        """Return a query for all that other hosts have."""
+        with self._lock:
+            return Query(EVERY_HOST, 0, self._query(EVERY_GROUP)[0])
+
+    def _query(self, group: str) -> tuple[bytes, int]:
+        """Return a query for a group's messages, and how many are known."""
+        known = tuple(self._known(group))
+        return encode(StateQuery(known)), len(known)
+
+    def _known(self, group: str) -> list[tuple[str, Version]]:
+        """Return the versions of a group's messages that other hosts may have, too."""
         shared = (
-            (name, self._store.version(route.cell))
-            for name, route in self._routes.all()
+            (route.wire, self._store.version(route.cell))
+            for name, route in self._routes.of(group)
             if (route.leaves or route.enters) and name not in self._arrivals.unknown
         )
         known = [(name, version) for name, version in shared if version is not None]
         self._store.note()
         return known
 
-    def reply(self, data: bytes, name: str = "") -> list[bytes]:
-        """Return the reply to another host's query: the messages that are newer here.
+    def reply(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> list[bytes]:
+        """Return the reply to another host's query for a group: the messages that are newer here.
 
         `name` is the one in its certificate. What it makes this host send counts as its traffic.
         """
@@ -199,48 +280,48 @@ class Exchange:
         if query is None:
             return []
         with self._lock:
-            known, store, routes = dict(query.known), self._store, self._routes.all()
+            known, store, routes = dict(query.known), self._store, self._routes.of(group)
             newer = [
                 route.cell
-                for slot, route in routes
+                for _, route in routes
                 if route.leaves
                 and (version := store.version(route.cell)) is not None
-                and (slot not in known or version > known[slot])
+                and (route.wire not in known or version > known[route.wire])
             ]
             values = [value for value in map(store.latest, newer) if value is not None]
             store.note()
-            parts = self._pack(values, list(map(store.declaration, newer)), counted=False)
+            parts = self._pack(values, list(map(store.declaration, newer)), None)
             size = sum(map(len, parts))
             self._quotas.account(name).charge(self._now_ns(), messages=len(routes), size=size)
             return parts
 
     # ---- Receiving --------------------------------------------------------------------------
 
-    # Each method takes the name in the sender's certificate, which is empty if it is not known.
+    # Each method takes the name in the sender's certificate, which is empty if it is not known, and
+    # the group under whose key it was sent.
 
-    def receive_batch(self, data: bytes, name: str = "") -> None:
+    def receive_batch(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> None:
         """Handle a batch."""
         batch = self._admit(_BATCHES, data, name, "batch")
         if batch is not None and batch.sender != self._store.host:
-            source = Source(name, batch.sender)
+            source = Source(name, batch.sender, group)
             if self._apply(source, batch):
                 with self._lock:
                     self._peers.receive(source, batch, self._now_ns(), self._wall_ns())
 
-    def receive_heartbeat(self, data: bytes, name: str = "") -> bool:
-        """Handle a heartbeat; return whether it is the first one of that host."""
+    def receive_heartbeat(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> None:
+        """Handle a heartbeat."""
         heartbeat = self._admit(_HEARTBEATS, data, name, "heartbeat")
-        if heartbeat is None or heartbeat.sender == self._store.host:
-            return False
-        source = Source(name, heartbeat.sender)
-        with self._lock:
-            return self._peers.receive(source, heartbeat, self._now_ns(), self._wall_ns())
+        if heartbeat is not None and heartbeat.sender != self._store.host:
+            source = Source(name, heartbeat.sender, group)
+            with self._lock:
+                self._peers.receive(source, heartbeat, self._now_ns(), self._wall_ns())
 
-    def receive_reply(self, data: bytes, name: str = "") -> None:
+    def receive_reply(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> None:
         """Handle one part of a reply."""
         batch = self._admit(_BATCHES, data, name, "reply")
         if batch is not None:
-            self._apply(Source(name, batch.sender), batch)
+            self._apply(Source(name, batch.sender, group), batch)
 
     def _apply(self, source: Source, batch: ReceivedBatch) -> bool:
         """Add the messages of a batch; return False if its sender is over its rate before the end.
@@ -301,15 +382,17 @@ class Exchange:
             return MirrorStatus(
                 host=f"{self._store.host:016x}",
                 pid=os.getpid(),
-                slots=sum(route.leaves for _, route in self._routes.all()),
+                slots=sum(route.leaves for _, route in self._routes.of(EVERY_GROUP)),
                 left=now.left,
                 entered=now.entered,
                 leave_rate=round((now.left - before.left) / seconds, 1),
                 enter_rate=round((now.entered - before.entered) / seconds, 1),
                 conflicts=arrivals.conflicts,
                 held_back=arrivals.held_back,
-                peers=tuple(peer.status(now.at_ns) for peer in self._peers)[:_MAX_LISTED],
+                peers=tuple(self._peers.status(now.at_ns))[:_MAX_LISTED],
                 quotas=tuple(self._quotas.status())[:_MAX_LISTED],
                 refused=self._refusals.report()[:_MAX_LISTED],
                 partition_s=self._settings.guard.partition_s,
+                name=self._settings.as_,
+                fleet=self._settings.fleet,
             )

@@ -2,28 +2,48 @@
 
 ::
 
-    llfsm/VERSION/BOARD/batches/NAME                  published by the host NAME
-    llfsm/VERSION/BOARD/beats/NAME                    the same; read by hosts of every version
-    llfsm/VERSION/BOARD/state/NAME/ID/ASKER/ASKER-ID  a query of one host to another
+    llfsm/VERSION/BOARD/slots/NAME/GROUP/batch              published by the host NAME
+    llfsm/VERSION/BOARD/slots/NAME/GROUP/beat               the same: its heartbeats
+    llfsm/VERSION/BOARD/beats/NAME                          the same; read by hosts of all versions
+    llfsm/VERSION/BOARD/state/NAME/ID/GROUP/ASKER/ASKER-ID  a query of one host to another
+    llfsm/VERSION/BOARD/hosts/NAME/AS/ID                    a token: a host that is called AS lives
+
+GROUP is one of slots (see `groups`): a host subscribes to those that are read on it, and Zenoh
+sends nothing to which nobody subscribes. A query for all groups has ``all`` in its place.
 
 NAME is the name in a host's certificate, and ``-`` for a host without one. Zenoh's access control
 ties the name to the certificate: from a connection with another certificate, such a key is not
-accepted. That the layout of the heartbeats' keys stays lets hosts of different versions report each
-other.
+accepted. That the layout of the keys under ``beats`` stays lets hosts of different versions report
+each other, and those of different boards.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 from .batches import VERSION
+from .groups import EVERY_GROUP
+from .packets import EVERY_HOST
 from .peers import Source
 
-__all__ = ["Keys", "access_control", "asker_in", "name_in", "usable_name", "version_in"]
+__all__ = [
+    "Asked",
+    "Keys",
+    "access_control",
+    "asked_in",
+    "board_in",
+    "name_in",
+    "sender_in",
+    "usable_name",
+    "version_in",
+]
 
 _NAME = re.compile(r"[^/*$?#\s]{1,64}")
+_PARTS = 9  # of the key of a query
+_TOKENS = "liveliness_token", "declare_liveliness_subscriber", "liveliness_query"
+_ALL = "all"  # for `EVERY_GROUP`, as no part of a key is empty
 
 
 def usable_name(name: str | None) -> str:
@@ -42,18 +62,54 @@ class Keys:
     """
 
     def __init__(self, board: str, host: int, name: str) -> None:
-        root = f"llfsm/{VERSION}/{board}"
-        self.batches = f"{root}/batches/{name}"
-        self.beats = f"{root}/beats/{name}"
-        self.all_batches = f"{root}/batches/*"
-        self.all_beats = f"llfsm/*/{board}/beats/**"  # version 2 had no names
-        self.queries = f"{root}/state/{name}/{host:016x}/*/*"
-        self._state = f"{root}/state"
-        self._asker = f"{name}/{host:016x}"
+        self._root = f"llfsm/{VERSION}/{board}"
+        self.hello = f"{self._root}/beats/{name}"
+        self.all_hellos = "llfsm/*/*/beats/**"  # version 2 had no names
+        self._name = name
+        self._id = f"{host:016x}"
+        self._me = f"{name}/{self._id}"
+
+    def batches(self, group: str) -> str:
+        """Return the key of this host's batches of a group."""
+        return f"{self._root}/slots/{self._name}/{group}/batch"
+
+    def beats(self, group: str) -> str:
+        """Return the key of this host's heartbeats for a group."""
+        return f"{self._root}/slots/{self._name}/{group}/beat"
+
+    def received(self, group: str) -> str:
+        """Return the keys of all hosts' batches and heartbeats of a group."""
+        return f"{self._root}/slots/*/{group or '*'}/*"
+
+    def answered(self, group: str) -> str:
+        """Return the keys of queries to this host for a group."""
+        return f"{self._root}/state/{self._me}/{group or _ALL}/*/*"
 
     def query(self, to: Source) -> str:
-        """Return the key of a query to a host, whose name may be unknown."""
-        return f"{self._state}/{to.name or '*'}/{to.host:016x}/{self._asker}"
+        """Return the key of a query to a host, whose name may be unknown, or to every host."""
+        host = "*" if to.host == EVERY_HOST.host else f"{to.host:016x}"
+        return f"{self._root}/state/{to.name or '*'}/{host}/{to.group or _ALL}/{self._me}"
+
+    def alive(self, called: str) -> str:
+        """Return the key of this host's token, if it is called so."""
+        return f"{self._root}/hosts/{self._name}/{called}/{self._id}"
+
+    def named(self, called: str) -> str:
+        """Return the keys of the tokens of all hosts that are called so."""
+        return f"{self._root}/hosts/*/{called}/*"
+
+    def is_own(self, token: str) -> bool:
+        """Return whether a token is this host's."""
+        return token.endswith(f"/{self._id}")
+
+    def answer(self, asked: Asked) -> str:
+        """Return the key of a reply, which proves whose it is."""
+        return f"{self._root}/state/{self._me}/{asked.group or _ALL}/{asked.asker}/{asked.asker_id}"
+
+
+def name_in(token: str) -> str:
+    """Return what the host of a token is called."""
+    return token.rsplit("/", 2)[1]
 
 
 def version_in(key: str) -> str:
@@ -61,14 +117,34 @@ def version_in(key: str) -> str:
     return key.split("/", 2)[1]
 
 
-def name_in(key: str) -> str:
-    """Return the name of the host that has published under a key."""
-    return key.rpartition("/")[2]
+def board_in(key: str) -> str:
+    """Return the name of the board in a key."""
+    return key.split("/", 3)[2]
 
 
-def asker_in(key: str) -> str:
-    """Return the name of the host that asks with a query's key."""
-    return key.rsplit("/", 2)[1]
+def sender_in(key: str) -> tuple[str, str, bool]:
+    """Return the name of the host that has published under a key, its group, and if it beats."""
+    _, name, group, kind = key.rsplit("/", 3)
+    return name, group, kind == "beat"
+
+
+class Asked(NamedTuple):
+    """What the key of a query or a reply says."""
+
+    name: str
+    """Of the host that replies."""
+    group: str
+    asker: str
+    asker_id: str
+
+
+def asked_in(key: str) -> Asked | None:
+    """Return what the key of a query or a reply says; None for one that no host has made."""
+    parts = key.split("/")
+    if len(parts) != _PARTS:
+        return None
+    name, _, group, asker, asker_id = parts[-5:]
+    return Asked(name, EVERY_GROUP if group == _ALL else group, asker, asker_id)
 
 
 def access_control(names: Iterable[str]) -> dict[str, Any]:
@@ -77,18 +153,20 @@ def access_control(names: Iterable[str]) -> dict[str, Any]:
     Each may read what this host sends, but publish, ask and reply under its own name only. What it
     forwards for others is not accepted, as their certificates are not seen here.
     """
-    sent = ["put", "query", "reply", "declare_subscriber", "declare_queryable"]
+    sent = ["put", "query", "reply", "declare_subscriber", "declare_queryable", *_TOKENS]
+    read = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     rules = [
         _rule("send", "egress", sent, ["**"]),
-        _rule("read", "ingress", ["declare_subscriber"], ["llfsm/**"]),
+        _rule("read", "ingress", read, ["llfsm/**"]),
     ]
     subjects: list[dict[str, Any]] = [{"id": "all"}]
     policies = [{"rules": ["send"], "subjects": ["all"]}]
     for name in names:
-        published = [f"llfsm/*/*/batches/{name}", f"llfsm/*/*/beats/{name}"]
+        published = [f"llfsm/*/*/slots/{name}/**", f"llfsm/*/*/beats/{name}"]
         own = [
             _rule(f"publish {name}", "ingress", ["put"], published),
-            _rule(f"ask {name}", "ingress", ["query"], [f"llfsm/*/*/state/*/*/{name}/*"]),
+            _rule(f"live {name}", "ingress", ["liveliness_token"], [f"llfsm/*/*/hosts/{name}/**"]),
+            _rule(f"ask {name}", "ingress", ["query"], [f"llfsm/*/*/state/*/*/*/{name}/*"]),
             _rule(
                 f"reply {name}",
                 "ingress",

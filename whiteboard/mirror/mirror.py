@@ -6,12 +6,19 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from ..board import Board
+from ..errors import WhiteboardError
+from ..messages.fleet import HOSTS, Folders, Hosts, folders_slot
 from ..messages.llfsm import MirrorStatus
-from .exchange import Exchange, Query
+from .exchange import Exchange
+from .groups import EVERY_GROUP
+from .keeper import Keeper
+from .naming import Naming
 from .network import Network
-from .settings import Settings
+from .packets import EVERY_HOST, Packet, Query
+from .settings import Settings, matcher
 from .store import Store
 from .version_log import VersionLog
 
@@ -21,6 +28,9 @@ _TICK_S = 0.005  # between two batches: changes in between travel together
 _HEARTBEAT_S = 0.25
 _STATUS_S = 1.0
 _SETTLE_S = 0.02  # from a connection to knowing the other host's subscriptions
+_READ_S = 1.0  # between two looks for slots that are read no more, of processes that were killed
+_ASK_S = 0.25  # between two queries for all, until there is a reply
+_FOREIGN_S = 1.0  # between two hellos while hosts are there with which nothing is exchanged
 
 
 class Mirror:
@@ -31,6 +41,7 @@ class Mirror:
         settings: see :class:`.Settings`.
         versions: the known versions of the board's messages.
         host: the id of this host; random by default.
+        keeper: the file in which messages outlive all hosts; None if there is none.
         mode: see :class:`.Network`.
 
     """
@@ -42,36 +53,69 @@ class Mirror:
         versions: VersionLog,
         *,
         host: int | None = None,
+        keeper: Keeper | None = None,
         mode: str = "peer",
     ) -> None:
         host = secrets.randbits(63) if host is None else host
         self._board = board
         self._watch = board.watcher()
-        store = Store(board, host, _wall_ns, versions, lambda: time.time_ns() + settings.ahead_ns)
-        self._exchange = Exchange(store, settings, time.monotonic_ns, time.time_ns)
+        horizon_ns = lambda: time.time_ns() + settings.ahead_ns  # noqa: E731
+        self._store = store = Store(board, host, _wall_ns, versions, horizon_ns)
+        self._network = Network(board.name, host, settings, mode)
+        self._exchange = Exchange(
+            store, settings, time.monotonic_ns, time.time_ns, self._network.is_read
+        )
+        self._keeper = keeper
+        if keeper is not None:
+            keeper.restore(store, self._exchange.refuse)
+        self._eager = settings.eager
+        self._hello_s = _HEARTBEAT_S  # until the next one
         self._stop = threading.Event()
         self._replied = threading.Event()
-        self._network = Network(board.name, host, settings, mode)
+        self._readings = -1  # of the board, when it was looked what is read
+        self._look_s = 0.0  # when to look again
+        self._naming = Naming(settings.as_, settings.fleet)
+        self._leaves = matcher(settings.leave)
+        self._hosts: tuple[str, ...] | None = None  # as published
+        self._begun: dict[str, None] = {}  # groups that other hosts have begun to read
         self._network.join(self)
+        if self._eager:
+            self._network.receive({EVERY_GROUP})
 
     def run(self, publish: Callable[[MirrorStatus], None] = lambda _: None) -> None:
         """Mirror until stopped or the board is removed; pass a status to `publish` each second."""
-        heartbeat = status = 0.0
+        heartbeat = status = hello = 0.0
         while not self._stop.is_set() and self._board.alive:
             now = time.monotonic()
             if now >= heartbeat:
                 heartbeat = now + _HEARTBEAT_S
-                self._network.send_heartbeat(self._exchange.heartbeat())
+                self._send_heartbeats()
                 self._send_queries()
+            if now >= hello or hello > now + self._hello_s:
+                self._network.send_hello()
+                hello = now + self._hello_s
+                self._hello_s *= 2
             if now >= status:
                 status = now + _STATUS_S
                 publish(self._exchange.status())
             self._exchange.enter_held()
-            due_ns = self._exchange.due_ns()
-            due = heartbeat if due_ns is None else min(heartbeat, due_ns / 1e9)
-            if self._send(self._exchange.collect(self._watch(max(0, due - time.monotonic())))):
+            changed = self._watch(self._until_due(max(0, heartbeat - time.monotonic())))
+            self._receive_what_is_read()
+            self._publish_hosts()
+            while self._begun:
+                self._exchange.begin_sending(self._begun.popitem()[0])
+            self._offer(changed)
+            self._keep(changed)
+            if self._send(self._exchange.collect(changed)):
                 time.sleep(_TICK_S)  # in a wait, a signal's handler could not call `stop`
-        self._send(self._exchange.collect(self._watch(0), ignore_rates=True))
+            elif changed:  # what nobody reads, however often it changes
+                time.sleep(self._until_due(_TICK_S))
+        changed = self._watch(0)
+        self._offer(changed)
+        self._send(self._exchange.collect(changed, ignore_rates=True))
+        self._keep(changed)
+        if self._keeper is not None:
+            self._keeper.finish(self._store, self._exchange.refuse)
 
     @property
     def listens(self) -> tuple[str, ...]:
@@ -87,14 +131,72 @@ class Mirror:
         self._network.close()
 
     def wait_for_reply(self, timeout_s: float) -> bool:
-        """Wait until another host has sent its messages; return whether one did in time."""
-        return self._replied.wait(timeout_s)
+        """Ask all hosts until one has sent its messages; return whether one did in time."""
+        end = time.monotonic() + timeout_s
+        while not self._replied.is_set() and time.monotonic() < end:
+            self._network.send_query(self._exchange.query_for_all())
+            self._replied.wait(_ASK_S)
+        return self._replied.is_set()
 
-    def _send(self, batches: list[bytes]) -> bool:
-        for data in batches:
-            self._network.send_batch(data)
+    def _until_due(self, most_s: float) -> float:
+        """Return the seconds until something is to be sent, or `most_s` if that is later."""
+        due_ns = self._exchange.due_ns()
+        return most_s if due_ns is None else min(most_s, max(0, due_ns / 1e9 - time.monotonic()))
+
+    def _receive_what_is_read(self) -> None:
+        now, readings = time.monotonic(), self._board.readings
+        if readings != self._readings:
+            self._hosts = None  # to a new reader, they are published anew
+        if readings != self._readings or now >= self._look_s:
+            self._readings, self._look_s = readings, now + _READ_S
+            slots = self._board.read_slots()
+            self._network.hosts.look(HOSTS.name in slots)
+            if not self._eager:
+                if self._naming.host:  # it reads its own slots, also those without messages
+                    self._exchange.groups(info.name for info in self._board.slots())
+                self._network.receive(self._exchange.read(slots))
+                self._send_queries()
+
+    def _publish_hosts(self) -> None:
+        """Publish which hosts there are, while a process reads that."""
+        hosts = self._network.hosts.names
+        if hosts is not None and hosts != self._hosts:
+            with suppress(WhiteboardError):  # too many, or no room: mirroring goes on without
+                self._board.add_message(HOSTS, Hosts(hosts))
+        self._hosts = hosts
+
+    def _offer(self, changed: list[str]) -> None:
+        """Let other hosts read new groups, before any message of theirs is sent or withheld."""
+        offered = self._network.offer(self._exchange.groups(changed))
+        for group in offered:
+            self._exchange.begin_sending(group)
+        if offered:
+            self._look_s = 0.0  # what is sent to a named host's own slots is read there
+            self._publish_folders()
+
+    def _publish_folders(self) -> None:
+        """Publish the folders of a named host's own slots, for others that look at all it has."""
+        if not self._naming.host:
+            return
+        with suppress(WhiteboardError):  # too many, or no room: mirroring goes on without
+            names = [info.name for info in self._board.slots() if self._leaves(info.name)]
+            own = (self._naming.wire(name) for name in names if self._naming.is_own(name))
+            folders = {wire.rpartition("/")[0] for wire in own if wire is not None}
+            self._board.add_message(folders_slot(), Folders(tuple(sorted(folders))))
+
+    def _keep(self, changed: list[str]) -> None:
+        if self._keeper is not None:
+            self._keeper.follow(changed, self._store, time.monotonic(), self._exchange.refuse)
+
+    def _send(self, batches: list[Packet]) -> bool:
+        for packet in batches:
+            self._network.send_batch(packet)
         self._exchange.batches_sent()
         return bool(batches)
+
+    def _send_heartbeats(self) -> None:
+        for packet in self._exchange.heartbeats():
+            self._network.send_heartbeat(packet)
 
     def _send_queries(self) -> None:
         for query in self._exchange.queries():
@@ -113,31 +215,42 @@ class Mirror:
     def receive_link(self) -> None:
         """Announce this host to one that has just connected, so that it queries this one."""
         self._stop.wait(_SETTLE_S)
-        self._network.send_heartbeat(self._exchange.heartbeat())
+        self._exchange.connect()
+        self._hello_s = _HEARTBEAT_S
+        self._network.send_hello()
+        self._send_heartbeats()
+        self._send_queries()
 
-    def receive_batch(self, data: bytes, name: str) -> None:
+    def receive_foreigner(self) -> None:
+        """Let a host with which nothing is exchanged learn of this one, and why."""
+        self._hello_s = min(self._hello_s, _FOREIGN_S)
+
+    def receive_reader(self, group: str) -> None:
+        """Handle a group's first reader; Zenoh may hold locks here, so this takes none."""
+        self._begun[group] = None
+
+    def receive_batch(self, data: bytes, name: str, group: str) -> None:
         """Handle a batch."""
-        self._exchange.receive_batch(data, name)
+        self._exchange.receive_batch(data, name, group)
         self._send_queries()
 
-    def receive_heartbeat(self, data: bytes, name: str) -> None:
-        """Handle a heartbeat; answer the first one, so that its sender need not wait for ours."""
-        if self._exchange.receive_heartbeat(data, name):
-            self._network.send_heartbeat(self._exchange.heartbeat())
+    def receive_heartbeat(self, data: bytes, name: str, group: str) -> None:
+        """Handle a heartbeat."""
+        self._exchange.receive_heartbeat(data, name, group)
         self._send_queries()
 
-    def receive_query(self, data: bytes, name: str) -> list[bytes]:
+    def receive_query(self, data: bytes, name: str, group: str) -> list[bytes]:
         """Return the reply to a query, in parts."""
-        return self._exchange.reply(data, name)
+        return self._exchange.reply(data, name, group)
 
-    def receive_reply(self, data: bytes, name: str) -> None:
+    def receive_reply(self, data: bytes, name: str, group: str) -> None:
         """Handle one part of a reply."""
-        self._exchange.receive_reply(data, name)
+        self._exchange.receive_reply(data, name, group)
 
     def end_reply(self, query: Query, *, complete: bool) -> None:
         """Handle the end of a reply."""
         self._exchange.end_reply(query, complete=complete)
-        if complete:
+        if complete and query.source == EVERY_HOST:  # not only for one group
             self._replied.set()
 
 

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from threading import Condition, Thread
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from ..errors import BoardClosedError, NetworkError
 from .batches import VERSION
-from .exchange import Query
-from .keys import Keys, asker_in, name_in, version_in
+from .groups import EVERY_GROUP
+from .host_tokens import HostTokens
+from .keys import Keys, asked_in, board_in, sender_in, version_in
+from .packets import EVERY_HOST, Packet, Query
 from .settings import Settings
 from .zenoh_config import LEASE_MS, certificate_name, configure, endpoints
-from .zenoh_internals import callback_in_receiver, error_text, limit_link, use_few_threads
+from .zenoh_internals import (
+    callback_in_receiver,
+    error_text,
+    limit_link,
+    listeners,
+    use_few_threads,
+)
 
 if TYPE_CHECKING:
     import zenoh
@@ -24,7 +32,9 @@ __all__ = ["Network", "Receiver"]
 T = TypeVar("T")
 
 _REPLY_TIMEOUT_S = 5.0
+_ALL_TIMEOUT_S = 2.0  # of those that are asked, one may be dead, and not yet known to be
 _MAX_PENDING = 64  # queries that wait to be answered
+_OFFERED_AT_ONCE = 64  # groups; a host that makes many must not stop this one from sending
 
 _log = logging.getLogger("llfsm.mirror")
 
@@ -35,18 +45,24 @@ class Receiver(Protocol):
     def receive_link(self) -> None:
         """Handle a new connection."""
 
+    def receive_foreigner(self) -> None:
+        """Handle a host with which nothing is exchanged, so that it learns of this one."""
+
+    def receive_reader(self, group: str) -> None:
+        """Handle that another host has begun to read a group which nobody has read before."""
+
     # The name of the other host is the one in its certificate; empty if that is not proven.
 
-    def receive_batch(self, data: bytes, name: str) -> None:
+    def receive_batch(self, data: bytes, name: str, group: str) -> None:
         """Handle a batch."""
 
-    def receive_heartbeat(self, data: bytes, name: str) -> None:
+    def receive_heartbeat(self, data: bytes, name: str, group: str) -> None:
         """Handle a heartbeat."""
 
-    def receive_query(self, data: bytes, name: str) -> list[bytes]:
+    def receive_query(self, data: bytes, name: str, group: str) -> list[bytes]:
         """Return the reply to another host's query, in parts."""
 
-    def receive_reply(self, data: bytes, name: str) -> None:
+    def receive_reply(self, data: bytes, name: str, group: str) -> None:
         """Handle one part of the reply to a query of ours."""
 
     def end_reply(self, query: Query, *, complete: bool) -> None:
@@ -110,22 +126,32 @@ class Network:
             ) from error
         self._access = settings.access
         config = configure(settings, mode)
+        self._board = board
         self._keys = Keys(board, host, certificate_name(config))
         self.listens = endpoints(config, "listen")
         """The endpoints where other hosts reach this one."""
+        before = listeners()
         try:
             self._session: Any = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join((*self.listens, *endpoints(config, "connect")))
             raise NetworkError(f"cannot open {where}: {error_text(error)}") from error
-        # Never wait for a host that does not read: the receiver notices the missing number.
-        outgoing: dict[str, Any] = {
+        new = sorted(listeners() - before)
+        self.listens = tuple(_with_port(endpoint, new) for endpoint in self.listens)
+        # Never wait for a host that does not read: the receiver notices the missing number. Not
+        # express: what several groups have at once shares buffers, of which a connection has two.
+        self._outgoing: dict[str, Any] = {
             "congestion_control": zenoh.CongestionControl.DROP,
-            "express": True,
             "allowed_destination": zenoh.Locality.REMOTE,
         }
-        self._batches = self._session.declare_publisher(self._keys.batches, **outgoing)
-        self._heartbeats = self._session.declare_publisher(self._keys.beats, **outgoing)
+        self._hello = self._session.declare_publisher(self._keys.hello, **self._outgoing)
+        self.hosts = HostTokens(self._session.liveliness(), self._keys)
+        """The names of hosts, this one's among them."""
+        self._name = settings.as_
+        self._batches: dict[str, Any] = {}  # publishers, by group
+        self._heartbeats: dict[str, Any] = {}
+        self._subscribers: dict[str, Any] = {}
+        self._received = callback_in_receiver(self._receive)
         self._queries = _Queries()
         self._declared: list[Any] = []
         self._threads: list[Thread] = []
@@ -133,40 +159,93 @@ class Network:
     def join(self, receiver: Receiver) -> None:
         """Start to receive from other hosts, and to answer them."""
         import zenoh
-        from zenoh.handlers import Callback, FifoChannel
+        from zenoh.handlers import FifoChannel
 
         self._receiver = receiver
         session, keys = self._session, self._keys
-        remote: dict[str, Any] = {"allowed_origin": zenoh.Locality.REMOTE}
-        batch = callback_in_receiver(self._receive_batch)
-        heartbeat = callback_in_receiver(self._receive_heartbeat)
-        queries = Callback(self._queries.put, indirect=False)
+        hello = callback_in_receiver(self._receive_hello)
         links = session.info.declare_link_events_listener(FifoChannel(_MAX_PENDING), history=True)
         self._declared += [
-            session.declare_subscriber(keys.all_batches, batch, **remote),
-            session.declare_subscriber(keys.all_beats, heartbeat, **remote),
-            session.declare_queryable(keys.queries, queries),
+            session.declare_subscriber(
+                keys.all_hellos, hello, allowed_origin=zenoh.Locality.REMOTE
+            ),
+            self._queryable(EVERY_GROUP),
             links,
         ]
+        if self._name:
+            self.hosts.declare(self._name, receiver.refuse)
         self._serve(self._queries.take, self._answer)
         self._serve(links.handler.recv, self._link)
 
-    def _name(self, key: str) -> str:
-        """Return the name of the host that has used a key; empty if nothing proves it."""
-        return name_in(key) if self._access else ""
+    def _queryable(self, group: str) -> Any:
+        from zenoh.handlers import Callback
 
-    def _receive_batch(self, key: str, data: bytes) -> None:
-        self._receiver.receive_batch(data, self._name(key))
+        queries = Callback(self._queries.put, indirect=False)
+        return self._session.declare_queryable(self._keys.answered(group), queries)
 
-    def _receive_heartbeat(self, key: str, data: bytes) -> None:
-        version = version_in(key)
-        if version == str(VERSION):
-            self._receiver.receive_heartbeat(data, self._name(key))
-        else:
+    def offer(self, groups: Iterable[str]) -> list[str]:
+        """Let other hosts read these groups, and ask for them; return the new ones.
+
+        These are a few at a time, as each takes a while: call it again for the others.
+        """
+        new = [group for group in groups if group not in self._batches][:_OFFERED_AT_ONCE]
+        if not new:  # at almost every send, of which an import would be a large part
+            return new
+        from zenoh.handlers import Callback
+
+        for group in new:
+            keys, declare = self._keys, self._session.declare_publisher
+            batches = declare(keys.batches(group), **self._outgoing)
+            self._heartbeats[group] = declare(keys.beats(group), **self._outgoing)
+            self._batches[group] = batches
+
+            def begins(status: zenoh.MatchingStatus, group: str = group) -> None:
+                if status.matching:
+                    self._receiver.receive_reader(group)
+
+            self._declared += [
+                self._queryable(group),
+                batches.declare_matching_listener(Callback(begins, indirect=False)),
+            ]
+        return new
+
+    def receive(self, groups: set[str]) -> None:
+        """Receive these groups from other hosts, and no others."""
+        import zenoh
+
+        for group in self._subscribers.keys() - groups:
+            self._subscribers.pop(group).undeclare()
+        for group in groups - self._subscribers.keys():
+            self._subscribers[group] = self._session.declare_subscriber(
+                self._keys.received(group), self._received, allowed_origin=zenoh.Locality.REMOTE
+            )
+
+    def is_read(self, group: str) -> bool:
+        """Return whether another host reads a group that this one offers."""
+        publisher = self._batches.get(group)
+        return publisher is not None and bool(publisher.matching_status.matching)
+
+    def _receive(self, key: str, data: bytes) -> None:
+        name, group, is_beat = sender_in(key)
+        handle = self._receiver.receive_heartbeat if is_beat else self._receiver.receive_batch
+        with suppress(BoardClosedError):  # between the end of the board and that of the network
+            handle(data, name if self._access else "", group)
+
+    def _receive_hello(self, key: str, _: bytes) -> None:
+        version, board = version_in(key), board_in(key)
+        if board != self._board:
+            self._receiver.refuse(
+                f"a host of another board, {board!r}",
+                f"this one mirrors {self._board!r}; only boards of one name are mirrored",
+            )
+        elif version != str(VERSION):
             self._receiver.refuse(
                 f"a host with version {version} of the protocol",
                 f"this host has version {VERSION}; install the same llfsm on both",
             )
+        else:
+            return
+        self._receiver.receive_foreigner()
 
     def _serve(self, take: Callable[[], T], handle: Callable[[T], None]) -> None:
         """Handle slow events in a thread of their own, until their source is closed."""
@@ -185,35 +264,49 @@ class Network:
         self._threads.append(Thread(target=run, name=f"mirror {handle.__name__}", daemon=True))
         self._threads[-1].start()
 
-    def send_batch(self, data: bytes) -> None:
-        """Send a batch to all other hosts."""
-        self._batches.put(data)
+    def send_batch(self, packet: Packet) -> None:
+        """Send a batch to the hosts that read its group."""
+        self._batches[packet.group].put(packet.data)
 
-    def send_heartbeat(self, data: bytes) -> None:
-        """Send a heartbeat to all other hosts."""
-        self._heartbeats.put(data)
+    def send_heartbeat(self, packet: Packet) -> None:
+        """Send a heartbeat to the hosts that read its group."""
+        self._heartbeats[packet.group].put(packet.data)
+
+    def send_hello(self) -> None:
+        """Let all hosts, also those of other versions and boards, know of this one."""
+        self._hello.put(b"")
 
     def send_query(self, query: Query) -> None:
-        """Send a query to one host; the receiver gets the reply."""
-        from zenoh import ConsolidationMode
+        """Send a query to one host or to all; the receiver gets the replies."""
+        from zenoh import ConsolidationMode, Locality, QueryTarget
         from zenoh.handlers import Callback
 
-        replied = False
+        replied, failed = False, False
+        of_all = query.source.host == EVERY_HOST.host
 
         def receive(reply: zenoh.Reply) -> None:
-            nonlocal replied
-            if reply.ok is not None:
+            nonlocal replied, failed
+            if reply.ok is None:  # for example, not all parts have arrived in time
+                failed = True
+            else:
                 replied = True
-                self._receiver.receive_reply(reply.ok.payload.to_bytes(), query.source.name)
+                answered = asked_in(str(reply.ok.key_expr))
+                name = answered.name if self._access and answered is not None else ""
+                with suppress(BoardClosedError):
+                    data = reply.ok.payload.to_bytes()
+                    self._receiver.receive_reply(data, name, query.source.group)
 
         def end() -> None:
-            self._receiver.end_reply(query, complete=replied)
+            with suppress(BoardClosedError):
+                self._receiver.end_reply(query, complete=replied and (of_all or not failed))
 
         self._session.get(
             self._keys.query(query.source),
             Callback(receive, end, indirect=False),  # otherwise Zenoh starts a thread a call
             payload=query.data,
-            timeout=_REPLY_TIMEOUT_S,
+            target=QueryTarget.ALL,
+            allowed_destination=Locality.REMOTE,
+            timeout=_ALL_TIMEOUT_S if of_all else _REPLY_TIMEOUT_S,
             consolidation=ConsolidationMode.NONE,  # otherwise only the last part arrives
         )
 
@@ -221,9 +314,12 @@ class Network:
         with query:
             payload = query.payload
             data = b"" if payload is None else payload.to_bytes()
-            name = asker_in(str(query.key_expr)) if self._access else ""
-            for part in self._receiver.receive_query(data, name):
-                query.reply(query.key_expr, part)
+            asked = asked_in(str(query.key_expr))
+            if asked is None:
+                return
+            name = asked.asker if self._access else ""
+            for part in self._receiver.receive_query(data, name, asked.group):
+                query.reply(self._keys.answer(asked), part)
 
     def _link(self, event: zenoh.LinkEvent) -> None:
         from zenoh import SampleKind
@@ -237,10 +333,29 @@ class Network:
             self._receiver.receive_link()
 
     def close(self) -> None:
-        """Leave the network; nothing is received any more."""
-        for declared in self._declared:
+        """Leave the network; nothing is received any more.
+
+        What calls back ends first, then what it uses: the session is closed when nothing runs.
+        """
+        for declared in (*self._declared, *self._subscribers.values()):
             declared.undeclare()
+        self.hosts.close()
         self._queries.close()
         for thread in self._threads:
             thread.join()
+        for publisher in (self._hello, *self._batches.values(), *self._heartbeats.values()):
+            publisher.undeclare()
         self._session.close()
+
+
+def _with_port(endpoint: str, listeners: list[tuple[str, int]]) -> str:
+    """Return an endpoint of TCP with the port that it got in place of 0, taken from `listeners`."""
+    locator, mark, options = endpoint.partition("?")
+    protocol, _, where = locator.partition("/")
+    address, _, port = where.rpartition(":")
+    if protocol not in ("tcp", "tls") or port != "0" or not listeners:
+        return endpoint
+    same = [each for each in listeners if each[0] == address.strip("[]")]
+    found = (same or listeners)[0]  # an address may be a name
+    listeners.remove(found)
+    return f"{protocol}/{address}:{found[1]}{mark}{options}"

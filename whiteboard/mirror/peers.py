@@ -1,18 +1,26 @@
-"""The other hosts of a board: which are there, and which have messages that are missing here."""
+"""The other hosts whose slots are read here, and which have messages that are missing here.
+
+A host numbers the batches of each group of slots by themselves, so it is followed by group.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from ..messages.llfsm import PeerStatus
 from .batches import Heartbeat, ReceivedBatch
+from .groups import EVERY_GROUP
 
 __all__ = ["Peer", "Peers", "Source"]
 
 _RETRY_NS = 500_000_000  # a host that does not reply is queried again after this time
 _FORGET_NS = 60_000_000_000  # a host that sends nothing is forgotten after this time
-_MAX_PEERS = 100  # of one certificate; further ones are not tracked, which bounds the memory
+_MAX_WAITING = 32  # queries at a time: a host drops those that it cannot answer soon
+_LOOK_NS = 1_000_000_000
+_MAX_PEERS = 1000  # of one certificate; further ones are not tracked, which bounds the memory
 
 
 class Source(NamedTuple):
@@ -22,13 +30,15 @@ class Source(NamedTuple):
     """In its certificate; empty if it is not known."""
     host: int
     """The id that it claims."""
+    group: str = EVERY_GROUP
+    """Of slots, in which it has sent it."""
 
     def __str__(self) -> str:
         return self.name or f"{self.host:016x}"
 
 
 class Peer:
-    """What is known of another host."""
+    """What is known of another host, in one group of slots."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -66,6 +76,15 @@ class Peer:
         else:
             self.name = message.name
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing of it is missing, now or later."""
+        return self.filled == self.gaps and self.missed_at_ns is None
+
+    def is_waiting(self, now_ns: int) -> bool:
+        """Return whether a reply of it may still come."""
+        return self.queried_ns is not None and now_ns - self.queried_ns < _RETRY_NS
+
     def status(self, now_ns: int) -> PeerStatus:
         """Return its status."""
         return PeerStatus(
@@ -80,41 +99,71 @@ class Peer:
 
 
 class Peers:
-    """The other hosts, by who they are."""
+    """The other hosts, by who they are and by group of slots."""
 
     def __init__(self) -> None:
         self._peers: dict[Source, Peer] = {}
+        self._missing: dict[Source, None] = {}  # those that may have to be queried
+        self._forget_ns = 0  # when to look for those that are silent
 
     def __iter__(self) -> Iterator[Peer]:
         return iter(list(self._peers.values()))
 
     def receive(
         self, source: Source, message: ReceivedBatch | Heartbeat, now_ns: int, wall_ns: int
-    ) -> bool:
-        """Record a message; return whether its sender is new or has restarted."""
+    ) -> None:
+        """Record a message."""
         peer = self._peers.get(source)
         if peer is None:
             if sum(known.name == source.name for known in self._peers) >= _MAX_PEERS:
-                return False
+                return
             peer = self._peers[source] = Peer(source)
-        is_new = peer.born != message.born
         peer.receive(message, now_ns, wall_ns)
-        return is_new
+        if peer.filled != peer.gaps:
+            self._missing[source] = None
+
+    def status(self, now_ns: int) -> list[PeerStatus]:
+        """Return the status of each host, of all its groups together."""
+        hosts: dict[Source, PeerStatus] = {}
+        for peer in sorted(self, key=lambda peer: peer.received_ns):
+            host, latest = peer.source._replace(group=EVERY_GROUP), peer.status(now_ns)
+            before = hosts.get(host)
+            if before is not None:
+                latest = replace(
+                    latest,
+                    name=latest.name or before.name,
+                    received=latest.received + before.received,
+                    lost=latest.lost + before.lost,
+                )
+            hosts[host] = latest
+        return list(hosts.values())
 
     def to_query(self, now_ns: int, wall_ns: int) -> list[Peer]:
         """Return the hosts to query now: those with a gap and no recent query."""
         found = []
-        for peer in self:
+        if now_ns >= self._forget_ns:
+            self._forget_ns = now_ns + _LOOK_NS
+            for silent in [each for each in self if now_ns - each.received_ns > _FORGET_NS]:
+                del self._peers[silent.source]
+        waiting = sum(
+            source in self._peers and self._peers[source].is_waiting(now_ns)
+            for source in self._missing
+        )
+        for source in list(self._missing):
+            peer = self._peers.get(source)
+            if peer is None or peer.is_complete:
+                del self._missing[source]
+                continue
             if peer.missed_at_ns is not None and peer.missed_at_ns <= wall_ns:
                 peer.missed_at_ns = None
                 peer.gaps += 1
-            if now_ns - peer.received_ns > _FORGET_NS:
-                del self._peers[peer.source]
-            elif peer.filled != peer.gaps and (
-                peer.queried_ns is None or now_ns - peer.queried_ns >= _RETRY_NS
-            ):
-                peer.queried_ns = now_ns
-                found.append(peer)
+            if peer.filled == peer.gaps or peer.is_waiting(now_ns) or waiting >= _MAX_WAITING:
+                continue
+            waiting += 1
+            peer.queried_ns = now_ns
+            found.append(peer)
+            del self._missing[source]  # to the end: the next ones have their turn before it
+            self._missing[source] = None
         return found
 
     def miss(self, source: Source) -> None:
@@ -122,12 +171,14 @@ class Peers:
         peer = self._peers.get(source)
         if peer is not None and peer.filled == peer.gaps:
             peer.gaps += 1
+            self._missing[source] = None
 
     def miss_later(self, source: Source, at_ns: int) -> None:
         """Record that a host has to be queried when this host's clock reads `at_ns`."""
         peer = self._peers.get(source)
         if peer is not None:
             peer.missed_at_ns = min(at_ns, peer.missed_at_ns or at_ns)
+            self._missing[source] = None
 
     def end_reply(self, source: Source, gaps: int) -> None:
         """Record that a host has replied in full to a query sent after `gaps` gaps.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import threading
+from collections.abc import Sequence
 
 from ..errors import BoardClosedError, NetworkError
 from ..local import LocalBoard
@@ -26,14 +27,28 @@ class RemoteBoard(LocalBoard):
         endpoint: the Zenoh endpoint on which a daemon listens: ``tcp/robot:7447``.
         name: the board's name.
         zenoh: a Zenoh configuration file, for TLS.
+        as_: this process's name among the hosts; see `as` of the daemon.
+        fleet: globs of the other hosts' names, for a process with a name.
 
-    Raise :class:`.NetworkError` if no daemon answers there.
+    Raise :class:`.NetworkError` if no daemon answers there, or `as_` is no name of a host.
 
     """
 
-    def __init__(self, endpoint: str, name: str, zenoh: str | None = None) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        name: str,
+        zenoh: str | None = None,
+        as_: str = "",
+        fleet: Sequence[str] = (),
+    ) -> None:
         super().__init__(name)
-        settings = Settings(listen=(), connect=(endpoint,), zenoh=zenoh)
+        try:
+            settings = Settings(
+                listen=(), connect=(endpoint,), zenoh=zenoh, as_=as_, fleet=tuple(fleet)
+            )
+        except ValueError as error:
+            raise NetworkError(str(error)) from error
         self._mirror = Mirror(self, settings, NoVersionLog(), mode="client")
         self._thread = threading.Thread(target=self._run, name=f"mirror {name}", daemon=True)
         self._thread.start()

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from .groups import EVERY_GROUP, group_of
 from .merge import Version
+from .naming import Naming
 from .refusals import Refusals, Refused
 from .settings import Settings, matcher
 from .store import Cell, Store
@@ -10,6 +14,7 @@ from .store import Cell, Store
 __all__ = ["RateLimit", "Route", "Routes"]
 
 _EARLY_NS = 5_000_000
+_OURS = "llfsm/"
 _BURST = 2  # arrivals may come at this multiple of the slot's rate; more are held back
 
 
@@ -41,10 +46,13 @@ class RateLimit:
 class Route:
     """Whether and when messages of a slot leave the board and enter it."""
 
-    __slots__ = ("arrivals", "cell", "departures", "enters", "leaves", "sent")
+    __slots__ = ("arrivals", "cell", "departures", "enters", "group", "leaves", "sent", "wire")
 
-    def __init__(self, cell: Cell, leaves: bool, enters: bool, period_ns: int) -> None:
+    def __init__(self, cell: Cell, wire: str, leaves: bool, enters: bool, period_ns: int) -> None:
         self.cell = cell
+        self.wire = wire
+        """The slot's name for other hosts."""
+        self.group = group_of(wire)
         self.leaves = leaves
         self.enters = enters
         self.departures = RateLimit(period_ns)
@@ -57,12 +65,19 @@ class Routes:
 
     def __init__(self, store: Store, settings: Settings, refusals: Refusals) -> None:
         self._store = store
+        self.naming = Naming(settings.as_, settings.fleet)
+        """The names of slots here and elsewhere."""
         self._refusals = refusals
         self._period_ns = settings.period_ns()
         self._leaves = matcher(settings.leave)
         self.enters = matcher(() if settings.read_only else settings.enter)
         """Returns whether other hosts may add to a slot."""
         self._routes: dict[str, Route] = {}
+        self._groups: dict[str, list[tuple[str, Route]]] = {}
+        self.offered: dict[str, bool] = {}
+        """The groups of slots that may leave, and which of them are about machines."""
+        self.own: set[str] = set()
+        """The groups of a named host's own slots that may enter: only what is for it arrives."""
 
     def known(self, name: str) -> Route | None:
         """Return the route of a slot that was asked for before."""
@@ -72,8 +87,19 @@ class Routes:
         """Return the route of a slot; raise `Refused` if its record on the board is unusable."""
         route = self._routes.get(name)
         if route is None:
-            leaves, enters, period = self._leaves(name), self.enters(name), self._period_ns(name)
-            route = self._routes[name] = Route(self._store.cell(name), leaves, enters, period)
+            leaves, enters = self._leaves(name), self.enters(name)
+            wire = self.naming.wire(name)
+            if wire is None:
+                if leaves or enters:
+                    self._refusals.add(f"no name for others: {name}", self.naming.why_none(name))
+                wire, leaves, enters = name, False, False
+            cell, period = self._store.cell(name), self._period_ns(name)
+            route = self._routes[name] = Route(cell, wire, leaves, enters, period)
+            self._groups.setdefault(route.group, []).append((name, route))
+            if leaves:
+                self.offered[route.group] = name.startswith(_OURS)
+            if enters and self.naming.host and self.naming.is_own(name):
+                self.own.add(route.group)
         return route
 
     def usable(self, name: str) -> Route | None:
@@ -84,7 +110,16 @@ class Routes:
             self._refusals.add(f"unusable: {name}", str(refused))
             return None
 
-    def all(self) -> list[tuple[str, Route]]:
-        """Return the usable routes of all slots, with their names."""
+    def in_order(self, groups: Iterable[str]) -> list[str]:
+        """Return groups with those first that are about machines.
+
+        A machine leaves its will before it commands anything; so it does on other hosts.
+        """
+        return sorted(groups, key=lambda group: not self.offered[group])
+
+    def of(self, group: str) -> list[tuple[str, Route]]:
+        """Return the usable routes of a group, with the slots' names: those asked for before."""
+        if group != EVERY_GROUP:
+            return list(self._groups.get(group, ()))
         routes = ((of.name, self.usable(of.name)) for of in self._store.board.slots())
         return [(name, route) for name, route in routes if route is not None]

@@ -11,9 +11,18 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from ..messages.fleet import HOSTS
 from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER, WILL_BELL
+from .naming import require_host_name
 
-__all__ = ["DEFAULT_ENDPOINT", "GuardSettings", "QuotaSettings", "Settings", "matcher"]
+__all__ = [
+    "DEFAULT_ENDPOINT",
+    "GuardSettings",
+    "KeepSettings",
+    "QuotaSettings",
+    "Settings",
+    "matcher",
+]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # Zenoh's port, which a router of ROS uses, too
 
@@ -26,6 +35,14 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     partition_s: Annotated[float, Meta(ge=0.5, le=86_400)] = 3.0
     """Seconds: a machine that publishes no status for so long counts as dead."""
+
+
+class KeepSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which messages outlive all hosts, and where."""
+
+    file: Annotated[str, Meta(min_length=1)]
+    slots: Annotated[tuple[str, ...], Meta(min_length=1)]
+    """Globs of the slots whose latest messages are kept; none of `llfsm/` is."""
 
 
 class QuotaSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -49,10 +66,17 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     connect: tuple[str, ...] | None = None
     multicast: bool = False
     """Discover other hosts by multicast."""
+    as_: str = msgspec.field(default="", name="as")
+    """This host's name: others have its own slots in a folder of that name. Empty: in none. All
+    globs below are for the names of slots on this host's board."""
+    fleet: tuple[str, ...] = ()
+    """Globs of the other hosts' names. A host with a name has no slots of hosts that match none."""
     leave: tuple[str, ...] = ("*",)
     """Globs of the slots that other hosts receive."""
     enter: tuple[str, ...] = ("*",)
     """Globs of the slots that other hosts may add to."""
+    eager: bool = True
+    """Receive all that may enter; else only the folders of slots that are read on this host."""
     access: dict[_CertificateName, tuple[str, ...]] = {}
     """Globs of the slots that a host may add to, by the name in its certificate; others may add
     to none. Empty: all hosts that can connect may add to what `enter` lists."""
@@ -68,9 +92,14 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Seconds: how far a message's version may be ahead of this host's clock. The default leaves
     room for a clock that is set to local time."""
     guard: GuardSettings = GuardSettings()
+    keep: KeepSettings | None = None
     quota: QuotaSettings = QuotaSettings()
     zenoh: str | None = None
     """A configuration file for Zenoh, in JSON5: TLS, access control, queues."""
+
+    def __post_init__(self) -> None:
+        if self.as_:
+            require_host_name(self.as_)
 
     @property
     def ahead_ns(self) -> int:
@@ -95,7 +124,7 @@ def matcher(globs: tuple[str, ...]) -> Callable[[str], bool]:
     Slots about the board itself, or for a recorder on this host, never match.
     """
     pattern = re.compile("|".join(map(translate, globs)) or r"(?!)")
-    private = {BELL.name, MIRROR.name, RECORDER.name, WILL_BELL.name}
+    private = {BELL.name, HOSTS.name, MIRROR.name, RECORDER.name, WILL_BELL.name}
 
     @lru_cache(maxsize=8192)
     def matches(slot: str) -> bool:

@@ -5,6 +5,8 @@ each step it is checked that no board has gone back to an older message. Run as 
 prints how the traffic grows::
 
     python -m llfsm.whiteboard.mirror.simulation
+
+and with numbers of hosts, how it does not if hosts read only what a few others add.
 """
 
 from __future__ import annotations
@@ -12,16 +14,20 @@ from __future__ import annotations
 import heapq
 import itertools
 import random
+import sys
 import tempfile
-from collections import Counter
-from collections.abc import Callable
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..local import LocalBoard
 from ..message import Message
 from ..slots import Slot
-from .exchange import Exchange, Query
+from .exchange import Exchange
+from .groups import EVERY_GROUP
 from .merge import Version
+from .packets import EVERY_HOST, Packet, Query
 from .settings import Settings
 from .store import Store
 from .version_log import FileVersionLog
@@ -63,15 +69,24 @@ class Host:
         self.watch = self.board.watcher()
         self.store = Store(self.board, self.index, self.wall_ns, self.version_log, self.horizon_ns)
         self.exchange = Exchange(
-            self.store, self.settings, lambda: self.world.now_ns, self.read_clock_ns
+            self.store,
+            self.settings,
+            lambda: self.world.now_ns,
+            self.read_clock_ns,
+            self.is_read,
         )
         self.heartbeat_ns = self.world.now_ns
+        self.received: set[str] = set()
+        if self.settings.eager:
+            self.receive({EVERY_GROUP})
+        self.world.connect()
 
     def kill(self) -> None:
         """Kill its daemon; messages on their way to it are lost."""
         if self.version_log is not None:
             self.version_log.close()
             self.version_log = None
+            self.receive(set())
 
     def wall_ns(self, stamp_ns: int) -> int:
         """Return the time on its clock for a stamp."""
@@ -91,17 +106,36 @@ class Host:
             return
         self.check()
         self.exchange.enter_held()
-        for data in self.exchange.collect(self.watch(0)):
-            self.world.send(self, "batch", data, _batch_receiver(data))
+        changed = self.watch(0)
+        if not self.settings.eager:
+            self.receive(self.exchange.read(self.board.read_slots()))
+        for packet in self.exchange.collect(changed):
+            self.world.send(self, "batch", packet, _batch_receiver(packet))
         self.exchange.batches_sent()
         if self.world.now_ns >= self.heartbeat_ns:
             self.heartbeat_ns = self.world.now_ns + HEARTBEAT_NS
-            data = self.exchange.heartbeat()
-            self.world.send(
-                self, "heartbeat", data, lambda host: host.exchange.receive_heartbeat(data)
-            )
+            for packet in self.exchange.heartbeats():
+                self.world.send(self, "heartbeat", packet, _heartbeat_receiver(packet))
         for query in self.exchange.queries():
             self.world.send_query(self, query)
+
+    def receive(self, groups: set[str]) -> None:
+        """Receive these groups, and no others."""
+        for group in self.received - groups:
+            self.world.readers[group].discard(self)
+        for group in groups - self.received:
+            if not self.world.receivers(group):
+                self.world.begin_sending(group)
+            self.world.readers[group].add(self)
+        self.received = groups
+
+    def offered(self) -> list[str]:
+        """Return the groups for which other hosts may ask it."""
+        return [] if self.version_log is None else self.exchange.groups()
+
+    def is_read(self, group: str) -> bool:
+        """Return whether another host receives a group."""
+        return any(host is not self for host in self.world.receivers(group))
 
     def check(self) -> None:
         """Check that no slot went back, and that each message has one version on all hosts."""
@@ -129,13 +163,15 @@ class World:
         delay_ms: tuple[float, float] = (0.1, 2.0),
         loss: float = 0.0,
         skew_ms: float = 0.0,
-        settings: Settings | None = None,
+        settings: Settings | Sequence[Settings] | None = None,
+        name: str = "slot{}",
     ) -> None:
         self.random = random.Random(seed)
         self.folder = folder
         self.now_ns = 0
         self.delay_ms = delay_ms
         self.loss = loss
+        self.name = name  # of a slot, with its number
         self.versions: dict[tuple[str, bytes], Version] = {}
         self.sent: Counter[str] = Counter()
         self.bytes: Counter[str] = Counter()
@@ -143,26 +179,55 @@ class World:
         self._order = itertools.count()
         self._events: list[tuple[int, int, Host, Callable[[Host], object]]] = []
         self._arrivals: dict[tuple[int, int], int] = {}
-        self.groups = [0] * hosts
-        chosen = settings or Settings()
-        self.hosts = [
-            Host(self, i, round(self.random.uniform(-skew_ms, skew_ms) * MS), chosen)
-            for i in range(hosts)
-        ]
+        self.groups = [0] * hosts  # of hosts that reach each other
+        self._connected = list(self.groups)
+        self.readers: defaultdict[str, set[Host]] = defaultdict(set)
+        self.hosts: list[Host] = []
+        settings = settings or Settings()
+        chosen = [settings] * hosts if isinstance(settings, Settings) else settings
+        skews = [round(self.random.uniform(-skew_ms, skew_ms) * MS) for _ in range(hosts)]
+        for index, skew_ns in enumerate(skews):
+            self.hosts.append(Host(self, index, skew_ns, chosen[index]))
 
-    def slot(self, number: int) -> Slot[Numbered]:
-        """Return one of the slots."""
-        return Slot(f"slot{number}", Numbered)
+    def slot(self, number: Any) -> Slot[Numbered]:
+        """Return one of the slots, by what `name` needs."""
+        return Slot(self.name.format(number), Numbered)
 
-    def add(self, host: int, slot: int, payload: bytes = b"") -> None:
+    def add(self, host: int, slot: Any, payload: bytes = b"") -> None:
         """Add a message on a host."""
         self.hosts[host].board.add_message(self.slot(slot), Numbered(next(self._numbers), payload))
 
-    def send(self, sender: Host, kind: str, data: bytes, deliver: Callable[[Host], object]) -> None:
-        """Send data to all other hosts."""
+    def receivers(self, group: str) -> set[Host]:
+        """Return the hosts that receive a group."""
+        return self.readers[group] | self.readers[EVERY_GROUP]
+
+    def connect(self) -> None:
+        """Let all hosts know that some have connected."""
         for host in self.hosts:
+            if host.version_log is not None:
+                host.exchange.connect()
+
+    def begin_sending(self, group: str) -> None:
+        """Let all hosts know that a group is read, which was not."""
+        for host in self.hosts:
+            if host.version_log is not None:
+                host.exchange.begin_sending(group)
+
+    def read(self, host: int, slot: Any) -> Numbered | None:
+        """Read a slot on a host, where it counts as read until it is forgotten."""
+        return self.hosts[host].board.get_message(self.slot(slot))
+
+    def forget(self, host: int, slot: Any) -> None:
+        """Read a slot on a host no more."""
+        self.hosts[host].board.forget(self.slot(slot))
+
+    def send(
+        self, sender: Host, kind: str, packet: Packet, deliver: Callable[[Host], object]
+    ) -> None:
+        """Send data to all other hosts that receive its group."""
+        for host in sorted(self.receivers(packet.group), key=lambda host: host.index):
             if host is not sender:
-                self.transmit(sender, host, kind, data, deliver)
+                self.transmit(sender, host, kind, packet.data, deliver)
 
     def transmit(
         self, sender: Host, to: Host, kind: str, data: bytes, deliver: Callable[[Host], object]
@@ -179,23 +244,33 @@ class World:
         return True
 
     def send_query(self, sender: Host, query: Query) -> None:
-        """Send a query to a host and the reply back; either may be lost."""
+        """Send a query to a host, or to all that have its group, and the replies back.
+
+        Each may be lost.
+        """
+        group = query.source.group
 
         def reply(host: Host) -> None:
             complete = True
-            for data in host.exchange.reply(query.data):
-                complete &= self.transmit(host, sender, "reply", data, _reply_receiver(data))
+            for data in host.exchange.reply(query.data, group=group):
+                complete &= self.transmit(host, sender, "reply", data, _reply_receiver(data, group))
             if complete:
                 self.transmit(host, sender, "end", b"", lambda to: to.exchange.end_reply(query))
 
-        host = self.hosts[query.source.host]
-        self.transmit(sender, host, "query", query.data, reply)
+        asked = [self.hosts[query.source.host]]
+        if query.source.host == EVERY_HOST.host:
+            asked = [host for host in self.hosts if host is not sender and group in host.offered()]
+        for host in asked:
+            self.transmit(sender, host, "query", query.data, reply)
 
     def run(self, ms: float) -> None:
         """Advance the time."""
         end_ns = self.now_ns + round(ms * MS)
         while self.now_ns < end_ns:
             self.now_ns += TICK_NS
+            if self.groups != self._connected:
+                self._connected = list(self.groups)
+                self.connect()
             while self._events and self._events[0][0] <= self.now_ns:
                 _, _, host, deliver = heapq.heappop(self._events)
                 if host.version_log is not None:
@@ -223,56 +298,97 @@ class World:
             host.kill()
 
 
-def _batch_receiver(data: bytes) -> Callable[[Host], object]:
-    return lambda host: host.exchange.receive_batch(data)
+def _batch_receiver(packet: Packet) -> Callable[[Host], object]:
+    return lambda host: host.exchange.receive_batch(packet.data, group=packet.group)
 
 
-def _reply_receiver(data: bytes) -> Callable[[Host], object]:
-    return lambda host: host.exchange.receive_reply(data)
+def _heartbeat_receiver(packet: Packet) -> Callable[[Host], object]:
+    return lambda host: host.exchange.receive_heartbeat(packet.data, group=packet.group)
+
+
+def _reply_receiver(data: bytes, group: str) -> Callable[[Host], object]:
+    return lambda host: host.exchange.receive_reply(data, group=group)
 
 
 _LINE = "{:>5} {:>5} {:>9} | {:>10} {:>9} {:>9} {:>10}"
+_FLEET_LINE = "{:>5} {:>5} {:>9} | {:>10} {:>9} {:>10}"
 
 
 def traffic(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> str:
     """Return one line of the table: each host adds 64 bytes to each slot `rate` times a second."""
     with tempfile.TemporaryDirectory() as folder:
         world = World(1, hosts, Path(folder))
-        try:
-            for host, slot in itertools.product(range(hosts), range(slots)):
+        adds = list(itertools.product(range(hosts), range(slots)))
+        messages, size = _measure(world, adds, rate, seconds)
+    values = hosts * slots * rate
+    return _LINE.format(
+        hosts,
+        slots,
+        rate,
+        values,
+        f"{messages / hosts / (hosts - 1):.0f}",
+        f"{messages / hosts:.0f}",
+        f"{size / hosts / 1000:.0f}",
+    )
+
+
+def fleet(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> tuple[float, float]:
+    """Return messages and bytes of a host a second, if each reads what two others add.
+
+    Each host adds to slots of its own, in a folder, and none is eager.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Settings(eager=False)
+        world = World(1, hosts, Path(folder), settings=settings, name="host{0[0]}/slot{0[1]}")
+        adds = [(host, (host, slot)) for host in range(hosts) for slot in range(slots)]
+        for host, ahead in itertools.product(range(hosts), (1, 2)):
+            world.read(host, ((host + ahead) % hosts, 0))
+        messages, size = _measure(world, adds, rate, seconds)
+    return messages / hosts, size / hosts
+
+
+def _measure(
+    world: World, adds: list[tuple[int, Any]], rate: int, seconds: float
+) -> tuple[float, float]:
+    """Return how many messages and bytes are sent in a second, once all hosts agree."""
+    try:
+        for host, slot in adds:
+            world.add(host, slot, bytes(64))
+        world.run(2500)  # connect, announce what there is, and agree
+        world.sent.clear()
+        world.bytes.clear()
+        steps = round(seconds * 1e9 / TICK_NS)
+        for step in range(steps):
+            due = int((step + 1) * rate * seconds / steps) - int(step * rate * seconds / steps)
+            for (host, slot), _ in itertools.product(adds, range(due)):
                 world.add(host, slot, bytes(64))
-            world.run(1000)  # connect, and agree
-            world.sent.clear()
-            world.bytes.clear()
-            steps = round(seconds * 1e9 / TICK_NS)
-            for step in range(steps):
-                due = int((step + 1) * rate * seconds / steps) - int(step * rate * seconds / steps)
-                for host, slot, _ in itertools.product(range(hosts), range(slots), range(due)):
-                    world.add(host, slot, bytes(64))
-                world.run(TICK_NS / MS)
-        finally:
-            world.close()
-        messages, size = world.sent.total() / seconds, world.bytes.total() / seconds
-        values = hosts * slots * rate
-        return _LINE.format(
-            hosts,
-            slots,
-            rate,
-            values,
-            f"{messages / hosts / (hosts - 1):.0f}",
-            f"{messages / hosts:.0f}",
-            f"{size / hosts / 1000:.0f}",
-        )
+            world.run(TICK_NS / MS)
+    finally:
+        world.close()
+    return world.sent.total() / seconds, world.bytes.total() / seconds
 
 
 ROWS = [(2, 1, 0), (2, 1, 10), (2, 1, 1000), (2, 50, 10), (2, 50, 200), (3, 50, 200), (6, 50, 10)]
+_FLEET_SLOTS, _FLEET_RATE = 2, 20
 
 
 def table() -> str:
-    """Return the table in docs/hosts.md."""
+    """Return the first table in docs/how-to/hosts.md."""
     heads = "hosts", "slots", "adds/s", "adds/s all", "msgs/link", "msgs/host", "kB/s host"
     return "\n".join([_LINE.format(*heads), *(traffic(*row) for row in ROWS)])
 
 
+def fleet_table(sizes: Iterable[int]) -> str:
+    """Return the second one: hosts that read what two others add."""
+    lines = [_FLEET_LINE.format("hosts", "slots", "adds/s", "adds/s all", "msgs/host", "kB/s host")]
+    for hosts in sizes:
+        messages, size = fleet(hosts, _FLEET_SLOTS, _FLEET_RATE)
+        added = hosts * _FLEET_SLOTS * _FLEET_RATE
+        values = hosts, _FLEET_SLOTS, _FLEET_RATE, added, f"{messages:.0f}", f"{size / 1000:.1f}"
+        lines.append(_FLEET_LINE.format(*values))
+    return "\n".join(lines)
+
+
 if __name__ == "__main__":
-    print(table())
+    sizes = [int(size) for size in sys.argv[1:]]
+    print(fleet_table(sizes) if sizes else table())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
 from enum import Enum, auto
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import msgspec
 
 from ..board import Board, BoundSlot
-from ..errors import MessageTypeError, SlotError
+from ..errors import MessageTypeError, SlotError, SlotTypeError
 from ..message import Message, type_from_schema
 from ..schema import differences
 from ..slots import Slot
@@ -51,7 +52,7 @@ class Cell:
 
 
 class Store:
-    """A board whose messages have versions. For one thread at a time; any may add to the board.
+    """A board whose messages have versions. Hold `lock` to use it; anyone may add to the board.
 
     Args:
         board: of any kind.
@@ -71,6 +72,7 @@ class Store:
         versions: VersionLog,
         horizon_ns: Callable[[], int],
     ) -> None:
+        self.lock = threading.Lock()
         self.board = board
         self.host = host
         self.news: dict[str, None] = {}
@@ -88,7 +90,7 @@ class Store:
         if cell is None:
             try:
                 slot = self.board.find(name)
-                cell = self._cells[name] = Cell(slot, self.board[slot])
+                cell = self._cells[name] = Cell(slot, self.board.publisher(slot))
             except (SlotError, MessageTypeError) as error:  # some process has written nonsense
                 raise Refused(f"slot {name!r} cannot be used: {error}") from error
         return cell
@@ -111,6 +113,8 @@ class Store:
             if latest is not None:
                 _, *added = latest
                 self._settle(cell, *added)
+            else:  # its name was given up: it begins anew
+                cell.count = 0
         return cell.version
 
     def _is_credible(self, version: Version | None) -> bool:
@@ -149,7 +153,9 @@ class Store:
         try:
             kind = type_from_schema(declaration.schema)
             slot = Slot(declaration.slot, kind, declaration.capacity)
-            cell = Cell(slot, self.board[slot])
+            cell = Cell(slot, self.board.publisher(slot))
+        except SlotTypeError as error:  # a process made it since its name was looked for
+            raise Refused(self.clash(self.cell(declaration.slot), declaration)) from error
         except Exception as error:  # another host may send any schema
             raise Refused(f"slot {declaration.slot!r} cannot be made: {error}") from error
         self._cells.setdefault(declaration.slot, cell)

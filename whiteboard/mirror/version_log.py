@@ -7,7 +7,6 @@ is always intact.
 
 from __future__ import annotations
 
-import fcntl
 import mmap
 import os
 import secrets
@@ -65,6 +64,8 @@ class FileVersionLog:
     """
 
     def __init__(self, board: Path) -> None:
+        import fcntl  # here, as Windows lacks it, where boards of other hosts can be read
+
         path = version_log_path(board)
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)

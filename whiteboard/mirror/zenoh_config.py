@@ -23,6 +23,9 @@ __all__ = ["LEASE_MS", "certificate_name", "configure", "endpoints"]
 # pauses.)
 LEASE_MS = 1500
 _OPEN_MS = 500
+# Who connects must give up first: if the other side does, while its last answer is on its way, who
+# connects takes for open what nobody reads, and never tries again (Zenoh 1.10).
+_ACCEPT_MS = 4 * _OPEN_MS
 _RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1.0}
 _CONNECT_MS = 3000
 _OVERHEAD = 1 << 22  # bytes sent in addition to the largest message: names and schemas
@@ -85,7 +88,7 @@ def _defaults(mode: str) -> dict[str, Any]:
         "scouting/gossip/autoconnect": _FULL_MESH,
         "transport/link/tx/lease": LEASE_MS,
         "transport/unicast/open_timeout": _OPEN_MS,
-        "transport/unicast/accept_timeout": _OPEN_MS,
+        "transport/unicast/accept_timeout": _ACCEPT_MS,
     }
 
 

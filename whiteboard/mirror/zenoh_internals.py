@@ -28,6 +28,7 @@ __all__ = [
     "callback_in_receiver",
     "error_text",
     "limit_link",
+    "listeners",
     "parse_refusal",
     "refusal_log",
     "use_few_threads",
@@ -90,25 +91,43 @@ def limit_link(link: zenoh.Link, timeout_ms: int) -> bool:
     """
     here, there = _port(link.src), _port(link.dst)
     found = False
-    if sys.platform == "linux":
-        for number in map(int, os.listdir("/proc/self/fd")):
-            with suppress(OSError):  # closed since it was listed, or not connected
-                if S_ISSOCK(os.fstat(number).st_mode):
-                    found |= _limit_socket(number, here, there, timeout_ms)
+    for each in _own_sockets():
+        with suppress(OSError):  # not connected
+            if each.getsockname()[1:2] == (here,) and each.getpeername()[1] == there:
+                each.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
+                each.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, timeout_ms)
+                found = True
     return found
+
+
+def listeners() -> set[tuple[str, int]]:
+    """Return the addresses and TCP ports on which this process listens; none except on Linux.
+
+    Assumes that Zenoh listens by TCP sockets of this process: it does not report which port it got
+    for port 0.
+    """
+    found = set()
+    for listener in _own_sockets():
+        with suppress(OSError):  # not of the internet
+            if listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                address, port = listener.getsockname()[:2]
+                found.add((str(address), int(port)))
+    return found
+
+
+def _own_sockets() -> Iterator[socket.socket]:
+    """Return a copy of each socket of this process, open until the next one is asked for."""
+    if sys.platform != "linux":
+        return
+    for number in sorted(map(int, os.listdir("/proc/self/fd"))):
+        with suppress(OSError):  # closed since it was listed
+            if S_ISSOCK(os.fstat(number).st_mode):
+                with socket.socket(fileno=os.dup(number)) as found:
+                    yield found
 
 
 def _port(locator: str) -> int:
     return int(locator.partition("?")[0].rpartition(":")[2])
-
-
-def _limit_socket(number: int, here: int, there: int, timeout_ms: int) -> bool:
-    with socket.socket(fileno=os.dup(number)) as link:
-        if link.getsockname()[1:2] != (here,) or link.getpeername()[1] != there:
-            return False
-        link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
-        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, timeout_ms)
-    return True
 
 
 # ---- Log ------------------------------------------------------------------------------------

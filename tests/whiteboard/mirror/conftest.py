@@ -11,15 +11,21 @@ from typing import Any
 
 import pytest
 
+from calling import call
 from certificates import make_certificate
+from forked import Forked
 from free_ports import free_endpoint
 from llfsm.whiteboard import Message, Slot, Whiteboard
+from llfsm.whiteboard.mirror.batches import VERSION
+from llfsm.whiteboard.mirror.groups import group_of
 from programs import program
+from waiting import wait_for
 
 from .switch import HOSTS, Switch, address
 
 LLFSM = [sys.executable, "-m", "llfsm.cli"]
 NAME = "mirrored"
+BATCHES = f"llfsm/{VERSION}/{NAME}/slots/-/{group_of('number')}/batch"
 
 
 class Number(Message, type_name="test/Number"):
@@ -35,13 +41,16 @@ NUMBER = number_slot()
 
 
 class Host:
-    """A host: a folder with its board, and a daemon."""
+    """A host: a folder with its board, and a daemon, which listens nowhere if `endpoint` is ""."""
 
-    def __init__(self, directory: Path, endpoint: str, prefix: Sequence[str] = ()) -> None:
+    def __init__(
+        self, directory: Path, endpoint: str, prefix: Sequence[str] = (), *, board: str = NAME
+    ) -> None:
         directory.mkdir()
         self.directory = directory
         self.endpoint = endpoint
-        self.board = Whiteboard(NAME, directory=directory)
+        self.name = board
+        self.board = Whiteboard(board, directory=directory)
         self._prefix = prefix
         self.process: subprocess.Popen[str] | None = None
 
@@ -50,19 +59,27 @@ class Host:
     ) -> None:
         """Start its daemon and wait until it is ready."""
         connections = [part for host in connect for part in ("--connect", host.endpoint)]
+        listen = ["--listen", self.endpoint] if self.endpoint else []
         with (self.directory / "log").open("a") as log:
-            self.process = subprocess.Popen(
-                [*self._prefix, *program, "whiteboard", "daemon", *self.select, "--listen",
-                 self.endpoint, *connections, *arguments],
+            self.process = Forked(
+                [*self._prefix, *program, "whiteboard", "daemon", *self.select, *listen,
+                 *connections, *arguments],
                 text=True, stdout=subprocess.PIPE, stderr=log,
             )  # fmt: skip
         assert self.process.stdout is not None
         ready = self.process.stdout.readline()
-        assert ready == f"mirroring {NAME}, listening on {self.endpoint}\n", self.log
+        assert ready == f"mirroring {self.name}, listening on {self.endpoint or 'nowhere'}\n", (
+            self.log
+        )
+
+    def reopen(self) -> None:
+        """Make its board anew, which was removed."""
+        self.board.close()
+        self.board = Whiteboard(self.name, directory=self.directory)
 
     @property
     def select(self) -> list[str]:
-        return ["--board", NAME, "--directory", str(self.directory)]
+        return ["--board", self.name, "--directory", str(self.directory)]
 
     @property
     def log(self) -> str:
@@ -89,9 +106,18 @@ class Host:
         return status
 
     def status(self) -> dict[str, Any]:
-        command = [*LLFSM, "whiteboard", "status", *self.select, "--json"]
-        done = subprocess.run(command, text=True, capture_output=True, check=True)
-        return dict(json.loads(done.stdout))
+        """Return what its daemon publishes, which begins just after it is ready."""
+        status = ("whiteboard", "status", *self.select, "--json")
+        printed = ""
+
+        def is_published() -> bool:
+            nonlocal printed
+            done = call(*status, cwd=self.directory)
+            printed = done.stdout
+            return done.returncode == 0
+
+        wait_for(is_published, "a status")
+        return dict(json.loads(printed))
 
     def get(self, slot: Slot[Number] = NUMBER) -> int | None:
         message = self.board.get_message(slot)
@@ -114,6 +140,7 @@ def plain_session(host: Host, zenoh_file: Path | None = None) -> Any:
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", f'["{host.endpoint}"]')
     config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("transport/shared_memory/enabled", "false")  # whose file would stay
     return zenoh.open(config)
 
 
@@ -124,8 +151,15 @@ MakeHost = Callable[..., Host]
 def make_host(tmp_path: Path) -> Iterator[MakeHost]:
     with ExitStack() as stack:
 
-        def make(name: str, endpoint: str | None = None, prefix: Sequence[str] = ()) -> Host:
-            host = Host(tmp_path / name, endpoint or free_endpoint(), prefix)
+        def make(
+            name: str,
+            endpoint: str | None = None,
+            prefix: Sequence[str] = (),
+            *,
+            board: str = NAME,
+        ) -> Host:
+            place = free_endpoint() if endpoint is None else endpoint
+            host = Host(tmp_path / name, place, prefix, board=board)
             stack.callback(host.close)
             return host
 

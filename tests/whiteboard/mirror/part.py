@@ -48,7 +48,7 @@ class Part:
         self.exchange = Exchange(self.store, chosen, lambda: self.now_ns, wall_ns)
 
     def collect(self) -> list[bytes]:
-        return self.exchange.collect(self.watch(0))
+        return [packet.data for packet in self.exchange.collect(self.watch(0))]
 
     def get(self, slot: Slot[Any] = NUMBER) -> Any:
         return self.board.get_message(slot)

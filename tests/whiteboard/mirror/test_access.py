@@ -10,6 +10,7 @@ import pytest
 
 from llfsm.whiteboard import NetworkError, Whiteboard
 from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Heartbeat, Value
+from llfsm.whiteboard.mirror.groups import group_of
 from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.zenoh_config import configure
@@ -79,11 +80,11 @@ def test_a_host_does_not_pass_for_another(robot: Host, certify: Certify) -> None
     with plain_session(robot, certify("laptop", "ours")) as session:
         root = f"llfsm/{VERSION}/{NAME}"
         forged = [
-            session.declare_publisher(f"{root}/{kind}/{name}")
+            session.declare_publisher(f"{root}/slots/{name}/{group_of(GOAL.name)}/{kind}")
             for name in ("tablet", "-", "robot")
-            for kind in ("batches", "beats")
+            for kind in ("batch", "beat")
         ]
-        own = session.declare_publisher(f"{root}/batches/laptop")
+        own = session.declare_publisher(f"{root}/slots/laptop/{group_of(GOAL.name)}/batch")
         beat = msgspec.msgpack.encode(Heartbeat(7, 1, 1, 10**12, "tablet"))
 
         def send(number: int) -> None:
@@ -94,7 +95,7 @@ def test_a_host_does_not_pass_for_another(robot: Host, certify: Certify) -> None
             declarations = tuple(Declaration(s.name, s.capacity, s.schema) for s in slots)
             data = msgspec.msgpack.encode(Batch(7, 1, number, 10**12, values, declarations))
             for publisher in forged:
-                publisher.put(beat if "beats" in str(publisher.key_expr) else data)
+                publisher.put(beat if str(publisher.key_expr).endswith("beat") else data)
             own.put(data)
 
         for number in range(1, 20):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 
 import msgspec
@@ -167,6 +168,20 @@ def test_a_reply_holds_what_is_newer_with_its_type() -> None:
     known = StateQuery((("number", Version(10**12 + 7, 2)),))
     (answer,) = part.exchange.reply(msgspec.msgpack.encode(known))
     assert decoder(Batch).decode(answer).values == ()
+
+
+def test_what_is_mirrored_is_not_read_by_that() -> None:
+    """Nor does the mirror keep the handle with which somebody has read it."""
+    part, other = Part(), Slot("other", Number)
+    part.exchange.receive_batch(batch(message=Number(5)))
+    part.board.add_message(other, Number(1))
+    assert len(part.collect()) == 1
+    assert part.board.read_slots() == set()
+    for slot in (NUMBER, other):
+        part.get(slot)
+        part.board.forget(slot)
+    gc.collect()
+    assert part.board.read_slots() == set()
 
 
 def test_a_rate_of_its_own_for_a_slot() -> None:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value
 from llfsm.whiteboard.mirror.merge import Version
+from thoroughness import examples
 
 from .part import Number, Part, Text, batch
 
@@ -81,7 +82,19 @@ def test_another_type_is_refused_with_both_described(caplog: pytest.LogCaptureFi
     assert part.get(Slot("number", Text)) == Text("mine")
 
 
-@settings(max_examples=300, deadline=None)
+def test_another_type_made_since_the_names_were_read_is_described(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    part = Part()
+    part.exchange.receive_batch(batch(1, slot=Slot("another", Number)))  # now the names are read
+    part.board.add_message(Slot("number", Text), Text("mine"))
+    part.exchange.receive_batch(batch(2))
+    (record,) = caplog.records
+    assert "holds test/Text here, test/Number at the sender" in record.getMessage()
+    assert part.get(Slot("number", Text)) == Text("mine")
+
+
+@settings(max_examples=examples(100), deadline=None)
 @given(data=st.binary(max_size=200))
 def test_no_bytes_do_harm(data: bytes) -> None:
     logging.getLogger("llfsm.mirror").disabled = True
@@ -103,7 +116,7 @@ ANYTHING = st.recursive(
 )
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(25), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(values=st.lists(ANYTHING, max_size=7), schema=st.dictionaries(st.text(), ANYTHING))
 def test_nothing_that_is_encoded_does_harm(values: list[Any], schema: dict[str, Any]) -> None:
     logging.getLogger("llfsm.mirror").disabled = True

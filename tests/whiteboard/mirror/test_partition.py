@@ -19,7 +19,7 @@ from llfsm.whiteboard.messages.std_msgs import String
 from memory_transport import MemoryWorld
 from stopping_robot import Robot, memory_bridge, memory_robot, report
 from waiting import wait_for
-from wheels import CMD_VEL, CUE
+from wheels import CMD_VEL, CUE, LAMP
 
 from .conftest import NAME, Host
 from .switch import Switch
@@ -57,6 +57,8 @@ class Pair:
         )  # fmt: skip
         stack.callback(self.machine.kill)
         self.robot.moves_on()
+        # A will is executed when all its slots have what is safe: the cut must not come between.
+        wait_for(lambda: self.near.board.get_message(LAMP) == String("on"), "the lamp is on")
 
     def wait_for_stop(self, since_s: float) -> None:
         """Wait until the guard of `near` has stopped the robot: then, and not before."""
@@ -65,6 +67,7 @@ class Pair:
         assert stop.writer == self.near.pid
         assert stop.stamp_ns - status.stamp_ns >= PARTITION_S * 1e9
         report("memory  the host is lost", took_s, PARTITION_S + AFTER_S)
+        wait_for(lambda: state(self.near.board) == "executed", "the whole will was executed")
 
     def far_goes_on(self) -> None:
         """See that nothing is posted on the machine's own host, where it lives."""

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.simulation import World
+from thoroughness import examples
 
 HOSTS, SLOTS = 3, 2
 
@@ -40,7 +41,7 @@ def settle(world: World) -> None:
     assert world.is_settled(SLOTS)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(15), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     steps=STEPS,
     seed=st.integers(0, 1000),

@@ -37,12 +37,10 @@ def test_hosts_of_one_authority_share_and_others_do_not(
         (what,) = refusals(host)
         assert what.startswith(f"by {robot.endpoint}: {why}")
         assert host.log.count("refused: ") == 1
-    wait_for(lambda: len(refusals(robot)) == 2 and min(refusals(robot).values()) > 1)
-    assert refusals(robot).keys() == {
-        "a connection: received fatal alert: UnknownCA",
-        "a connection: invalid peer certificate: UnknownIssuer",
-    }
-    assert robot.log.count("refused: a connection") == 2
+    for why in ("received fatal alert: UnknownCA", "invalid peer certificate: UnknownIssuer"):
+        wait_for(lambda why=why: refusals(robot).get(f"a connection: {why}", 0) > 1)
+    # A host that is slow to read may also see only that the other one has closed the connection.
+    wait_for(lambda: robot.log.count("refused: a connection") == len(refusals(robot)))
     assert refusals(laptop) == {}
     wait_for(lambda: len(robot.status()["peers"]) == 1)
 

@@ -1,0 +1,38 @@
+"""What a host costs in a fleet does not depend on the fleet, and a partition ends soon."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from llfsm.whiteboard.mirror.fleets import SITE, Fleet, measure
+
+
+def test_the_traffic_of_a_host_does_not_grow_with_the_fleet() -> None:
+    small, large = measure(4), measure(2 * SITE)
+    assert (small.routers, large.routers) == (1, 2)
+    assert large.sent == pytest.approx(small.sent, rel=0.1)
+    assert large.sent_kb == pytest.approx(small.sent_kb, rel=0.1)
+    assert large.received_kb == pytest.approx(2 * large.sent_kb, rel=0.1)  # of the two it reads
+    # Its hosts' own messages, and those that they read of the other site.
+    assert large.router_kb == pytest.approx(2 * SITE * large.sent_kb, rel=0.1)
+    assert max(small.agree_ms, large.agree_ms) < 1000
+
+
+def test_a_site_that_is_cut_off_goes_on_alone_and_agrees_afterwards(tmp_path: Path) -> None:
+    with closing(Fleet(SITE + 1, tmp_path)) as fleet:
+        fleet.work(300)
+        fleet.run(100)
+        assert fleet.agrees()
+        fleet.cut(0)
+        fleet.work(200)
+        fleet.run(100)
+        near, far = (fleet.slot((host, 0)).name for host in fleet.read_by(0))
+        at_home = fleet.hosts[0].versions
+        assert at_home[near] == fleet.hosts[1].versions[near]
+        assert at_home[far] < fleet.hosts[SITE].versions[far]
+        fleet.join()
+        fleet.run(200)
+        assert fleet.agrees()
