@@ -1,0 +1,251 @@
+"""The environment of machines that are explored: it notices what a ringlet asks for.
+
+Time is opaque. All that code can ask of it is whether it has been in its state for longer than some
+limit, so one ringlet stands for all times that give the same answers. Whatever else passes this
+door is refused, and the refusal holds even if the machine's code catches the error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Set
+from math import floor, inf, isfinite
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from ..engine.clock import NEVER
+from ..engine.environment import Environment, Post, Read
+from ..engine.errors import UnknownMachineError
+from .errors import UnsupportedError
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Slot
+
+    from ..engine.environment import Elsewhere
+    from ..engine.freshness import AgedRead
+    from ..engine.ports import Actuator, Sensor
+
+__all__ = ["ExploredEnvironment", "Unknown"]
+
+
+class ExploredEnvironment(Environment):
+    """Answer one ringlet at a time from `contents`, and keep what it asked for and posted.
+
+    Before each ringlet `begin` is called. `members` and `watchers` are the names of the machines:
+    all, and those that watch the others.
+    """
+
+    def __init__(self) -> None:
+        self.members: Set[str] = frozenset()
+        self.watchers: Set[str] = frozenset()
+        self.clock = _Clock(self)
+        self.contents: dict[str, Any] = {}
+        """What is in each slot, by name; None before the first message."""
+        self.posted: dict[str, Any] = {}
+        """What the ringlet posted, by the slot's name: the last message of each."""
+        self.touched: set[str] = set()
+        """The names of the machines whose standing it asked for or changed."""
+        self.limits: dict[tuple[bool, int], None] = {}
+        """The times in ns, none below 0, that it compared the time in its state with, in order.
+
+        Of each, whether it had entered that state in this ringlet.
+        """
+        self.low_ns: float = -inf
+        self.high_ns: float = inf
+        """It does the same for all times in its state above `low_ns`, up to `high_ns`."""
+        self.refusal: UnsupportedError | None = None
+        self._machine = ""
+        self._elapsed_ns: int | None = None
+        self.entered: Any = _Moment(self, entered=True)
+        """When the machine on turn has entered its state."""
+
+    def begin(self, machine: str, elapsed_ns: int | None) -> None:
+        """Prepare for a ringlet of `machine`.
+
+        It has been in its state for `elapsed_ns`; None if it is about to enter it.
+        """
+        self.posted = {}
+        self.touched = set()
+        self.limits = {}
+        self.low_ns, self.high_ns = -inf, inf
+        self.refusal = None
+        self._machine, self._elapsed_ns = machine, elapsed_ns
+
+    def refuse(self, what: str, machine: str = "") -> NoReturn:
+        """Refuse what `machine`, or else the one on turn, does."""
+        if self.refusal is None:
+            self.refusal = UnsupportedError(f"{machine or self._machine} {what}")
+        raise self.refusal
+
+    def is_longer(self, limit: float, *, just_entered: bool) -> bool:
+        """Return whether the machine on turn has been in its state for longer than `limit` ns."""
+        elapsed_ns = 0 if just_entered else self._elapsed_ns
+        if elapsed_ns is None:
+            self.refuse(
+                "asks for the time in OnSuspend or OnResume, before the clock of its state "
+                "starts: this cannot be explored; ask in OnEntry or later"
+            )
+        if not isfinite(limit):
+            return limit == -inf
+        limit_ns = floor(limit)
+        if limit_ns < 0:
+            return True
+        self.limits[just_entered, limit_ns] = None
+        longer = elapsed_ns > limit_ns
+        if just_entered:  # which is so whatever the time was before
+            pass
+        elif longer:
+            self.low_ns = max(self.low_ns, limit_ns)
+        else:
+            self.high_ns = min(self.high_ns, limit_ns)
+        return longer
+
+    # What machines learn and do
+
+    def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
+        """Return a function that returns what is in the slot."""
+        contents, where = self.contents, slot.name
+        return lambda: contents[where]
+
+    def read_aged(
+        self,
+        machine: str,
+        name: str,
+        sensor: Sensor[Any, Any],
+        slot: Slot[Any],
+        start_count: int | None = None,
+    ) -> AgedRead:
+        """Refuse: how old messages are is not explored."""
+        self.refuse(
+            f"asks how old the messages of its sensor {name!r} are (max_age_ms, since_start or "
+            f"age_ms): this cannot be explored; without it, put None into the sensor's domain for "
+            f"a message that is too old",
+            machine,
+        )
+
+    def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
+        """Return a function that checks and keeps a message, and returns what refuses use."""
+        from llfsm.whiteboard import Whiteboard
+
+        board, where = Whiteboard.local(), slot.name
+        bound = board[slot]  # which checks as every board does
+        count: Any = Unknown(self, f"the count that its actuator of {where!r} returned")
+
+        def post(message: Any) -> int:
+            bound.add(message)
+            self.posted[where] = bound.get()
+            return count  # type: ignore[no-any-return]
+
+        return post
+
+    def elsewhere(self, name: str, known: Iterable[str]) -> Elsewhere:
+        """Refuse machines of other processes: they are not explored. One that has left is gone."""
+        if name in self.members:
+            self.touched.update(self.members)  # of which the error names those that are there
+            raise UnknownMachineError(name, known)
+        self.refuse(
+            f"asks for the machine {name!r}, which is not among those explored "
+            f"({', '.join(known)}): add it"
+        )
+
+    def requested(self, action: str, machine: str) -> None:
+        """Note whose standing is changed."""
+        if self._machine in self.watchers and machine != self._machine:
+            self.refuse(f"asks to {action} {machine}: a monitor must not act")
+        self.ask(machine)
+
+    def ask(self, machine: str) -> None:
+        """Note that a machine is asked for; a monitor is not there for the others."""
+        if machine in self.watchers and self._machine not in self.watchers:
+            self.refuse(
+                f"reaches the monitor {machine}, as suspend_all and number_of_machines do: without "
+                f"it this would do something else; name the machines instead"
+            )
+        self.touched.add(machine)
+
+
+class _Clock:
+    """The clock, whose moments are opaque."""
+
+    def __init__(self, environment: ExploredEnvironment):
+        self._now: Any = _Moment(environment, entered=False)
+
+    def now_ns(self) -> int:
+        """Return this moment."""
+        return self._now  # type: ignore[no-any-return]
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Return at once: no machine sleeps."""
+
+
+class _Opaque:
+    """What refuses every use but those that its class allows."""
+
+    def __init__(self, environment: ExploredEnvironment):
+        self._environment = environment
+
+
+class _Moment(_Opaque):
+    """Now or, with `entered`, when the machine on turn entered its state."""
+
+    def __init__(self, environment: ExploredEnvironment, *, entered: bool):
+        super().__init__(environment)
+        self.entered = entered
+
+    def __sub__(self, other: object) -> _Elapsed:
+        if self.entered or not (isinstance(other, _Moment) or other == NEVER):
+            self._refuse()
+        just_entered = isinstance(other, _Moment) and not other.entered
+        return _Elapsed(self._environment, just_entered=just_entered)
+
+    __eq__, __ne__, __hash__ = object.__eq__, object.__ne__, object.__hash__
+
+    def _refuse(self, *_: object) -> NoReturn:
+        self._environment.refuse(
+            "uses the time other than to ask whether it has been in its state for longer than "
+            "some limit (after, after_ms, timeout): this cannot be explored"
+        )
+
+
+class _Elapsed(_Opaque):
+    """The time in the state, which may have been entered in this very ringlet."""
+
+    def __init__(self, environment: ExploredEnvironment, *, just_entered: bool):
+        super().__init__(environment)
+        self._just_entered = just_entered
+
+    def __gt__(self, limit: float) -> bool:
+        return self._environment.is_longer(limit, just_entered=self._just_entered)
+
+    def __le__(self, limit: float) -> bool:
+        return not self > limit
+
+    def _refuse(self, *_: object) -> NoReturn:
+        self._environment.refuse(
+            "compares the time in its state other than with > or <=: this cannot be explored"
+        )
+
+
+class Unknown(_Opaque):
+    """A result that is no part of a state, such as the count that an actuator returns."""
+
+    def __init__(self, environment: ExploredEnvironment, what: str):
+        super().__init__(environment)
+        self._what = what
+
+    def _refuse(self, *_: object) -> NoReturn:
+        self._environment.refuse(f"uses {self._what}: this cannot be explored")
+
+
+def _close(cls: type) -> None:
+    for name in (
+        *("bool", "int", "float", "index", "hash", "str", "repr", "format", "iter", "len"),
+        *("eq", "ne", "lt", "le", "gt", "ge", "add", "radd", "sub", "rsub", "mul", "rmul"),
+        *("truediv", "floordiv", "mod", "divmod", "neg", "abs", "and", "or", "xor", "rtruediv"),
+        *("rfloordiv", "rmod", "rand", "ror", "rxor", "round"),
+    ):
+        method = f"__{name}__"
+        if method not in vars(cls):
+            setattr(cls, method, cls._refuse)  # type: ignore[attr-defined]
+
+
+for _each in (_Moment, _Elapsed, Unknown):
+    _close(_each)

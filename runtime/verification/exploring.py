@@ -1,0 +1,179 @@
+"""Explore machines, and verify properties of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import chain
+from math import inf
+from typing import TYPE_CHECKING, Any, Literal
+
+from ..engine.errors import OptionError
+from .breadth_first import explored
+from .deadline import ENDINGS
+from .deciding import Decisions
+from .errors import PredicateError, PropertyError
+from .hidden import Hidden
+from .members import Member, members_of
+from .passing import AnyTime, Passing, Periods
+from .properties import NO_FAILURE, Property, Verdict
+from .repeating import check_repeats
+from .space import Progress, Space
+from .system import System
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Slot
+
+    from ..engine.loading import Factory
+
+__all__ = ["explore", "verify"]
+
+
+def explore(
+    machines: Factory | Iterable[Factory | Member],
+    *,
+    period_ms: float | None = None,
+    any_time: bool = False,
+    sensors: Mapping[Slot[Any] | str, Iterable[Any]] | None = None,
+    properties: Iterable[Property] = (),
+    stop: bool = False,
+    suspend: Iterable[str] = (),
+    choices: Literal["turns", "rounds"] = "turns",
+    abstract: Mapping[str, Callable[[Any], Any]] | None = None,
+    unload_accepting: bool = True,
+    max_states: int | None = None,
+    max_seconds: float | None = None,
+    progress: Callable[[Progress], object] | None = None,
+) -> Space:
+    """Find all states that the machines can reach, and return the space with its verdicts.
+
+    The exploration ends early once every property is decided, if there are any; by `max_states` or
+    `max_seconds`; and by Ctrl-C. The order of machines is that of their turns.
+
+    Args:
+        machines: machine classes, functions that return a machine, or a `Member` for each.
+        period_ms: the time from one round to the next, in milliseconds; each takes exactly that.
+        any_time: let any time, also none, pass before each round instead. `leads_to` needs a
+            period: if no time need pass, what waits for it need never come.
+        sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
+            these messages, or None for no message, at each turn that reads the slot. They replace
+            the domains that sensors declare. A slot to which a machine posts can have none, and
+            what its sensors declare is not used.
+        properties: what to decide.
+        stop: whether a stop may come before any turn, as by Ctrl-C.
+        suspend: names of machines that anybody may suspend, resume or restart before their turns.
+        choices: "rounds" to let the environment choose once a round for all machines.
+        abstract: for "Machine.variable", a function of its value whose result replaces the value
+            after each turn.
+        unload_accepting: as for `Arrangement`.
+        max_states: end the exploration at a level with as many states.
+        max_seconds: end it after this time, once the ringlet under way is over.
+        progress: called after each level, and within large ones; it ends the exploration by
+            returning False.
+
+    Raises:
+        VerificationError: see its subclasses.
+
+    """
+    asked = _check_properties(properties)
+    watching = dict.fromkeys(each.monitor for each in asked if each.monitor is not None)
+    members = (*members_of(machines), *map(Member, watching))
+    passing = _passing(period_ms, asked, any_time=any_time)
+    if choices not in ("turns", "rounds"):
+        raise OptionError(f'choices is {choices!r}; it must be "turns" or "rounds"')
+    system = System(
+        members,
+        watchers=len(watching),
+        passing=passing,
+        sensors=sensors or {},
+        stop=stop,
+        suspend=[suspend] if isinstance(suspend, str) else suspend,
+        by_rounds=choices == "rounds",
+        unload_accepting=unload_accepting,
+        abstract=abstract or {},
+    )
+    for machine, name in zip(watching, system.names[system.watchers.start :], strict=True):
+        if machine.__name__ != name:
+            raise PredicateError(
+                f"monitor: another machine is called {machine.__name__}, too; rename one"
+            )
+    decisions = Decisions(
+        system, asked, max_states=max_states, max_seconds=max_seconds, progress=progress
+    )
+    hidden = Hidden({seat.name: seat.machine for seat in system.ringlets.seats})
+    search = explored(system, decisions.named, decisions.look, decisions.goes_on, decisions.restart)
+    ringlets = system.ringlets.executed
+    if search.interrupted:
+        decisions.end()
+    else:
+        hidden.check()
+        try:
+            check_repeats(system.ringlets, system.kept())
+        except ENDINGS:
+            decisions.end()
+    verdicts = tuple(decisions.verdicts(search))
+    return Space(
+        system,
+        search,
+        members,
+        verdicts,
+        decisions.seconds,
+        ringlets=ringlets,
+        complete=decisions.complete,
+        cut=decisions.cut,
+    )
+
+
+def verify(
+    machines: Factory | Iterable[Factory | Member],
+    *properties: Property,
+    **how: Any,
+) -> Space:
+    """Explore as `explore` does, and raise `PropertyError` unless all properties hold.
+
+    That no machine's code raises is one of them.
+    """
+    space = explore(machines, properties=(NO_FAILURE, *properties), **how)
+    wrong = [verdict for verdict in space.verdicts if not verdict.holds]
+    if wrong:
+        hints = () if space.complete else space.hints()
+        raise PropertyError("\n".join(chain(*map(_lines, wrong), hints)), space.verdicts)
+    return space
+
+
+def _lines(verdict: Verdict) -> Iterator[str]:
+    witness = verdict.witness
+    if verdict.holds is None:
+        yield f"{verdict.property}: undecided, as not all states were found"
+    elif witness is None:
+        yield f"{verdict.property}: violated"
+    else:
+        yield f"{verdict.property}: violated after {len(witness.turns)} turns"
+        yield from (f"  {line}" for line in witness.lines())
+
+
+def _passing(period_ms: float | None, asked: list[Property], *, any_time: bool) -> Passing:
+    if any_time is (period_ms is not None):
+        raise OptionError("give period_ms, or any_time=True")
+    if period_ms is None:
+        for prop in asked:
+            if prop.kind == "leads_to":
+                raise OptionError(
+                    f"{prop}: leads_to needs a period (period_ms), as any time may be none at all, "
+                    f"and then nothing need follow; decide it by itself, and the rest at any time"
+                )
+        return AnyTime()
+    if not isinstance(period_ms, int | float) or not 1e-6 <= period_ms < inf:
+        raise OptionError(f"period_ms is {period_ms!r}; it must be a number, 1e-6 or more")
+    return Periods(round(period_ms * 1e6))
+
+
+def _check_properties(properties: Iterable[Property]) -> list[Property]:
+    if isinstance(properties, Property):
+        properties = [properties]
+    asked = list(properties)
+    for prop in asked:
+        if not isinstance(prop, Property):
+            raise PredicateError(
+                f"{prop!r} is no property: make one with never, always, reachable or step"
+            )
+    return asked

@@ -1,0 +1,230 @@
+"""What machines' code could keep outside of their variables, where it is no part of a state.
+
+That is what the code names: globals, class attributes, variables of functions around it, and
+defaults; and what is named by the functions and classes that it uses, if they are the user's.
+Libraries are not looked into: they keep much that changes nothing.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections import deque
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Set
+from functools import partial
+from types import CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
+from typing import Any, Final, NamedTuple, cast
+
+from llfsm import errors
+
+from ..engine.machine import Machine
+from ..engine.ports import Actuator, Sensor
+from ..engine.state import State
+from .errors import UnsupportedError
+
+__all__ = ["Hidden"]
+
+_LLFSM: Final = os.path.dirname(errors.__file__) + os.sep
+_MACHINES: Final = os.path.join(_LLFSM, "machines", "")
+_PACKAGES: Final = ("site-packages", "dist-packages")
+_LIBRARIES: Final = (
+    os.path.dirname(os.__file__) + os.sep,
+    *(path + os.sep for path in sys.path if os.path.basename(path) in _PACKAGES),
+    _LLFSM,
+)
+_ATOMS: Final = (int, str, bool, bytes, complex, type(None))
+
+
+class _Place(NamedTuple):
+    machine: str
+    where: str
+    image: Hashable
+    held: Any
+    """What has it, and what is there: kept so that no other object gets their ids."""
+
+
+class Hidden:
+    """What the code of machines, which are given by name, could change: as it is now.
+
+    Raise `UnsupportedError` if it names an iterator.
+    """
+
+    def __init__(self, machines: Mapping[str, Machine]):
+        self._machines = {name: [type(m), *vars(m).values()] for name, m in machines.items()}
+        look = self._look()
+        self._before, self._holders = look.found, look.holders
+
+    def check(self) -> None:
+        """Raise `UnsupportedError` if anything is not as it was."""
+        after = self._look().found
+        for key in {**self._before, **after}:
+            was, now = self._before.get(key), after.get(key)
+            changed = was and now and was.image != now.image
+            if changed or now is None or (was is None and key[0] in self._holders):
+                machine, where, *_ = was or after[key]
+                raise UnsupportedError(
+                    f"{machine} changes {where}: that is no part of a state, so this cannot be "
+                    f"explored; keep it in a variable, or make it before the machines run"
+                )
+
+    def _look(self) -> _Look:
+        files = (_file_of(cls) for cls, *_ in self._machines.values())
+        look = _Look({os.path.dirname(file) for file in files if not file.startswith(_LLFSM)})
+        for name, (cls, *values) in self._machines.items():
+            look.machine = name
+            look.follow([cls, *map(type, values)])
+        return look
+
+
+class _Look:
+    """One look at all that code reaches; modules in `folders` are the user's in any case."""
+
+    def __init__(self, folders: Set[str]):
+        self.found: dict[tuple[int, str], _Place] = {}
+        """By the id of what has it, and its name there."""
+        self.holders: set[int] = set()
+        """The ids of all that could have more."""
+        self.machine = ""
+        self._folders = folders
+        self._followed: set[int] = set()
+
+    def follow(self, values: Iterable[Any]) -> None:
+        """Note what the code of functions and classes names, and so on."""
+        todo = [*values]
+        while todo:
+            each = todo.pop()
+            if id(each) not in self._followed:
+                self._followed.add(id(each))
+                todo += self._used_by(each)
+
+    def _used_by(self, value: Any) -> Iterator[Any]:
+        match value:
+            case FunctionType():
+                yield getattr(value, "__wrapped__", None)
+                if self._is_own(value.__code__.co_filename):
+                    yield from self._named_in(value)
+            case type():
+                machine = issubclass(value, Machine) and value is not Machine
+                if machine or self._is_own(_file_of(value)):
+                    yield from value.__bases__
+                    yield from self._noted(value, vars(value), f"{value.__qualname__}.{{}}")
+                    yield from cast("type[Machine]", value).table.states if machine else ()
+            case State():
+                yield from value.sections.values()
+                yield from (each.guard for each in value.transitions)
+            case Sensor() | Actuator():
+                yield value.slot.type
+            case property():
+                yield from (value.fget, value.fset, value.fdel)
+            case partial():
+                yield from (value.func, *value.args, *value.keywords.values())
+            case MethodType() | staticmethod() | classmethod():
+                yield from (value.__func__, getattr(value, "__self__", None))
+            case _:
+                yield from (type(value), getattr(value, "__wrapped__", None))
+
+    def _named_in(self, function: FunctionType) -> Iterator[Any]:
+        names, scope = _names_in(function.__code__), function.__globals__
+        modules = [each for name in names if isinstance(each := scope.get(name), ModuleType)]
+        for module in (scope, *map(vars, modules)):  # a name after a module's may be one of its own
+            if module is scope or self._is_own(module.get("__file__") or ""):
+                named = {name: module[name] for name in names & module.keys()}
+                yield from self._noted(module, named, f"the global {module.get('__name__')}.{{}}")
+        where = function.__qualname__
+        code, around = function.__code__, f"{{}}, a variable around {where}"
+        for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
+            yield from self._noted(cell, _content_of(cell, name), around)
+        given = function.__defaults__ or ()
+        last = code.co_varnames[code.co_argcount - len(given) : code.co_argcount]
+        defaults = dict(zip(last, given, strict=True)) | (function.__kwdefaults__ or {})
+        yield from self._noted(function, defaults, f"the default of {{}} of {where}")
+        yield from self._noted(function, vars(function), f"{where}.{{}}")
+
+    def _noted(self, holder: Any, values: Mapping[str, Any], where: str) -> Iterator[Any]:
+        self.holders.add(id(holder))
+        for name, value in values.items():
+            if name.startswith("_") and name.endswith("_") and not callable(value):
+                continue  # of Python itself, which makes members of flags as they are needed
+            if self._keeps_its_place(value):
+                raise UnsupportedError(
+                    f"{self.machine} uses {where.format(name)}, of type {type(value).__name__}: "
+                    f"how far it has come is no part of a state, so this cannot be explored; keep "
+                    f"a number in a variable"
+                )
+            image = self._image(value, {})
+            place = _Place(self.machine, where.format(name), image, (holder, value))
+            self.found.setdefault((id(holder), name), place)
+            yield value
+
+    def _keeps_its_place(self, value: Any) -> bool:
+        foreign = not isinstance(value, io.IOBase) and not self._is_own(_file_of(type(value)))
+        return isinstance(value, Iterator) and foreign
+
+    def _image(self, value: Any, seen: dict[int, int]) -> Hashable:
+        """Return what is equal as long as the value is the same; `seen` numbers what it has."""
+        kind = type(value)
+        if kind in _ATOMS:
+            return kind, value
+        if kind is float:
+            return kind, value.hex()
+        if id(value) in seen:
+            return "again", seen[id(value)]
+        parts = _parts_of(value)
+        own = _attributes_of(value) if kind is SimpleNamespace or self._is_own_data(value) else None
+        if parts is None and own is None:
+            return kind, id(value)
+        seen[id(value)] = len(seen)
+        images = [self._image(part, seen) for part in (*(parts or ()), *(own or ()))]
+        return kind, frozenset(images) if isinstance(value, set | frozenset) else tuple(images)
+
+    def _is_own_data(self, value: Any) -> bool:
+        code = isinstance(value, type | FunctionType | MethodType | ModuleType)
+        return not code and self._is_own(_file_of(type(value)))
+
+    def _is_own(self, file: str) -> bool:
+        library = file.startswith(_LIBRARIES) and not file.startswith(_MACHINES)
+        return not library or os.path.dirname(file) in self._folders
+
+
+def _names_in(code: CodeType) -> set[str]:
+    names = {*code.co_names}
+    for each in code.co_consts:
+        if isinstance(each, CodeType):
+            names |= _names_in(each)
+    return names
+
+
+def _content_of(cell: Any, name: str) -> dict[str, Any]:
+    try:
+        return {name: cell.cell_contents}
+    except ValueError:
+        return {}  # it has none yet
+
+
+def _file_of(cls: type) -> str:
+    """Return the file that defines a class; that of Python itself for one in C."""
+    module = sys.modules.get(cls.__module__)
+    if module is None or cls.__module__ == "__main__":
+        return getattr(module, "__file__", None) or ""
+    return getattr(module, "__file__", None) or _LIBRARIES[0]
+
+
+def _parts_of(value: Any) -> Iterable[Any] | None:
+    """Return what a container has in it; None for what is none."""
+    if isinstance(value, dict):
+        return (part for item in value.items() for part in item)
+    if isinstance(value, list | tuple | deque | set | frozenset):
+        return value
+    try:
+        return (memoryview(value).tobytes(),)
+    except (TypeError, ValueError):
+        return None
+
+
+def _attributes_of(value: Any) -> list[Any]:
+    names = [*getattr(value, "__dict__", ()), *getattr(value, "__struct_fields__", ())]
+    for cls in type(value).__mro__:
+        slots = vars(cls).get("__slots__", ())
+        names += (slots,) if isinstance(slots, str) else slots
+    return [part for name in dict.fromkeys(names) for part in (name, getattr(value, name, None))]

@@ -1,0 +1,394 @@
+"""Run one ringlet of one machine from any standing, on an arrangement made for this.
+
+The ringlet, the seats and the requests are the engine's own; only the environment is another one.
+Standings and variables are numbered, so that what a ringlet does can be kept in small tuples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
+
+from ..engine.arrangement import Arrangement
+from ..engine.clock import NEVER
+from ..engine.errors import ExecutionError
+from ..engine.events import Request
+from ..engine.loading import Loadable, LoadOptions
+from ..engine.machine import Machine
+from ..engine.ringlet import ringlet
+from ..engine.seat import Seat
+from .deadline import Deadline
+from .errors import UnsupportedError
+from .explored import ExploredEnvironment, Unknown
+from .members import Member, check_class
+from .standings import ControlState, Given, RingletOutcome, UnknownStandingError
+from .values import Codes, UnknownValueError, Variables, freeze, other_copy
+
+if TYPE_CHECKING:
+    from ..engine.binding import BoundState
+    from ..engine.events import Status
+    from ..engine.submachine import Submachine
+
+__all__ = ["Ringlets"]
+
+M = TypeVar("M", bound=Machine)
+
+
+Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
+
+
+class Ringlets(Arrangement):
+    """An arrangement that runs ringlets from any standing."""
+
+    environment: ExploredEnvironment
+
+    def __init__(
+        self,
+        members: Iterable[Member],
+        *,
+        watchers: int,
+        unload_accepting: bool,
+        abstract: Abstraction,
+        controlled: Iterable[str],
+    ):
+        super().__init__(environment=ExploredEnvironment(), unload_accepting=unload_accepting)
+        self._controlled = frozenset(controlled)  # by anybody
+        self._error: ExecutionError | None = None
+        self._complete = False
+        for member in members:
+            member.load(self)
+        self._complete = True
+        self.seats: tuple[Seat, ...] = tuple(self._roster)
+        self.places = {seat.name: number for number, seat in enumerate(self.seats)}
+        self.environment.members = self.places.keys()
+        self.environment.watchers = {*list(self.places)[len(self.places) - watchers :]}
+        for seat in self.seats:
+            check_class(type(seat.machine))
+        self.controls = [Codes() for _ in self.seats]
+        self.variables = [Codes() for _ in self.seats]
+        self.messages: dict[str, Codes] = {}
+        self.errors = Codes()
+        self.errors.code(None, None)
+        self.executed = 0
+        self.deadline = Deadline()
+        self._ports = [self._ports_of(seat) for seat in self.seats]
+        self._abstract: list[dict[str, Callable[[Any], Any]]] = [{} for _ in self.seats]
+        for name, function in abstract.items():
+            self._add_abstraction(name, function)
+        self._owners: dict[int, str] | None = {}  # of values that change, by their ids
+        self.initial = [
+            (self._control_of(place), self._variables_of(place)) for place in range(len(self.seats))
+        ]
+        self._owners = None
+
+    def message(self, slot: str, message: Any) -> int:
+        """Return the number of a slot's content; 0 is that of no message."""
+        codes = self.messages.get(slot)
+        if codes is None:
+            codes = self.messages[slot] = Codes()
+            codes.code(None, None)
+        return 0 if message is None else codes.code(freeze(message, _ignore), message)
+
+    def run_ringlet(self, given: Given, *, copied: bool = False) -> RingletOutcome:
+        """Run a ringlet and return what it did; all it is given is copied anew if `copied`.
+
+        Raise `UnsupportedError`; `UnknownStandingError` if `others` lacks a machine; `TimeUpError`.
+        """
+        self.deadline.check()
+        environment, seat = self.environment, self.seats[given.place]
+        others = dict(given.others)
+        for other, its in given.others:
+            self._stand(other, self.controls[other].values[its])
+        was: ControlState = self.controls[given.place].values[given.control]
+        self._stand(given.place, was)
+        if given.request is not None:
+            if was.withdrawn_by(given.request):
+                seat.schedule(Request.SUSPEND)
+            seat.schedule(given.request)
+        self._set_variables(given, other_copy if copied else deepcopy)
+        self.stopping = given.stopping
+        for slot, content in given.contents:
+            message = self.messages[slot].values[content]
+            environment.contents[slot] = other_copy(message) if copied else message
+        environment.begin(seat.name, given.elapsed_ns if was.entered else None)
+        self._error = None
+        self.executed += 1
+        fired = self._give_turns((seat,))
+        self._check_ports(given.place)
+        known = environment.touched & self.places.keys()  # others are refused
+        touched = {self.places[name] for name in known} - {given.place}
+        if not touched <= others.keys():
+            raise UnknownStandingError(touched)
+        if environment.refusal is not None:
+            raise environment.refusal
+        clock_state = seat.previous
+        after = [(other, self._control_of(other)) for other in sorted(touched)]
+        return RingletOutcome(
+            environment.low_ns,
+            environment.high_ns,
+            tuple((other, others[other]) for other in sorted(touched)),
+            self._control_of(given.place),
+            self._variables_of(given.place),
+            seat.entered_ns != environment.entered
+            or seat.current is not clock_state
+            or not seat.taken,
+            self._posts(),
+            tuple((other, its) for other, its in after if its != others[other]),
+            tuple(
+                (clock_state.name if entered and clock_state else was.current, limit)
+                for entered, limit in environment.limits
+            ),
+            _fired(seat, clock_state) if fired and clock_state is not None else None,
+            0 if self._error is None else self.errors.code(str(self._error), self._error),
+        )
+
+    def _check_ports(self, place: int) -> None:
+        """Refuse a machine that replaces what is no variable, and would stay so."""
+        machine = self.seats[place].machine
+        kept = {"stopping": self.stopping}
+        if self.seats[place].taken:  # else its actuators are closed
+            kept |= {name: self._ports[place][name] for name in type(machine).table.actuators}
+        for name, value in kept.items():
+            if vars(machine).get(name) is not value and self.environment.refusal is None:
+                self.environment.refusal = UnsupportedError(
+                    f"{machine.name} assigns to its {name!r}: this cannot be explored"
+                )
+
+    def fingerprint(self, place: int) -> object:
+        """Return what a ringlet under way has changed so far."""
+        return self._control_of(place), self._variables_of(place), self._posts()
+
+    def _posts(self) -> tuple[tuple[str, int], ...]:
+        return tuple((slot, self.message(slot, m)) for slot, m in self.environment.posted.items())
+
+    def is_settled(
+        self, place: int, control: int, *, stopping: bool, may_stop: bool
+    ) -> tuple[bool, bool]:
+        """Return whether a machine need not keep the execution alive, and whether it cannot.
+
+        They differ where a request from outside does, if it is there when the round is over: to
+        suspend one that accepts, or to resume or restart one that is suspended; a suspend also
+        withdraws what would wake it. Unless a stop has come, or may at that moment, one that is
+        suspended does without it, as if that was asked from outside.
+        """
+        seat = self.seats[place]
+        if self.waits(place, control):
+            return (stopping or may_stop) and seat.entered_ns != NEVER, False
+        if not seat.taken:
+            return True, True
+        controlled = seat.name in self._controlled
+        return seat.settled, seat.settled and (stopping or not controlled)
+
+    def waits(self, place: int, control: int) -> bool:
+        """Return whether a machine is suspended, and whoever asks may wake it or leave it so."""
+        seat = self.seats[place]
+        self._stand(place, self.controls[place].values[control])
+        return seat.taken and seat.suspended and seat.name in self._controlled
+
+    # What the engine asks of an arrangement
+
+    @property
+    def contains_exits(self) -> bool:
+        """Whether code that exits has failed: it must not end what explores it."""
+        return True
+
+    # Who is loaded is known only of machines that were asked for: note them before anything else.
+
+    def is_suspended(self, name: str) -> bool:
+        """Note that a machine's standing was asked for, and return whether it is suspended."""
+        self._note(name)
+        return super().is_suspended(name)
+
+    def state_name_of(self, name: str) -> str:
+        """Note that a machine's standing was asked for, and return its state."""
+        self._note(name)
+        return super().state_name_of(name)
+
+    def index_of(self, name: str) -> int:
+        """Note that it was asked whether a machine is loaded, and return its place."""
+        self._note(name)
+        return super().index_of(name)
+
+    def name_of(self, index: int) -> str:
+        """Note that it was asked who is loaded, and return a machine's name."""
+        self._note_all()
+        return super().name_of(index)
+
+    @property
+    def number_of_machines(self) -> int:
+        """The number of indices in use; refused if there is a monitor."""
+        for name in self.environment.watchers:
+            self.environment.ask(name)
+        return super().number_of_machines
+
+    def resume(self, name: str) -> Status:
+        """Resume a machine; of one that anybody may restart, its status is not known."""
+        status = super().resume(name)
+        if name in self._controlled:
+            what = f"the status that resume({name!r}) returned, which anybody may ask to restart"
+            status = cast("Status", Unknown(self.environment, what))
+        return status
+
+    def suspend_all(self, caller: Seat | None = None) -> None:
+        """Note all machines, and suspend those that are loaded."""
+        self._note_all()
+        super().suspend_all(caller)
+
+    def unload(self, name: str, caller: Seat | None = None) -> bool:
+        """Note the machine, and unload it."""
+        self._note(name)
+        return super().unload(name, caller)
+
+    def _note(self, name: str) -> None:
+        if name in self.places:
+            self.environment.ask(name)
+        if name not in self._roster.named:
+            self._note_all()  # as an error lists them
+
+    def _note_all(self) -> None:
+        self.environment.touched.update(self.places.keys() - self.environment.watchers)
+
+    def load(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
+        """Load a machine; refuse once the machines run."""
+        self._check_loading(machine)
+        return super().load(machine, **how)
+
+    def load_suspended(self, machine: Loadable, **how: Unpack[LoadOptions]) -> int:
+        """Load a machine in its suspend state; refuse once the machines run."""
+        self._check_loading(machine)
+        return super().load_suspended(machine, **how)
+
+    def call_machine(
+        self, machine: type[M] | M | str, caller: Seat | None = None, **how: Unpack[LoadOptions]
+    ) -> Submachine[M]:
+        """Refuse."""
+        self.environment.refuse(f"calls {machine!r} as a submachine: this cannot be explored")
+
+    def _check_loading(self, machine: Loadable) -> None:
+        if self._complete:
+            self.environment.refuse(
+                f"loads {machine!r} while it runs: this cannot be explored; load it at the start, "
+                f"suspended if necessary"
+            )
+
+    def abandon(self, name: str, caller: Seat | None = None) -> bool:
+        """Refuse."""
+        self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
+
+    def _bind_all(self) -> None:
+        super()._bind_all()
+        self._turn = ringlet  # the definition: its twin in C knows no opaque time
+
+    def _fail(self, seat: Seat, error: ExecutionError) -> None:
+        if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
+            raise error.__cause__
+        self._error = error
+
+    # Standings
+
+    def _stand(self, place: int, control: ControlState) -> None:
+        seat, roster = self.seats[place], self._roster
+        states = seat.states
+        seat.current = states.get(control.current, seat.suspension)
+        previous = control.previous
+        seat.previous = None if previous is None else states.get(previous, seat.suspension)
+        seat.remembered = states.get(control.remembered, seat.suspension)
+        seat.request = control.request
+        seat.accepted = control.accepted
+        seat.entered_ns = self.environment.entered if control.begun else NEVER
+        seat.failure = None
+        if seat.taken is not control.loaded:
+            seat.taken = control.loaded
+            if control.loaded:
+                roster.add(seat)
+                order = sorted(roster, key=lambda each: each.index)  # in which errors list them
+                roster.named = {each.name: each for each in order}
+                vars(seat.machine).update(self._ports[place])  # it may post when it leaves again
+            else:
+                roster.remove(seat)
+
+    def _control_of(self, place: int) -> int:
+        control = ControlState.of(self.seats[place])
+        return self.controls[place].code(control, control)
+
+    def _ports_of(self, seat: Seat) -> dict[str, Any]:
+        attributes, table = vars(seat.machine), type(seat.machine).table
+        return {name: attributes[name] for name in table.actuators} | dict.fromkeys(table.sensors)
+
+    def _add_abstraction(self, name: str, function: Callable[[Any], Any]) -> None:
+        machine, _, variable = name.rpartition(".")
+        if machine not in self.places:
+            raise UnsupportedError(
+                f'abstract has {name!r}: name a variable as in "Machine.variable"; the machines '
+                f"are: {', '.join(self.places)}"
+            )
+        self._abstract[self.places[machine]][variable] = function
+
+    def _set_variables(self, given: Given, copy: Callable[[Any], Any]) -> None:
+        attributes = vars(self.seats[given.place].machine)
+        attributes.clear()
+        attributes.update(self._ports[given.place])
+        attributes["stopping"] = given.stopping
+        values, has_parts = self.variables[given.place].values[given.variables]
+        attributes.update(copy(values) if has_parts else values)
+
+    def _variables_of(self, place: int) -> int:
+        machine, ports = self.seats[place].machine, self._ports[place]
+        values = {
+            name: value
+            for name, value in vars(machine).items()
+            if name not in ports and name != "stopping"
+        }
+        for name, function in self._abstract[place].items():
+            if name not in values:
+                raise UnsupportedError(
+                    f"abstract names {machine.name}.{name}, which {machine.name} does not have; "
+                    f"its variables are: {', '.join(values) or 'none'}"
+                )
+            try:
+                values[name] = function(values[name])
+            except Exception as error:  # a function of the user's may raise anything
+                raise UnsupportedError(
+                    f"abstract: the function of {machine.name}.{name} raised "
+                    f"{type(error).__name__} for {values[name]!r}: {error}"
+                ) from error
+        parts: list[Any] = []
+        key = []
+        for name in sorted(values):
+            try:
+                key.append((name, freeze(values[name], parts.append)))
+            except (UnknownValueError, RecursionError) as error:
+                what = error if isinstance(error, UnknownValueError) else "nested without end"
+                raise UnsupportedError(
+                    f"{machine.name}.{name} is {what}: only data can be explored; give "
+                    f'abstract={{"{machine.name}.{name}": function}} to replace it'
+                ) from None
+        self._check_apart(machine.name, parts)
+        codes = self.variables[place]
+        known = len(codes)
+        code = codes.code(tuple(key), None)
+        if code == known:
+            kept: Variables = deepcopy(values) if parts else values, bool(parts)
+            codes.values[code] = kept
+        return code
+
+    def _check_apart(self, machine: str, parts: list[Any]) -> None:
+        """Refuse variables that share what can change: here each has a copy of its own."""
+        changing = [id(part) for part in parts if not isinstance(part, frozenset)]
+        text = "share a value that changes"
+        if len(set(changing)) < len(changing):
+            raise UnsupportedError(f"variables of {machine} {text}: keep a copy in each")
+        owners = {} if self._owners is None else self._owners
+        for part in changing:
+            if (owner := owners.setdefault(part, machine)) != machine:
+                raise UnsupportedError(f"{owner} and {machine} {text}: use a slot for that")
+
+
+def _fired(seat: Seat, source: BoundState) -> tuple[str, int]:
+    ways = [n for n, (*_, target) in enumerate(source.transitions) if target is seat.current]
+    return source.name, ways[0] if len(ways) == 1 else seat.fired
+
+
+def _ignore(_: object) -> None:
+    """Messages do not change."""

@@ -1,0 +1,107 @@
+"""Any time between rounds: exact for one clock, and for several by what all clocks allow."""
+
+from __future__ import annotations
+
+import pytest
+
+from llfsm.runtime import Machine, State, define
+from llfsm.runtime.counterexamples import replay
+from llfsm.runtime.verification import (
+    NO_FAILURE,
+    Property,
+    explore,
+    leads_to,
+    never,
+    reachable,
+    step,
+)
+
+
+def waits(name: str, ms: int) -> type[Machine]:
+    """Return a machine that goes from WAIT to DONE after a time, and stays."""
+    wait, done = State("WAIT"), State("DONE")
+    wait.to(done, after_ms=ms)
+    done.to(wait, when=lambda self: False)
+    return define(name, [wait, done])
+
+
+SHORT, LONG = waits("Short", 100), waits("Long", 200)
+
+
+def overtaken(v: object) -> bool:
+    return v.Long.state == "DONE" and v.Short.state == "WAIT"  # type: ignore[attr-defined, no-any-return]
+
+
+def decided(machines: list[type[Machine]], prop: Property) -> tuple[bool | None, list[float]]:
+    """Return the verdict, and the times of the rounds of a witness that replays."""
+    space = explore(machines, any_time=True, properties=[prop])
+    (verdict,) = space.verdicts
+    if verdict.witness is None:
+        return verdict.holds, []
+    views = replay(space, verdict.witness)
+    end = len(verdict.witness.turns)
+    views = views[end - 1 : end + 1] if prop.kind == "step" else views[end : end + 1]
+    assert prop.functions[0](*views) is (prop.kind in ("never", "reachable"))
+    return verdict.holds, list(dict.fromkeys(turn.time_ms for turn in verdict.witness.turns))
+
+
+def test_a_way_that_only_unequal_clocks_allow_is_dropped() -> None:
+    """Both wait from the same round on, and the short one has its turn first."""
+    assert decided([SHORT, LONG], never(overtaken)) == (True, [])
+    assert decided([SHORT, LONG], reachable(overtaken)) == (False, [])
+
+
+def test_a_way_that_is_possible_has_times() -> None:
+    """A nanosecond more than 200 ms must pass, and the long one has its turn first."""
+    assert decided([LONG, SHORT], never(overtaken)) == (False, [0, 200.000001])
+
+
+def test_a_dropped_way_is_replaced_by_a_possible_one() -> None:
+    """The short one is done only if it has its turn before the long one, a round earlier."""
+    only_short = step(
+        lambda before, after: not (before.Short.state == "DONE" and before.Long.state == "WAIT")
+    )
+    assert decided([LONG, SHORT], only_short) == (False, [0, 100.000001])
+
+
+def test_code_that_would_raise_on_such_a_way_only_does_not_raise() -> None:
+    wait, done = State("WAIT"), State("DONE")
+    wait.to(done, after_ms=200)
+    wait.on_exit(lambda self: {"DONE": None}[self.state_name_of("Short")])
+    done.to(wait, when=lambda self: False)
+    careful = define("Careful", [wait, done])
+    for machines, holds in (([SHORT, careful], True), ([careful, SHORT], False)):
+        space = explore(machines, any_time=True, properties=[NO_FAILURE])
+        assert space.verdicts[0].holds is holds
+
+
+def test_the_states_do_not_depend_on_how_long_the_times_are() -> None:
+    """They are: before the first turn, entered, done but not entered, and done."""
+    assert {explore(waits("One", ms), any_time=True).states for ms in (1, 100, 10**9)} == {4}
+
+
+def test_for_one_clock_it_finds_what_short_periods_find() -> None:
+    quick, slow, end = State("QUICK"), State("SLOW"), State("END")
+    quick.to(slow, after_ms=100)
+    slow.to(end, when=lambda self: self.after_ms(300) and not self.after_ms(310))
+    slow.to(quick, when=lambda self: self.after_ms(310))
+    end.to(end)
+    machine = define("Window", [quick, slow, end])
+    prop = reachable(lambda v: v.Window.state == "END")
+    assert explore(machine, period_ms=1, properties=[prop]).verdicts[0].holds
+    assert not explore(machine, period_ms=20, properties=[prop]).verdicts[0].holds
+    holds, times = decided([machine], prop)
+    assert holds
+    assert times == [0, 100.000001, 400.000002]
+
+
+def test_one_of_a_period_and_any_time_is_given() -> None:
+    for how in ({}, {"period_ms": 1, "any_time": True}):
+        with pytest.raises(ValueError, match="period_ms, or any_time"):
+            explore(SHORT, **how)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="leads_to needs a period"):
+        explore(
+            SHORT,
+            any_time=True,
+            properties=[leads_to(lambda v: True, lambda v: v.Short.state == "DONE")],
+        )
