@@ -3,11 +3,20 @@
 Read in this order: `subject` (what is checked), `uses` (what code does with its machine), `rules`
 (what is wrong), `expression_types` and `typed_rules` (what is wrong with values), then `classes`
 and `bundles` (a class and a bundle as subjects) and `arrangement_rules` (machines together).
+`type_checkers`, with `bundle_module`, has mypy or pyright check the code.
 """
 
-from .arrangement_rules import check_arrangement
+from .arrangement_rules import check_arrangement, requests_of
 from .bundles import check_bundle
 from .classes import check_class
 from .subject import Finding
+from .type_checkers import check_types
 
-__all__ = ["Finding", "check_arrangement", "check_bundle", "check_class"]
+__all__ = [
+    "Finding",
+    "check_arrangement",
+    "check_bundle",
+    "check_class",
+    "check_types",
+    "requests_of",
+]

@@ -6,10 +6,13 @@ import ast
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from llfsm.errors import did_you_mean
 
 from ..bundles import SUFFIX
+from ..debugging.breakpoints import Breakpoint, check_breakpoints
+from ..engine.errors import BreakpointError
 from ..engine.machine import Machine
 from ..plans.plan import Plan
 from .bundles import bundle_subject
@@ -17,12 +20,13 @@ from .classes import class_subject
 from .subject import Code, Finding, Subject
 from .uses import nodes_of
 
-__all__ = ["check_arrangement"]
+__all__ = ["check_arrangement", "requests_of"]
 
 _OF_A_MACHINE = frozenset({
     "abandon", "index_of", "is_running", "is_suspended", "restart", "resume", "state_name_of",
     "status", "suspend", "unload",
 })  # fmt: skip
+_QUESTIONS = frozenset({"index_of", "is_running", "is_suspended", "state_name_of", "status"})
 _LOADING = frozenset({"call_machine", "load", "load_suspended"})
 
 
@@ -45,7 +49,40 @@ def check_arrangement(
         if len(names) > 1:
             text = f"{' and '.join(names)} post to {slot!r}; is only one of them to run at a time?"
             found.add(Finding(str(file), 1, "warning", text))
+    slots = {
+        machine.slots.get(sensor.slot.name, sensor.slot.name)
+        for cls, machine in zip(classes.values(), plan.machines, strict=True)
+        for sensor in cls.table.sensors.values()
+    }
+    for text in plan.breakpoints:
+        try:
+            check_breakpoints([Breakpoint.parse(text)], classes, slots)
+        except BreakpointError as error:
+            found.add(Finding(str(file), 1, "error", str(error)))
     return sorted(found)
+
+
+def requests_of(cls: type[Machine], variables: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what code of a machine asks of machines whose names its text shows, each once.
+
+    A name is a text, or that of a variable at the beginning, which `variables` may give. A question
+    is "looks at".
+    """
+    first = {name: each.default for name, each in cls.table.variables.items()} | {**variables}
+    found: dict[tuple[str, str], None] = {}
+    for code in _subject(cls).all_code():
+        for node in nodes_of(code):
+            match node:
+                case ast.Call(ast.Attribute(ast.Name(code.machine), what), [argument, *_]):
+                    if what not in _OF_A_MACHINE | _LOADING:
+                        continue
+                    name = _text(argument)
+                    match argument:
+                        case ast.Attribute(ast.Name(code.machine), variable):
+                            name = first.get(variable)
+                    if isinstance(name, str):
+                        found["looks at" if what in _QUESTIONS else what, name] = None
+    return list(found)
 
 
 def _subject(cls: type[Machine]) -> Subject:

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from llfsm.errors import did_you_mean
+from llfsm.errors import nothing_called
 
 from ..bundles import PYTHON, Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from ..bundles.code import parse, parse_expression
@@ -23,6 +23,7 @@ from ..bundles.names import (
     MACHINE,
     UNTRANSLATED,
     Known,
+    included_names,
     is_mark,
     resolve,
     resolve_method,
@@ -38,7 +39,7 @@ from .rules import findings_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
 from .typed_rules import typed_findings
 
-__all__ = ["bundle_subject", "check_bundle"]
+__all__ = ["bundle_subject", "check_bundle", "declared_names", "load_checked"]
 
 _ALWAYS_KNOWN = frozenset(
     (*dir(builtins), *vars(ModuleType("")), "__builtins__", "__class__", "__file__")
@@ -52,25 +53,49 @@ def check_bundle(folder: Path, *, load: bool = True) -> list[Finding]:
     If no error is found, it is loaded, which runs what it includes and the values of its variables;
     not without `load`.
     """
+    return _check(folder, load=load)[0]
+
+
+def load_checked(folder: Path) -> type[Machine]:
+    """Return the machine class of the bundle in `folder`; raise `BundleError` at its first error.
+
+    What `check_bundle` only warns of is no error.
+    """
+    findings, machine = _check(folder, load=True)
+    errors = [each for each in findings if each.severity == "error"]
+    if errors or machine is None:
+        first = errors[0]
+        raise BundleError(first.text, Path(first.file), first.line)
+    return machine
+
+
+def _check(folder: Path, *, load: bool) -> tuple[list[Finding], type[Machine] | None]:
     wrong: list[BundleError] = []
     try:
         bundle = _Lenient(folder.resolve(), wrong).bundle()
     except BundleError as error:
-        return sorted(_finding(each, folder) for each in (*wrong, error))
+        return sorted(_finding(each, folder) for each in (*wrong, error)), None
     findings = [_finding(each, folder) for each in wrong]
     checker = _Checker(bundle) if bundle.language == PYTHON else None
     if checker is not None:
         findings += unread_files(bundle, folder.resolve())
         findings += findings_of(checker.subject())
         findings += checker.findings
+    machine = None
     if load and not any(each.severity == "error" for each in findings):
-        findings += _load(bundle, folder, checker)
-    return sorted(set(findings))
+        found, machine = _load(bundle, folder, checker)
+        findings += found
+    return sorted(set(findings)), machine
 
 
 def bundle_subject(folder: Path) -> Subject:
     """Return the bundle in `folder` as the rules see it; raise `BundleError`."""
     return _Checker(read_bundle(folder)).subject()
+
+
+def declared_names(bundle: Bundle) -> list[str]:
+    """Return the names of a bundle's variables, slots and methods, as its code can use them."""
+    return [*_Checker(bundle).scope(bundle, None).names]
 
 
 class _Lenient(Reader):
@@ -88,14 +113,16 @@ class _Lenient(Reader):
             return fragment.text.strip()
 
 
-def _load(bundle: Bundle, folder: Path, checker: _Checker | None) -> list[Finding]:
+def _load(
+    bundle: Bundle, folder: Path, checker: _Checker | None
+) -> tuple[list[Finding], type[Machine] | None]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnreachableStateWarning)  # there is a rule for it
             machine = compile_bundle(bundle)
     except (BundleError, DefinitionError) as error:
-        return [_finding(error, folder)]
-    return [] if checker is None else checker.typed(machine.table)
+        return [_finding(error, folder)], None
+    return [] if checker is None else checker.typed(machine.table), machine
 
 
 def _finding(error: BundleError | DefinitionError, folder: Path) -> Finding:
@@ -106,20 +133,6 @@ def _finding(error: BundleError | DefinitionError, folder: Path) -> Finding:
             what = what.removeprefix(str(file)).partition(": ")[2]
         return Finding(str(file), error.line or 1, "error", what)
     return Finding(str(folder / "States"), 1, "error", str(error))
-
-
-def _included(statements: list[ast.stmt]) -> frozenset[str] | None:
-    """Return the names that statements import or define, or None if they cannot be determined."""
-    names: set[str] = set()
-    for node in (node for each in statements for node in ast.walk(each)):
-        match node:
-            case ast.Import(aliases) | ast.ImportFrom(names=aliases):
-                names |= {each.asname or each.name.partition(".")[0] for each in aliases}
-            case ast.FunctionDef(name) | ast.AsyncFunctionDef(name) | ast.ClassDef(name):
-                names.add(name)
-            case ast.Name(name, ast.Store()):
-                names.add(name)
-    return None if "*" in names else frozenset(names)
 
 
 class _Names(dict[str, Any]):
@@ -169,7 +182,7 @@ class _CheckedScope(Scope):
         for node in statements:
             if is_mark(node):
                 self.wrong(untranslated(fragment, node))
-        included = _included(statements)
+        included = included_names(statements)
         self.everything |= included is None
         self.included |= included or set()
         return self.included
@@ -307,8 +320,10 @@ class _Checker:
             if node.id == UNTRANSLATED:
                 self.add(untranslated(fragment, node))
             elif not scope.everything:
-                near = did_you_mean(node.id, {*scope.names, *scope.included})
-                self.add(fragment.error(f"nothing is called {node.id!r}{near}", node.lineno))
+                what = nothing_called(node.id, {*scope.names, *scope.included})
+                if node.id in (each.name for each in self.bundle.states):
+                    what = f"{node.id!r} is a state: a transition enters it"
+                self.add(fragment.error(what, node.lineno))
 
     def warn_of_parameters(self, tree: ast.AST, fragment: Fragment) -> None:
         for node in ast.walk(tree):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import sys
 from collections.abc import Callable, Iterator
 from types import FunctionType
 from typing import Any
 
-from llfsm.errors import did_you_mean
+from llfsm.errors import nothing_called
 
 from ..engine.machine import Machine
 from ..engine.source_text import parse_file, syntax_of
@@ -55,7 +56,9 @@ class _Reader:
                 sections += [methods[name]] if name in methods else []  # still there for super()
                 methods[name] = code
         for state in table.states:
-            sections += [code for each in state.sections.values() if (code := self.code(each))]
+            for each in state.sections.values():
+                self.expect_only_machine(each, "a section")
+                sections += [code] if (code := self.code(each)) else []
         return Subject(
             [self.state(state) for state in table.states],
             table.suspend.name if table.suspend else None,
@@ -72,6 +75,8 @@ class _Reader:
             if owner in Machine.__mro__:
                 continue
             for name, value in vars(owner).items():
+                if name == "__annotate_func__":  # which Python 3.14 makes of the annotations
+                    continue
                 if isinstance(value, property) and value.fget:
                     yield name, value.fget
                 elif isinstance(value, FunctionType):
@@ -99,10 +104,22 @@ class _Reader:
         return CheckedState(state.name, self.place(next(called, "")), transitions)
 
     def transition(self, transition: Transition) -> CheckedTransition:
+        if transition.guard is not None:
+            self.expect_only_machine(transition.guard, "a guard")
         guard = None if transition.guard is None else self.code(transition.guard)
         untimed_true = transition.after_ms is None and guard is not None and guard.is_true
         always = transition.unconditional or untimed_true
         return CheckedTransition(transition.target.name, Place(*transition.location), always, guard)
+
+    def expect_only_machine(self, function: Callable[..., Any], what: str) -> None:
+        """Find functions that cannot be called with the machine alone."""
+        if isinstance(function, FunctionType):
+            try:
+                inspect.signature(function).bind(None)
+            except TypeError:
+                place = function.__code__.co_filename, function.__code__.co_firstlineno
+                text = f"{what} is called with the machine alone: its only parameter is self"
+                self.findings.append(Finding(*place, "error", text))
 
     def code(self, function: Callable[..., Any]) -> Code | None:
         """Return the code of a function, or None, and remember it, if it cannot be read."""
@@ -114,10 +131,9 @@ class _Reader:
         body = node.body if isinstance(node.body, list) else [_returned(node.body)]
         file = function.__code__.co_filename
         for name, line in unbound_names(function):
-            near = did_you_mean(name, {*function.__globals__, *sys.stdlib_module_names})
-            text = f"nothing is called {name!r}{near}"
-            if name in sys.stdlib_module_names:
-                text = f"nothing is called {name!r}; is an import missing?"
+            text = nothing_called(name, {*function.__globals__, *sys.stdlib_module_names})
+            if name in (self.attributes() or ()):
+                text = f"nothing is called {name!r}; did you mean {arguments[0].arg}.{name}?"
             self.findings.append(Finding(file, line, "error", text))
         return Code(body, arguments[0].arg, file, function.__globals__)
 

@@ -10,20 +10,33 @@ import ast
 import builtins
 from collections import Counter
 from collections.abc import Callable, Mapping
+from datetime import date
 from enum import Enum
 from functools import cache
-from types import FunctionType, ModuleType, NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
+from types import FunctionType, MethodType, ModuleType, NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    TypeAlias,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import msgspec
 
 from ..engine.table import Table
-from .subject import Code
+from .subject import Code, Finding, Severity
 from .uses import nodes_of
 
 __all__ = [
     "MISSING",
+    "PLAIN",
     "Options",
+    "Piece",
     "Types",
     "fields_of",
     "is_message",
@@ -35,6 +48,7 @@ __all__ = [
 Options: TypeAlias = tuple[Any, ...]
 
 MISSING = object()
+PLAIN = {bool, float, int, str, NoneType}
 _UNKNOWN: Options = ()
 _NUMBERS = {bool, int, float}
 _RESULTS: dict[Callable[..., Any], type] = {
@@ -147,14 +161,14 @@ class Types:
         return (_DISPLAYS[type(node)],) if type(node) in _DISPLAYS else _UNKNOWN
 
     def value_of(self, node: ast.expr) -> Any:
-        """Return what a name of the module, or of a module or enum in it, is; else `MISSING`."""
+        """Return what a name of the module, or of what is in it, is; else `MISSING`."""
         match node:
             case ast.Name(name) if name not in self._locals:
                 return self._names.get(name, getattr(builtins, name, MISSING))
             case ast.Attribute(value, name):
                 within = self.value_of(value)
                 if isinstance(within, ModuleType) or (
-                    isinstance(within, type) and issubclass(within, Enum)
+                    isinstance(within, type) and issubclass(within, Enum | date)
                 ):
                     return getattr(within, name, MISSING)
         return MISSING
@@ -166,6 +180,8 @@ class Types:
         if name in self._table.variables:
             return options_of(self._table.variables[name].type)
         found = getattr(self._table.states[0].owner, name, None)
+        if isinstance(found, FunctionType):
+            return (MethodType,)
         return _result(found.fget) if isinstance(found, property) else _UNKNOWN
 
     def _of_field(self, value: ast.expr, name: str) -> Options:
@@ -235,6 +251,18 @@ class Types:
         return (bool,) if known else _UNKNOWN  # an array's comparison is an array
 
 
+class Piece(NamedTuple):
+    """A piece of code with the types of its expressions."""
+
+    code: Code
+    types: Types
+    table: Table
+
+    def finding(self, node: ast.expr | ast.stmt, severity: Severity, text: str) -> Finding:
+        """Return what is wrong at a node."""
+        return Finding(self.code.file, node.lineno, severity, text)
+
+
 def _joined(several: list[Options]) -> Options:
     if not all(several):
         return _UNKNOWN
@@ -286,6 +314,8 @@ def _assigned_once(code: Code) -> dict[str, ast.expr | None]:
                 values[name] = value
             case ast.NamedExpr(ast.Name(name), value):
                 values[name] = value
+            case ast.For(ast.Name(name), each) | ast.comprehension(ast.Name(name), each):
+                values[name] = ast.Subscript(each, ast.Constant(0))  # as any other item
         match node:
             case ast.Name(name, ast.Store() | ast.Del()):
                 bound[name] += 1

@@ -22,7 +22,7 @@ _UNUSED = {"variable": "used", "sensor": "read", "actuator": "called"}
 
 def findings_of(subject: Subject) -> list[Finding]:
     """Return what all rules find wrong, in the order of files and lines, each thing once."""
-    rules = (_unreachable, _dead, _unused, _unknown, _uninitialised, _guards)
+    rules = (_unreachable, _dead, _unused, _unknown, _uninitialised, _guards, _endless, _of_none)
     return sorted({finding for rule in rules for finding in rule(subject)})
 
 
@@ -104,3 +104,66 @@ def _effects(subject: Subject, guard: Code) -> Iterator[Finding]:
             elif name in subject.methods and name not in seen:
                 seen.add(name)
                 todo.append((subject.methods[name], where, through or f", through {name!r}"))
+
+
+def _endless(subject: Subject) -> Iterator[Finding]:
+    for code in subject.all_code():
+        for node in nodes_of(code):
+            match node:
+                case ast.While(test=ast.Constant(value)) if value and not _can_end(node):
+                    text = "this loop never ends: no machine has another turn"
+                    yield Finding(code.file, node.lineno, "error", text)
+
+
+# What ends a loop, or may raise: a caller may wait for that.
+_ENDS = (
+    *(ast.Break, ast.Return, ast.Raise, ast.Assert, ast.Call, ast.Subscript),
+    *(ast.Await, ast.Yield, ast.YieldFrom),
+)
+
+
+def _can_end(loop: ast.While) -> bool:
+    inside = {each for part in loop.body for each in ast.walk(part)}
+    return any(isinstance(each, _ENDS) for each in inside)
+
+
+def _of_none(subject: Subject) -> Iterator[Finding]:
+    """Find attributes of what is None there, as in `x is None and x.y`."""
+    for code in subject.all_code():
+        for node in nodes_of(code):
+            if not isinstance(node, ast.BoolOp):
+                continue
+            wrong = ast.Is if isinstance(node.op, ast.And) else ast.IsNot
+            none: set[str] = set()
+            for value in node.values:
+                unknown = none - {ast.unparse(each) for each in _looked_at_again(value)}
+                for each in ast.walk(value):
+                    if isinstance(each, ast.Attribute) and ast.unparse(each.value) in unknown:
+                        name = ast.unparse(each.value)
+                        text = f"{name} is None here; was '{_OTHER[wrong]}' meant?"
+                        yield Finding(code.file, each.lineno, "error", text)
+                match value:
+                    case ast.Compare(left, [operator], [ast.Constant(None)]):
+                        if isinstance(operator, wrong) and not _has_call(left):
+                            none.add(ast.unparse(left))
+
+
+def _looked_at_again(value: ast.expr) -> Iterator[ast.expr]:
+    """Find what is compared or gets another value inside, as in `x is None or (x and x.y)`."""
+    for each in ast.walk(value):
+        match each:
+            case ast.Compare(left, _, _):
+                yield left
+            case ast.BoolOp(_, values):
+                yield from values
+            case ast.IfExp(test, _, _):
+                yield test
+            case ast.NamedExpr(target, _):
+                yield target
+
+
+_OTHER: dict[type[ast.cmpop], str] = {ast.Is: "is not None", ast.IsNot: "is None"}
+
+
+def _has_call(node: ast.expr) -> bool:
+    return any(isinstance(each, ast.Call) for each in ast.walk(node))

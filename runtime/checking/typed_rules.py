@@ -6,66 +6,67 @@ They find what every run of the code would find, and nothing where a type is unk
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator
-from types import ModuleType, NoneType
-from typing import Any, NamedTuple, TypeAlias
+import inspect
+import time
+from collections.abc import Callable, Iterator, Sequence
+from types import FunctionType, ModuleType, NoneType
+from typing import Any, TypeAlias, get_origin
 
 import msgspec
 
 from llfsm.errors import did_you_mean
 
+from ..engine.machine import Machine
+from ..engine.outside import reads_outside
+from ..engine.ports import Actuator, Sensor
+from ..engine.state import State
 from ..engine.table import REQUIRED, Table
-from .expression_types import (
-    Types,
-    fields_of,
-    is_message,
-    may_be,
-    named,
-    options_of,
-)  # fmt: skip
-from .subject import Code, Finding, Severity, Subject
+from .comparisons import of_comparison, of_operator
+from .expression_types import PLAIN, Piece, Types, fields_of, is_message, may_be, named, options_of
+from .subject import Code, Finding, Subject
 from .uses import nodes_of, uses_of
 
 __all__ = ["typed_findings"]
 
-
-class _Piece(NamedTuple):
-    """A piece of code with the types of its expressions."""
-
-    code: Code
-    types: Types
-    table: Table
-
-    def finding(self, node: ast.expr | ast.stmt, severity: Severity, text: str) -> Finding:
-        return Finding(self.code.file, node.lineno, severity, text)
+_CONTROLS = {name for name in dir(Machine) if name[0] != "_"}
+_SIMPLE = {"float": float, "int": int, "str": str}
+_BUILT_IN = PLAIN | {bytes, tuple, list, dict, set, frozenset}
+_SLEEPS = "time.sleep delays all machines: wait by a transition with after_ms"
+_SAFE_VALUES = ("at_end", "at_suspend", "at_failure")
 
 
-_Rule: TypeAlias = Callable[[_Piece, Any], Iterator[Finding]]
+_Rule: TypeAlias = Callable[[Piece, Any], Iterator[Finding]]
 
 
 def typed_findings(subject: Subject, table: Table) -> list[Finding]:
     """Return what is wrong with the values in the code of a machine, in the order of lines."""
-    found = {*_of_defaults(subject, table), *_of_sensors(subject, table)}
+    found = {*_of_defaults(subject, table), *_of_ports(subject, table)}
+    found.update(_of_sensors(subject, table))
     for code in subject.all_code():
-        piece = _Piece(code, Types(code, table), table)
+        piece = Piece(code, Types(code, table), table)
         for node in nodes_of(code):
             for kind, rule in _RULES:
                 if isinstance(node, kind):
                     found.update(rule(piece, node))
     for guard in subject.guards():
-        found.update(_of_guard(_Piece(guard, Types(guard, table), table)))
+        found.update(_of_guard(Piece(guard, Types(guard, table), table)))
     return sorted(found)
 
 
-def _of_attribute(piece: _Piece, node: ast.Attribute) -> Iterator[Finding]:
-    """Find fields that a message does not have, and names that a module does not have."""
-    module = piece.types.value_of(node.value)
-    if isinstance(module, ModuleType) and not hasattr(module, "__path__"):
-        if not hasattr(module, node.attr):
-            what = f"{module.__name__} has no {node.attr!r}{did_you_mean(node.attr, dir(module))}"
+def _of_attribute(piece: Piece, node: ast.Attribute) -> Iterator[Finding]:
+    """Find fields that a message does not have, and names that a module or a class has not."""
+    owner = piece.types.value_of(node.value)
+    is_class = isinstance(owner, type) and isinstance(node.ctx, ast.Load)
+    if is_class or (isinstance(owner, ModuleType) and not hasattr(owner, "__path__")):
+        if not hasattr(owner, node.attr):
+            what = f"{owner.__name__} has no {node.attr!r}{did_you_mean(node.attr, dir(owner))}"
             yield piece.finding(node, "error", what)
         return
     options = [each for each in piece.types.of(node.value) if each is not NoneType]
+    kinds = [get_origin(each) or each for each in options]
+    if kinds and all(each in _BUILT_IN and not hasattr(each, node.attr) for each in kinds):
+        near = did_you_mean(node.attr, dir(kinds[0]))
+        yield piece.finding(node, "error", f"{named(tuple(kinds))} has no {node.attr!r}{near}")
     if not options or not all(map(is_message, options)):
         return
     if not any(hasattr(each, node.attr) for each in options):
@@ -80,7 +81,7 @@ def _of_attribute(piece: _Piece, node: ast.Attribute) -> Iterator[Finding]:
         yield piece.finding(node, "error", text)
 
 
-def _of_call(piece: _Piece, node: ast.Call) -> Iterator[Finding]:
+def _of_call(piece: Piece, node: ast.Call) -> Iterator[Finding]:
     """Find messages that cannot be made, and calls of ports that fail."""
     match node.func:
         case ast.Attribute(ast.Name(name), port) if name == piece.code.machine:
@@ -88,13 +89,83 @@ def _of_call(piece: _Piece, node: ast.Call) -> Iterator[Finding]:
                 yield from _of_post(piece, node, port)
             elif port in piece.table.sensors:
                 yield piece.finding(node, "error", f"sensor {port!r} is a value, not a function")
+            elif port in piece.table.variables:
+                given = piece.types.of(node.func)
+                if given and {*given} <= PLAIN:
+                    text = f"variable {port!r} is {named(given)}, not a function"
+                    yield piece.finding(node, "error", text)
+            elif isinstance(function := _class_attribute(piece.table, port), FunctionType):
+                yield from _of_method(piece, node, function)
+            elif _is_state(piece.table, port):
+                yield piece.finding(node, "error", f"{port!r} is a state: a transition enters it")
+            return
+        case ast.Attribute(ast.Attribute(ast.Name(name), state), called) if (
+            name == piece.code.machine and _is_state(piece.table, state)
+        ):
+            text = f"{state}.{called} declares code of a state: call it in the class, not here"
+            yield piece.finding(node, "error", text)
             return
     message = piece.types.value_of(node.func)
+    if message is time.sleep:
+        yield piece.finding(node, "warning", _SLEEPS)
+    elif reads_outside(message):
+        text = f"{ast.unparse(node.func)} makes every run another one: use a sensor, or after_ms"
+        yield piece.finding(node, "warning", text)
     if is_message(message):
         yield from _of_message(piece, node, message)
 
 
-def _of_post(piece: _Piece, node: ast.Call, port: str) -> Iterator[Finding]:
+def _class_attribute(table: Table, name: str) -> Any:
+    return inspect.getattr_static(table.states[0].owner or Machine, name, None)
+
+
+def _is_state(table: Table, name: str) -> bool:
+    return isinstance(_class_attribute(table, name), State)
+
+
+def _signature(function: FunctionType) -> inspect.Signature:
+    """Return what a method can be called with; in bundles, what stands for self has no name."""
+    try:
+        return inspect.signature(function)
+    except ValueError:
+        code = function.__code__
+        names = tuple(each if each.isidentifier() else "self" for each in code.co_varnames)
+        code = code.replace(co_varnames=names)
+        named = FunctionType(code, {}, function.__name__, function.__defaults__)
+        named.__kwdefaults__ = function.__kwdefaults__
+        return inspect.signature(named)
+
+
+def _of_method(piece: Piece, node: ast.Call, function: FunctionType) -> Iterator[Finding]:
+    """Find calls of the machine's methods with too few, too many or wrong arguments."""
+    keywords = {each.arg: each.value for each in node.keywords if each.arg is not None}
+    starred = any(isinstance(each, ast.Starred) for each in node.args)
+    if starred or len(keywords) < len(node.keywords) or hasattr(function, "__wrapped__"):
+        return
+    signature, called = _signature(function), function.__name__
+    try:
+        bound = signature.bind(None, *node.args, **keywords).arguments
+    except TypeError:
+        shown = ", ".join(map(str, [*signature.parameters][1:]))
+        text = f"{called} is called as {called}({shown})"
+        if not signature.parameters:
+            text = f"{called} has no parameter for the machine: write def {called}(self)"
+        yield piece.finding(node, "error", text)
+        return
+    for name, value in [*bound.items()][1:]:
+        wanted = _SIMPLE.get(str(signature.parameters[name].annotation))
+        given = piece.types.of(value) if wanted else ()
+        if wanted and not may_be(value, given, wanted):
+            text = f"{called}: {name} is {wanted.__name__}, not {named(given)}"
+            yield piece.finding(node, "error", text)
+    match called, node.args:
+        case "age_ms", [ast.Constant(str(sensor))] if sensor not in piece.table.sensors:
+            known = piece.table.sensors
+            text = f"the machine has no sensor {sensor!r}; it has: {', '.join(known) or 'none'}"
+            yield piece.finding(node, "error", text + did_you_mean(sensor, known))
+
+
+def _of_post(piece: Piece, node: ast.Call, port: str) -> Iterator[Finding]:
     slot = piece.table.actuators[port].slot
     match node.args, node.keywords:
         case ([ast.Starred()], _) | (_, [ast.keyword(arg=None), *_]):
@@ -112,7 +183,7 @@ def _of_post(piece: _Piece, node: ast.Call, port: str) -> Iterator[Finding]:
     yield piece.finding(node, "error", text)
 
 
-def _of_message(piece: _Piece, node: ast.Call, message: type[msgspec.Struct]) -> Iterator[Finding]:
+def _of_message(piece: Piece, node: ast.Call, message: type[msgspec.Struct]) -> Iterator[Finding]:
     fields = fields_of(message)
     if not fields and message.__struct_fields__:
         return  # its annotations do not resolve yet
@@ -143,13 +214,14 @@ def _of_message(piece: _Piece, node: ast.Call, message: type[msgspec.Struct]) ->
             yield piece.finding(value, "error", text)
 
 
-def _of_assignment(piece: _Piece, node: ast.Assign | ast.AnnAssign) -> Iterator[Finding]:
+def _of_assignment(piece: Piece, node: ast.Assign | ast.AnnAssign) -> Iterator[Finding]:
     """Find values of another type than the variable's."""
     if node.value is None:
         return
     for target in node.targets if isinstance(node, ast.Assign) else (node.target,):
         match target:
             case ast.Attribute(ast.Name(machine), name) if machine == piece.code.machine:
+                yield from _of_store(piece, node, name)
                 variable = piece.table.variables.get(name)
                 given = piece.types.of(node.value)
                 if variable is not None and not may_be(node.value, given, variable.type):
@@ -157,7 +229,23 @@ def _of_assignment(piece: _Piece, node: ast.Assign | ast.AnnAssign) -> Iterator[
                     yield piece.finding(node, "warning", text)
 
 
-def _of_state_name(piece: _Piece, node: ast.Compare) -> Iterator[Finding]:
+def _of_store(piece: Piece, node: ast.stmt, name: str) -> Iterator[Finding]:
+    """Find assignments to what is no variable."""
+    table = piece.table
+    if name in table.sensors:
+        text = f"sensor {name!r} cannot be assigned: it is read from its slot"
+    elif name in table.actuators:
+        text = f"actuator {name!r} cannot be assigned: post by self.{name}(message)"
+    elif _is_state(table, name):
+        text = f"state {name!r} cannot be assigned: transitions change the state"
+    elif name in _CONTROLS:
+        text = f"{name!r} cannot be assigned: every machine has it"
+    else:
+        return
+    yield piece.finding(node, "error", text)
+
+
+def _of_state_name(piece: Piece, node: ast.Compare) -> Iterator[Finding]:
     """Find names that none of the machine's states has."""
     match node:
         case ast.Compare(
@@ -171,18 +259,35 @@ def _of_state_name(piece: _Piece, node: ast.Compare) -> Iterator[Finding]:
                 yield piece.finding(node, "error", text + did_you_mean(name, states))
 
 
+def _of_statement(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
+    """Find methods and actuators that are named but not called."""
+    match node.value:
+        case ast.Attribute(ast.Name(machine), name) if machine == piece.code.machine:
+            method = isinstance(_class_attribute(piece.table, name), FunctionType)
+            if method or name in piece.table.actuators:
+                text = f"{name!r} is not called: write {machine}.{name}(...)"
+                yield piece.finding(node, "error", text)
+
+
 _RULES: list[tuple[type | tuple[type, ...], _Rule]] = [
     (ast.Attribute, _of_attribute),
     (ast.Call, _of_call),
+    (ast.Expr, _of_statement),
     ((ast.Assign, ast.AnnAssign), _of_assignment),
     (ast.Compare, _of_state_name),
+    (ast.Compare, of_comparison),
+    ((ast.BinOp, ast.Compare), of_operator),
 ]
 
 
-def _of_guard(piece: _Piece) -> Iterator[Finding]:
+def _of_guard(piece: Piece) -> Iterator[Finding]:
     """Find guards that return something other than True or False, for certain or at times."""
     if not uses_of(piece.code).returns:
         return  # another rule finds that
+    if _falls_through(piece.code.body):
+        last = piece.code.body[-1]
+        text = "this guard can end without a return: return True or False"
+        yield Finding(piece.code.file, getattr(last, "lineno", 1), "warning", text)
     for node in _returns(piece.code):
         given = piece.types.of(node.value) if node.value is not None else (NoneType,)
         others = tuple(each for each in given if each is not bool)
@@ -191,6 +296,16 @@ def _of_guard(piece: _Piece) -> Iterator[Finding]:
             what = "returns" if always else "can return"
             text = f"this guard {what} {named(others)}: return True or False"
             yield piece.finding(node, "error" if always else "warning", text)
+
+
+def _falls_through(body: Sequence[ast.AST]) -> bool:
+    """Return whether statements end without a return for certain in some case."""
+    match body[-1] if body else None:
+        case ast.If(_, then, otherwise):
+            return _falls_through(then) or _falls_through(otherwise)
+        case None | ast.Assign() | ast.AugAssign() | ast.AnnAssign() | ast.Expr() | ast.Pass():
+            return True
+    return False
 
 
 def _returns(code: Code) -> Iterator[ast.Return]:
@@ -214,6 +329,33 @@ def _of_defaults(subject: Subject, table: Table) -> Iterator[Finding]:
             if not may_be(ast.Constant(variable.default), given, variable.type):
                 text = _wrong_variable(name.rpartition(".")[2], variable.type, named(given))
                 yield Finding(*declared.where, "warning", text)
+
+
+def _of_ports(subject: Subject, table: Table) -> Iterator[Finding]:
+    """Find defaults and safe values that are not messages of their slot's type."""
+    ports: list[tuple[str, Sensor[Any, Any] | Actuator[Any], Sequence[str]]] = [
+        *((name, each, ("default",)) for name, each in table.sensors.items()),
+        *((name, each, _SAFE_VALUES) for name, each in table.actuators.items()),
+    ]
+    slots: dict[str, tuple[str, Any]] = {}
+    for name, port, options in ports:
+        first, slot = slots.setdefault(port.slot.name, (name, port.slot))
+        if slot.fingerprint != port.slot.fingerprint:
+            declared = subject.declared.get(name)
+            where = subject.states[0].where if declared is None else declared.where
+            types = f"{slot.type.__name__} and {port.slot.type.__name__}"
+            text = f"{first!r} and {name!r} use slot {slot.name!r} for messages of {types}"
+            yield Finding(*where, "error", text)
+        for option in options:
+            value = getattr(port, option)
+            if value is not None and not isinstance(value, port.slot.type):
+                declared = subject.declared.get(name)
+                where = subject.states[0].where if declared is None else declared.where
+                wanted = port.slot.type.__name__
+                given = f"the class {value.__name__}" if isinstance(value, type) else repr(value)
+                text = f"{name!r}: {option} is a {wanted}, as {wanted}(), not {given}"
+                yield Finding(*where, "error", text)
+                break
 
 
 def _of_sensors(subject: Subject, table: Table) -> Iterator[Finding]:

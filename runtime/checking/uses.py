@@ -68,6 +68,14 @@ class _Visitor(ast.NodeVisitor):
         else:
             self.generic_visit(node)
 
+    def visit_AugAssign(self, node: ast.AugAssign) -> None:
+        match node.target:
+            case ast.Attribute(ast.Name(name), attribute) if name == self._machine:
+                self.uses.loaded.setdefault(attribute, node.lineno)  # it must be there
+                self.visit(node.value)
+            case _:
+                self.generic_visit(node)
+
     def visit_Call(self, node: ast.Call) -> None:
         match node.func:
             case ast.Attribute(ast.Name(name), attribute) if name == self._machine:

@@ -6,6 +6,7 @@ what is wrong there and, where that is known, what was meant.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,14 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from calling import own_logging
+from llfsm.cli.machine_names import find_machine
 from llfsm.cli.root import main
+from llfsm.runtime import Arrangement, ExecutionError, ManualClock
 from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
+from llfsm.whiteboard.messages.turtlesim import Pose
 from own_boards import own_board
 
 HERE = Path(__file__).parent
@@ -69,7 +75,10 @@ LAMP = {
     "State_ON_Transition_0.expr": "not request.wanted",
     "State_ON_Transition_0.target": "OFF",
 }
-LISTS = ("classes.toml", "bundles.toml", "arrangements.toml", "commands.toml")
+IN_CLASSES = ("classes.toml", "values.toml", "missed.toml")
+LISTS = (*IN_CLASSES, "bundles.toml", "arrangements.toml", "commands.toml")
+PLACE = re.compile(r"[\w./]+:\d+: (error|warning): |no findings")
+NOTHING = "no findings\n"
 USAGE = ("Usage: ", "Try ")  # how click begins what precedes an error
 
 
@@ -86,7 +95,8 @@ def run_beside(folder: Path, board: str, command: list[str]) -> tuple[int, str]:
     write_bundle(folder, {})
     with Whiteboard(board) as made:
         made.add_message(Slot("cmd_vel", Twist), Twist())
-    done = CliRunner().invoke(main, [each.replace("{board}", board) for each in command])
+    with own_logging():
+        done = CliRunner().invoke(main, [each.replace("{board}", board) for each in command])
     shown = done.output.replace(str(folder), "HERE").replace(board, "BOARD")
     lines = [each for each in shown.splitlines() if each and not each.startswith(USAGE)]
     return done.exit_code, "".join(f"{line}\n" for line in lines)
@@ -107,13 +117,39 @@ def assert_found(mistake: dict[str, Any], status: int, output: str) -> None:
     assert status == (1 if "error: " in output.lower() else 0)
 
 
-@pytest.mark.parametrize("mistake", listed("classes.toml"))
+@pytest.mark.parametrize("mistake", [each for name in IN_CLASSES for each in listed(name)])
 def test_in_a_class(here: Path, mistake: dict[str, Any]) -> None:
     (here / "robot.py").write_text(HEAD + mistake["code"])
     status, output = check("robot:M")
+    if output == NOTHING:
+        assert mistake["finds"] == NOTHING
+        return
     lines = [line.split(":", 2) for line in output.splitlines()]
     shown = [f"{file}:{int(line) - HEAD.count(chr(10))}:{text}" for file, line, text in lines]
     assert_found(mistake, status, "".join(f"{each}\n" for each in shown))
+
+
+@pytest.mark.parametrize("mistake", listed("missed.toml"))
+def test_what_check_misses_is_reported_with_its_place(here: Path, mistake: dict[str, Any]) -> None:
+    """What it fails with names file and line, machine, state and section."""
+    (here / "robot.py").write_text(HEAD + mistake["code"])
+    board, clock = LocalBoard("robot"), ManualClock()
+    board.add_message(Slot("pose", Pose), Pose(x=5.0))
+    robot = find_machine("robot:M")
+    with Arrangement([robot], whiteboard=board, clock=clock) as arrangement:
+
+        def run() -> None:
+            for _ in range(5):
+                arrangement.round()
+                clock.advance(ms=20)
+
+        with pytest.raises(ExecutionError) as failed:
+            run()
+    error = failed.value
+    assert error.line is not None
+    what = str(error).rpartition(" (")[0]
+    line = error.line - HEAD.count("\n")
+    assert f"{Path(str(error.filename)).name}:{line}: {what}\n" == mistake["fails"]
 
 
 def test_what_has_no_mistake(here: Path) -> None:
@@ -146,10 +182,18 @@ def test_in_a_command(here: Path, mistake: dict[str, Any]) -> None:
     assert output == mistake["finds"]
 
 
+def is_found_before_it_runs(mistake: dict[str, Any]) -> bool:
+    """Return whether `check` names a place, or a command refuses before it does anything."""
+    return mistake["finds"] != NOTHING
+
+
 def test_there_are_many_and_each_message_is_short() -> None:
+    """A message is at most three lines of a terminal, and begins with a place or a command's."""
     mistakes = [param.values[0] for name in LISTS for param in listed(name)]
-    assert len(mistakes) >= 60
+    assert len(mistakes) >= 150
+    assert sum(map(is_found_before_it_runs, mistakes)) >= 0.9 * len(mistakes)
     for mistake in mistakes:
-        assert mistake["finds"].strip()
-        for line in mistake["finds"].splitlines():
-            assert len(line) < 3 * 100
+        first, *others = lines = mistake["finds"].splitlines()
+        assert first.startswith("Error: ") or PLACE.match(first)
+        assert len(others) < 3 or all(map(PLACE.match, others))
+        assert all(len(line) < 3 * 100 for line in [*lines, mistake.get("fails", "")])

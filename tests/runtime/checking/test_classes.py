@@ -144,3 +144,32 @@ def test_the_machines_that_ship_have_none(name: str) -> None:
     machine = getattr(llfsm.machines, name)
     assert issubclass(machine, Machine)
     assert check_class(machine) == []
+
+
+def calls_to_check(path: Path, states: int) -> int:
+    """Return how many functions are called to check a machine of that many states."""
+    body = "".join(
+        f"S{n} = State()\nA.to(S{n}, when=lambda self: self.after_ms({n}))\n"
+        f"@S{n}.on_entry\ndef _(self):\n    print({n})\n"
+        f"@S{n}.to(A)\ndef back(self) -> bool:\n    return self.after({n})\n"
+        for n in range(states)
+    )
+    file = path / f"of_{states}_states.py"
+    file.write_text(HEAD + indent(body, "    ") + "    A.to(B)\n")
+    machine = imported(file).M
+    calls = 0
+
+    def count(_: object, event: str, __: object) -> None:
+        nonlocal calls
+        calls += event == "call"
+
+    sys.setprofile(count)
+    try:
+        assert check_class(machine) == []
+    finally:
+        sys.setprofile(None)
+    return calls
+
+
+def test_checking_takes_as_long_as_the_machine_is_large(tmp_path: Path) -> None:
+    assert calls_to_check(tmp_path, 60) < 5 * calls_to_check(tmp_path, 15)
