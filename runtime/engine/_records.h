@@ -1,4 +1,4 @@
-/* The C part of seats, states and rotations: what a ringlet uses of them, in fields of a structure.
+/* The C part of seats, states and the like: what every turn uses of them, in fields of a structure.
  * The Python classes extend it, and see the fields as attributes. */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
@@ -6,38 +6,54 @@
 #include <stddef.h>
 #include <structmember.h>
 
-/* One structure for all three: the garbage collector needs to know only one. */
+/* One structure for all: the garbage collector needs to know only one. */
 typedef struct {
     PyObject_HEAD
     union {
         struct { /* of a seat */
             PyObject *machine, *request, *sensors, *current, *previous, *source, *suspension,
-                *notifies, *now, *entered_ns;
+                *notifies, *now, *entered_ns, *meter, *timed, *failure, *hang;
         };
         struct { /* of a state of a loaded machine */
             PyObject *on_entry, *on_exit, *internal, *on_suspend, *on_resume, *transitions;
         };
         struct { /* of a rotation */
-            PyObject *_turn, *_leaving;
+            PyObject *_turn, *_leaving, *_stopwatch, *_gate;
         };
-        PyObject *fields[10];
+        struct { /* of a meter */
+            PyObject *costs, *jitters;
+        };
+        PyObject *fields[14];
     };
-    const struct ringlet *running; /* in a seat; NULL if none is */
+    union {
+        const struct ringlet *running; /* in a seat; NULL if none is */
+        long long spent_ns;            /* in a state */
+        long long rounds;              /* of a rotation */
+        struct {                       /* of a meter */
+            long long fired, overruns, worst_overrun_ns, since_ns, late_ns;
+        };
+        struct { /* of a timing, whose clock is `now` */
+            long long begin_ns, due_ns, deadline_ns;
+        };
+    };
 } Record;
 
 #define FIELD(name) {#name, T_OBJECT_EX, offsetof(Record, name), 0, NULL}
+#define NUMBER(name) {#name, T_LONGLONG, offsetof(Record, name), 0, NULL}
 
 static PyMemberDef seat_fields[] = {
     FIELD(machine), FIELD(request),    FIELD(sensors),  FIELD(current), FIELD(previous),
     FIELD(source),  FIELD(suspension), FIELD(notifies), FIELD(now),     FIELD(entered_ns),
-    {NULL, 0, 0, 0, NULL}};
+    FIELD(meter),   FIELD(timed),      FIELD(failure),  FIELD(hang),    {NULL, 0, 0, 0, NULL}};
 
 static PyMemberDef state_fields[] = {
     FIELD(on_entry),   FIELD(on_exit),   FIELD(internal),
     FIELD(on_suspend), FIELD(on_resume), FIELD(transitions),
-    {NULL, 0, 0, 0, NULL}};
+    NUMBER(spent_ns),  {NULL, 0, 0, 0, NULL}};
 
-static PyMemberDef rotation_fields[] = {FIELD(_turn), FIELD(_leaving), {NULL, 0, 0, 0, NULL}};
+static PyMemberDef rotation_fields[] = {
+    FIELD(_turn),   FIELD(_leaving), FIELD(_stopwatch), FIELD(_gate),
+    NUMBER(rounds), {NULL, 0, 0, 0, NULL}};
 
 /* A class of records, and the class in Python that extends it: nearly all records are of that. */
 struct kind {
@@ -60,7 +76,7 @@ static struct kind states = {.name = "llfsm.runtime.engine._ringlet.StateFields"
 static void *hold(void *value)
 {
     if (!value)
-        PyErr_SetString(PyExc_AttributeError, "a field of a seat, state or rotation is missing");
+        PyErr_SetString(PyExc_AttributeError, "a field of a seat, state or the like is missing");
     return Py_XNewRef((PyObject *)value);
 }
 

@@ -1,11 +1,9 @@
-/* The twins of ringlet.py and rotation.py. Those define what is done, and number the steps.
+/* The twin of ringlet.py, which defines what is done, and numbers the steps.
  *
- * Whatever is rare is left to Python: requests, failures, accepting, timed and observed turns. Code
+ * Whatever is rare is left to Python: requests, failures, accepting, and observed turns. Code
  * that is called may replace any field: what is used after a call is held by a reference. Nothing
  * but the limited API of Python 3.11 is used. */
-#include "_records.h"
-
-#include <time.h>
+#include "_timing.h"
 
 /* A ringlet under way, which holds references to all but the seat. */
 struct ringlet {
@@ -16,23 +14,7 @@ struct ringlet {
 };
 
 static long long calls; /* of code, and ringlets begun, so far */
-static PyObject *plain_turn, *execution_error, *monotonic_ns;
-
-/* Return what the function in a field returns; without arguments if `argument` is NULL. */
-static PyObject *call(PyObject *field, PyObject *argument)
-{
-    PyObject *function = hold(field);
-    PyObject *result = function ? PyObject_CallFunctionObjArgs(function, argument, NULL) : NULL;
-    Py_XDECREF(function);
-    return result;
-}
-
-/* Drop a result. Functions of type bool return whether nothing was raised. */
-static bool is_done(PyObject *result)
-{
-    Py_XDECREF(result);
-    return result;
-}
+static PyObject *plain_turn, *execution_error;
 
 /* Clear the error that is set, and return it. */
 static PyObject *take_error(void)
@@ -121,25 +103,11 @@ static bool enter(struct ringlet *self) /* 4 */
     return is_done(now) && run_section(self, self->state->on_entry);
 }
 
-/* Read the seat's clock: most often the one that Python's time.monotonic_ns() reads. */
-static bool read_clock(const Record *seat, long long *now_ns)
-{
-    if (seat->now == monotonic_ns) {
-        struct timespec now;
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        *now_ns = now.tv_sec * 1000000000LL + now.tv_nsec;
-        return true;
-    }
-    PyObject *now = call(seat->now, NULL);
-    *now_ns = now ? PyLong_AsLongLong(now) : 0;
-    return is_done(now) && !PyErr_Occurred();
-}
-
 /* 1 if more time has passed in the state, 0 if not, -1 after an error. */
 static int is_later(const Record *seat, PyObject *limit)
 {
     long long now_ns, entered_ns, limit_ns = PyLong_AsLongLong(limit);
-    if (!read_clock(seat, &now_ns))
+    if (!read_clock(seat->now, &now_ns))
         return -1;
     entered_ns = seat->entered_ns ? PyLong_AsLongLong(seat->entered_ns) : -1;
     if ((entered_ns == -1 || limit_ns == -1) && PyErr_Occurred())
@@ -229,50 +197,11 @@ static PyObject *running(PyObject *module, PyObject *seat)
     return Py_BuildValue("OOL", now->state, now->code ? now->code : Py_None, now->step);
 }
 
-static bool is_accepting(PyObject *seat)
-{
-    Record *state = is_one_of(&seats, seat) ? (Record *)((Record *)seat)->current : NULL;
-    return state && is_one_of(&states, state) && PyTuple_Size(state->transitions) == 0;
-}
+#include "_rotation.h"
 
-/* Give a machine its turn, and leave to Python what comes of it. */
-static bool give_turn(Record *self, PyObject *seat, bool *any)
-{
-    PyObject *rotation = (PyObject *)self;
-    PyObject *fired = self->_turn == plain_turn ? ringlet(NULL, seat) : call(self->_turn, seat);
-    bool done = is_done(fired);
-    *any |= fired == Py_True;
-    if (fired == Py_False && is_accepting(seat))
-        done = is_done(PyObject_CallMethod(rotation, "_accept", "O", seat));
-    if (!done && PyErr_ExceptionMatches(execution_error)) {
-        PyObject *error = take_error();
-        done = is_done(PyObject_CallMethod(rotation, "_fail", "OO", seat, error));
-        Py_DECREF(error);
-    }
-    if (done && self->_leaving && PyList_Size(self->_leaving))
-        done = is_done(PyObject_CallMethod(rotation, "_let_go", NULL));
-    return done;
-}
-
-static PyObject *give_turns(PyObject *self, PyObject *turns)
-{
-    PyObject *iterator = PyObject_GetIter(turns), *seat;
-    bool any = false, done = iterator;
-    while (done && (seat = PyIter_Next(iterator))) {
-        done = seat == Py_None || give_turn((Record *)self, seat, &any);
-        Py_DECREF(seat);
-    }
-    Py_XDECREF(iterator);
-    return PyErr_Occurred() ? NULL : PyBool_FromLong(any);
-}
-
-static PyMethodDef rotation_methods[] = {{"_give_turns", give_turns, METH_O, NULL},
-                                         {NULL, NULL, 0, NULL}};
-static struct kind rotations = {.name = "llfsm.runtime.engine._ringlet.Rotation",
-                                .fields = rotation_fields,
-                                .methods = rotation_methods};
 static PyMethodDef functions[] = {{"ringlet", ringlet, METH_O, NULL},
                                   {"running", running, METH_O, NULL},
+                                  {"sleep_until_ns", sleep_until_ns, METH_O, NULL},
                                   {NULL, NULL, 0, NULL}};
 static struct PyModuleDef definition = {
     PyModuleDef_HEAD_INIT, .m_name = "_ringlet", .m_size = -1, .m_methods = functions};
@@ -292,7 +221,8 @@ PyMODINIT_FUNC PyInit__ringlet(void)
         !(execution_error = look_up("llfsm.runtime.engine.errors", "ExecutionError")) ||
         !(monotonic_ns = look_up("time", "monotonic_ns")) ||
         !(plain_turn = PyObject_GetAttrString(module, "ringlet")) ||
-        !add_type(module, &seats) || !add_type(module, &states) || !add_type(module, &rotations))
+        !add_type(module, &seats) || !add_type(module, &states) ||
+        !add_type(module, &rotations) || !add_timing(module))
         Py_CLEAR(module);
     return module;
 }

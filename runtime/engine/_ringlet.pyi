@@ -1,12 +1,14 @@
 from collections.abc import Callable, Iterable
+from typing import final
 
 from typing_extensions import disjoint_base
 
 from .binding import BoundSensor, BoundState, BoundTransition, Running
 from .events import Request
 from .machine import Machine
-from .seat import Seat
+from .seat import Failure, Seat
 from .state import SectionCode
+from .statistics import Meter
 
 @disjoint_base
 class SeatFields:
@@ -20,6 +22,10 @@ class SeatFields:
     notifies: bool
     now: Callable[[], int]
     entered_ns: int
+    meter: Meter | None
+    timed: BoundState | None
+    failure: Failure | None
+    hang: str
 
 @disjoint_base
 class StateFields:
@@ -29,12 +35,46 @@ class StateFields:
     on_suspend: SectionCode | None
     on_resume: SectionCode | None
     transitions: tuple[BoundTransition, ...]
+    spent_ns: int
+
+@final
+class Histogram:
+    total: int
+    longest_ns: int
+    @property
+    def counts(self) -> list[int]: ...
+    def add(self, ns: int, /) -> None: ...
+
+@disjoint_base
+class MeterFields:
+    costs: Histogram
+    jitters: Histogram
+    fired: int
+    overruns: int
+    worst_overrun_ns: int
+    since_ns: int
+    late_ns: int
+
+@disjoint_base
+class Timing:
+    now: Callable[[], int]
+    begin_ns: int
+    due_ns: int
+    deadline_ns: int
+    def begin(self) -> bool: ...
+    def begin_due(self, due_ns: int, deadline_ns: int, lateness: Histogram, /) -> None: ...
+    def take(self, seat: Seat, fired: bool, /) -> None: ...
 
 @disjoint_base
 class Rotation:
     _turn: Callable[[Seat], bool]
     _leaving: list[Seat]
+    _stopwatch: Timing | None
+    _gate: Callable[[], bool] | None
+    rounds: int
     def _give_turns(self, seats: Iterable[Seat | None], /) -> bool: ...
+    def _rest(self, seats: list[Seat | None], sleep: Callable[[], bool], /) -> bool: ...
 
 def ringlet(seat: Seat, /) -> bool: ...
 def running(seat: Seat, /) -> Running | None: ...
+def sleep_until_ns(deadline_ns: int, /) -> None: ...

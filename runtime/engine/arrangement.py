@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeVar, Unpack
 
-from .binding import bind
 from .clock import Clock
 from .control import Control
 from .environment import BoardEnvironment, Environment
@@ -16,17 +15,17 @@ from .execution import Execution
 from .failure import logger
 from .loading import Library, Loadable, Loader, LoadOptions
 from .machine import Machine
-from .observers import Observers
+from .observed import Observed
+from .observers import Instrument, Observers
 from .pacing import Pacer
 from .realtime import check_real_time
-from .ringlet import observed_ringlet
 from .ringlet import ringlet as defined_ringlet
 from .schedule import Timetable
 from .seat import Failure, Seat
-from .signals import stop_on_signals
-from .statistics import MachineStatistics, Stopwatch
+from .signals import Critical, stop_on_signals
+from .statistics import Stopwatch
 from .submachine import Submachine
-from .twin import Rotation, ringlet
+from .twin import Rotation
 from .watchdog import stop_by_signal
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ __all__ = ["Arrangement"]
 M = TypeVar("M", bound=Machine)
 
 
-class Arrangement(Rotation, Control):
+class Arrangement(Rotation, Observed, Control):
     """Run machines in load order, one ringlet each per round; those in `start_suspended` last.
 
     Leaving a `with` block ends it, like the end of `run`: the `at_end` messages are posted.
@@ -111,24 +110,27 @@ class Arrangement(Rotation, Control):
         self.on_error = on_error
         self.watchdog_ms = watchdog_ms
         self.realtime, self.cpu = realtime, cpu
-        self.rounds = 0
-        self.stopping = False
         self.reason: Reason | None = None
         self.stop_cause: str | None = None
         self._loader = Loader(self, self._roster, library)
         self._leaving = []
         self._outer: list[Seat] = []  # those inside whose ringlet another one is nested
         self.observers = Observers()  # changed by `attach` and `detach`
+        self.instrument: Instrument | None = None  # changed by `equip`
         self.emit = self.observers.emit
         self._execution: Execution | None = None
-        self._pacer = None
-        if cycle_us := period_us if timetable is None else timetable.cycle_us:
-            self._pacer = Pacer(cycle_us, self.clock, self._wait_for_turn)
-        timed = timed or self._pacer is not None
-        self._stopwatch = Stopwatch(self.clock, self._pacer) if timed else None
-        # A round begins when this returns True: at its time, or at once; after the end it raises.
-        at_once = None if self._stopwatch is None else self._stopwatch.begin
-        self._gate = at_once if self._pacer is None else self._pacer.wait_for_round
+        self._stopwatch: Stopwatch | None = None
+        self._pacer: Pacer | None = None
+        self._gate = None
+        self._critical = Critical()  # while safe values are posted
+        cycle_us = period_us if timetable is None else timetable.cycle_us
+        if timed or cycle_us:
+            self._stopwatch = watch = Stopwatch(self.clock)
+            self._gate = watch.begin
+            if cycle_us:
+                slots = () if timetable is None else timetable.slots
+                self._pacer = Pacer(cycle_us, self.clock, watch, self._wait_for_turn, slots)
+                self._gate = self._pacer.wait_for_round
         self._bind_all()
         environment.enter(self)
         for observer in observers:
@@ -137,28 +139,6 @@ class Arrangement(Rotation, Control):
             self.load(machine)
         for machine in start_suspended:
             self.load_suspended(machine)
-
-    def move(self, environment: Environment) -> None:
-        """Connect all machines with another environment, between two rounds."""
-        self.environment = environment
-        for seat in self._roster:
-            seat.connect(environment)
-        self._bind_all()
-
-    def attach(self, observer: Observer) -> None:
-        """Call `observer` with every event from now on; also while running."""
-        self.observers.append(observer)
-        self._bind_all()
-
-    def detach(self, observer: Observer) -> None:
-        """Call `observer` no more; also while running, and if it was not attached."""
-        if observer in self.observers:
-            self.observers.remove(observer)
-            self._bind_all()
-
-    def stamp(self) -> tuple[int, int]:
-        """Return the round and the time, with which every event begins."""
-        return self.rounds, self.environment.clock.now_ns()
 
     # Loading. `caller` is the seat whose ringlet makes the call, None from outside.
 
@@ -172,9 +152,21 @@ class Arrangement(Rotation, Control):
         seat.suspend()
         return seat.index
 
-    def call_machine(self, machine: type[M] | M | str, **how: Unpack[LoadOptions]) -> Submachine[M]:
+    def call_machine(
+        self, machine: type[M] | M | str, caller: Seat | None = None, **how: Unpack[LoadOptions]
+    ) -> Submachine[M]:
         """Load a machine as `load` does, to wait for its end and read its results."""
-        return Submachine(self._loader.load(machine, **how))
+        return Submachine(self._loader.load(machine, **how), caller)
+
+    def reload(self, name: str, cls: type[Machine]) -> None:
+        """Let a machine begin again as `cls`, another definition of it; only between two turns.
+
+        The one that ran ends: its `at_end` messages are posted. The name, the place, and what the
+        machine was loaded with stay, as does a request that is pending. Raise `LoadError`,
+        `VariableError` or what a whiteboard raises, and leave the one that runs.
+        """
+        self.environment.requested("reload", name)
+        self._loader.reload(self._roster.find(name), cls)
 
     def unload(self, name: str, caller: Seat | None = None) -> bool:
         """Unload a machine and return True: at once, or at the end of its ringlet if in one."""
@@ -199,7 +191,7 @@ class Arrangement(Rotation, Control):
         seat.suspend()
         turn: Callable[[Seat], bool] = defined_ringlet  # which a watchdog finds on the stack
         if self._stopwatch is not None:
-            turn = self._stopwatch.within(turn)
+            turn = partial(self._stopwatch.time_nested, turn)
         try:
             turn(seat)
         except ExecutionError as error:
@@ -223,35 +215,29 @@ class Arrangement(Rotation, Control):
         raised = Reason.FAILED if failed else Reason.INTERRUPTED
         self.end(Reason.CLOSED if kind is None else raised)
 
-    @property
-    def finished(self) -> bool:
-        """Whether the execution is over: every machine left accepts or is suspended.
-
-        One that was suspended from another process keeps it going until a stop is asked for.
-        """
-        return all(
-            seat is None or (seat.settled and (self.stopping or not seat.held))
-            for seat in self._roster.seats
-        )
-
     def round(self) -> bool:
         """Give every machine one turn, in order, and return whether a transition fired.
 
         With a period or a timetable, wait until they are due.
         """
-        gate = self._gate
-        if gate is not None and not gate():
+        if self._gate is not None and not self._gate():
             return False
         self.rounds += 1
         if self.observers:
             self.emit(RoundBegin(*self.stamp()))
         seats: Iterable[Seat | None] = self._roster.seats  # it grows and gets holes on the way
         if self.timetable is not None and self._pacer is not None:
-            seats = self._pacer.turns(self.timetable.slots, self._roster.named)
+            seats = self._pacer.turns(self._roster.named)
         fired = self._give_turns(seats)
         if self.observers:
             self.emit(RoundEnd(*self.stamp(), fired, self.finished, self.standings()))
         return fired
+
+    def rest(self, sleep: Callable[[], bool]) -> bool:
+        """Give rounds as `_rest` says; only one with observers, or at the times of a timetable."""
+        if self.observers or self.timetable is not None:
+            return self.round()
+        return self._rest(self._roster.seats, sleep)
 
     def run(self, *, grace_s: float = 1.0, max_rounds: int | None = None) -> Reason:
         """Run rounds until every machine accepts or is suspended; return why it ended.
@@ -259,30 +245,39 @@ class Arrangement(Rotation, Control):
         A failed machine keeps it going if other processes can resume it; else that is the reason.
         After `stop`, SIGINT or SIGTERM (in the main thread), or when the whiteboard has gone, the
         machines see `stopping` and have `grace_s` seconds to reach accepting states. A second
-        signal acts as if there were no arrangement. `max_rounds` ends it after that round.
+        signal acts as if there were no arrangement, but keeps no safe value from being posted.
+        `max_rounds` ends it after that round.
         """
         if self.reason is not None:
             self._refuse()
         reason = Reason.INTERRUPTED
-        try:
-            with stop_on_signals(partial(stop_by_signal, self)):
+        with stop_on_signals(partial(stop_by_signal, self), self._critical):
+            try:
                 self._execution = Execution(self, grace_s, self.watchdog_ms)
                 reason = self._execution.run(max_rounds)
-        except Exception:
-            reason = Reason.FAILED
-            raise
-        finally:
-            self.end(reason)
+            except Exception:
+                reason = Reason.FAILED
+                raise
+            finally:
+                self._critical.depth += 1  # no call, at which a handler might run
+                self.end(reason)
         return reason
 
     def stop(self, cause: str = "stop() was called") -> None:
         """Ask the machines to reach accepting states; may be called from any thread."""
-        if not self.stopping and self.environment.may_stop(cause):
+        if not self.stopping and self.reason is None and self.environment.may_stop(cause):
             self.stop_cause = cause
             self.stopping = True
             for seat in self._roster:
                 seat.machine.stopping = True
             self.environment.wake()
+
+    def pause(self, is_over: Callable[[], bool]) -> None:
+        """Give no turn until `is_over`, which may wait, the end or a stop; obey requests."""
+        with self.environment.paused():
+            while not (self.stopping or self.reason is not None or is_over()):
+                if self._execution is not None:
+                    self._execution.beat()
 
     def unload_stopped(self, grace_ns: int) -> None:
         """Unload the machines that were asked to stop alone so long ago."""
@@ -291,24 +286,11 @@ class Arrangement(Rotation, Control):
             if seat.taken:
                 self._vacate(seat)
 
-    def statistics(self) -> tuple[MachineStatistics, ...]:
-        """Return what each machine did, also those that were unloaded, in order of first turns.
-
-        Raise `OptionError` if turns are not timed.
-        """
-        if self._stopwatch is None:
-            raise OptionError("turns are not timed: make the Arrangement with timed=True")
-        return self._stopwatch.read()
-
-    def progress(self, name: str) -> tuple[int, int]:
-        """Return the numbers of ringlets and of overruns of a loaded machine."""
-        seat = self._roster.find(name)
-        return (seat.ringlets, 0) if self._stopwatch is None else self._stopwatch.progress(name)
-
     def end(self, reason: Reason = Reason.CLOSED) -> None:
         """Run no more rounds and post the `at_end` messages; nothing if it has ended before."""
         if self.reason is not None:
             return
+        self._critical.depth += 1
         self.reason = reason
         self._gate = self._refuse
         for seat in self._roster:
@@ -359,7 +341,10 @@ class Arrangement(Rotation, Control):
 
     def _fail(self, seat: Seat, error: ExecutionError) -> None:
         """Apply `on_error` to a machine whose code raised."""
-        seat.fail(Failure(error, self.clock.now_ns()))
+        with self._critical:
+            seat.fail(Failure(error, self.clock.now_ns()))
+        if self.instrument is not None:
+            self.instrument.failed(seat, error)
         if self.on_error == "stop":
             self.end(Reason.FAILED)
             raise error
@@ -372,12 +357,6 @@ class Arrangement(Rotation, Control):
         if self.observers:
             self.emit(Failed(*self.stamp(), seat.index, seat.name, error))
 
-    def _bind_all(self) -> None:
-        for seat in self._roster:
-            bind(seat, observed=bool(self.observers))
-        turn: Callable[[Seat], bool] = observed_ringlet if self.observers else ringlet
-        self._turn = turn if self._stopwatch is None else self._stopwatch.around(turn)
-
     def _let_go(self) -> None:
         """Unload those that asked for it and whose ringlet is over."""
         for seat in [seat for seat in self._leaving if seat not in self._outer]:
@@ -386,7 +365,8 @@ class Arrangement(Rotation, Control):
 
     def _vacate(self, seat: Seat) -> None:
         self.environment.requested("unload", seat.name)
-        if self._roster.remove(seat):
-            seat.finish()
+        with self._critical:
+            if self._roster.remove(seat):
+                seat.finish()
         if self._stopwatch is not None:
             self._stopwatch.rest(seat.name)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from math import floor
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from .clock import NEVER
 from .events import Eval, Section
 from .state import SECTIONS, Guard, SectionCode, State
 from .twin import StateFields
@@ -48,6 +49,7 @@ class BoundState(StateFields):
         self.on_suspend: SectionCode | None = None
         self.on_resume: SectionCode | None = None
         self.transitions: tuple[BoundTransition, ...] = ()
+        self.spent_ns = NEVER  # how long the machine was in it, if its turns are timed
 
 
 def bind(seat: Seat, *, observed: bool) -> None:

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from typing import Protocol
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final, Protocol
 
 from .errors import ClockError
 
-__all__ = ["Clock", "ManualClock", "MonotonicClock"]
+__all__ = [
+    "NEVER",
+    "Clock",
+    "DebugClock",
+    "ManualClock",
+    "MonotonicClock",
+    "SimulatedClock",
+    "pace_of",
+]
+
+NEVER: Final = -(2**63)
+"""Instead of a time or a duration in nanoseconds: there has been none, or none is planned."""
 
 
 class Clock(Protocol):
@@ -21,20 +35,62 @@ class Clock(Protocol):
         ...
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Return when it is `deadline_ns` or later; at once if it already is."""
+        """Return when it is `deadline_ns` or later; at once if it already is.
+
+        A clock that may stand still also returns earlier: callers look at it again.
+        """
         ...
 
 
-class MonotonicClock:
-    """The host's CLOCK_MONOTONIC, which no adjustment of the date moves."""
+try:
+    from ._ringlet import sleep_until_ns as _sleep_until_ns
+except ImportError:
 
-    now_ns = staticmethod(time.monotonic_ns)
-
-    def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Block the thread until `deadline_ns`."""
+    def _sleep_until_ns(deadline_ns: int, /) -> None:
+        # It ends later than it should by what is done between the two looks at the clock.
         left = deadline_ns - time.monotonic_ns()
         if left > 0:
             time.sleep(left / 1e9)  # this is what a clock's sleep is
+
+
+class MonotonicClock:
+    """The host's CLOCK_MONOTONIC, which no adjustment of the date moves.
+
+    Sleeping blocks the thread; a handler of a signal runs meanwhile, and ends it if it raises.
+    """
+
+    now_ns = staticmethod(time.monotonic_ns)
+    sleep_until_ns = staticmethod(_sleep_until_ns)
+
+
+class DebugClock:
+    """The host's CLOCK_MONOTONIC without the time for which it was stopped: it goes on from there.
+
+    The ages of sensors' messages are not by this clock: the world does not wait.
+    """
+
+    def __init__(self) -> None:
+        self._behind_ns = 0
+        self._stopped_ns: int | None = None
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        host_ns = time.monotonic_ns() if self._stopped_ns is None else self._stopped_ns
+        return host_ns - self._behind_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Return when it is `deadline_ns` or later; it must not be stopped."""
+        _sleep_until_ns(deadline_ns + self._behind_ns)
+
+    @contextmanager
+    def stopped(self) -> Iterator[None]:
+        """Stand still meanwhile."""
+        self._stopped_ns = time.monotonic_ns()
+        try:
+            yield
+        finally:
+            self._behind_ns += time.monotonic_ns() - self._stopped_ns
+            self._stopped_ns = None
 
 
 class ManualClock:
@@ -57,3 +113,65 @@ class ManualClock:
         if step < 0:
             raise ClockError(f"a clock cannot go back by {-step} ns")
         self._now_ns += step
+
+
+class SimulatedClock:
+    """Time that another program sets, as a simulator or a player of recordings does.
+
+    It stands still between two calls of `set_ns`, and begins with the time of the first one. Where
+    that program jumps ahead, so does the clock; where it jumps back, the clock stands still, and
+    goes on from there. Any thread may set it.
+    """
+
+    nap_s: Final = 0.02
+    """A sleep ends after so many seconds of the host: whoever sleeps may have to end."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._source_ns: int | None = None  # what it was set to last
+        self._ahead_ns = 0  # of the source, by all of its jumps back
+        self._now_ns = 0
+        self._ahead_of_host_ns: int | None = None  # once it passes with the host's
+        self._listeners: list[Callable[[], None]] = []
+
+    def set_ns(self, time_ns: int) -> None:
+        """Set the time of the source, in nanoseconds from any fixed start."""
+        with self._changed:
+            if self._source_ns is not None:
+                self._ahead_ns += max(self._source_ns - time_ns, 0)
+            self._source_ns = time_ns
+            self._now_ns = time_ns + self._ahead_ns
+            self._changed.notify_all()
+        for changed in self._listeners:
+            changed()
+
+    def run_on(self) -> None:
+        """Pass with the host's time from now on, whatever is set."""
+        with self._changed:
+            if self._ahead_of_host_ns is None:
+                self._ahead_of_host_ns = self._now_ns - time.monotonic_ns()
+            self._changed.notify_all()
+
+    def listen(self, changed: Callable[[], None]) -> None:
+        """Call `changed` after each `set_ns`, on its thread."""
+        self._listeners.append(changed)
+
+    def wait_set(self, timeout_s: float) -> bool:
+        """Wait until it was set once; return False if it was not within `timeout_s` seconds."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._source_ns is not None, timeout_s)
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        ahead_ns = self._ahead_of_host_ns
+        return self._now_ns if ahead_ns is None else time.monotonic_ns() + ahead_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Return when it is `deadline_ns` or later, and after `nap_s` seconds at the latest."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.now_ns() >= deadline_ns, self.nap_s)
+
+
+def pace_of(clock: Clock) -> Clock:
+    """Return the clock by which to publish for other processes: not one that may stand still."""
+    return MonotonicClock() if isinstance(clock, SimulatedClock | DebugClock) else clock

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from .clock import Clock
 from .environment import Environment
+from .errors import OptionError
 from .events import Request, Standing, Status
 from .machine import Machine
 from .roster import Roster
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Board, Message, Slot
 
     from .binding import Running
+    from .observers import Instrument
+    from .statistics import MachineStatistics, Stopwatch
 
 __all__ = ["Control"]
 
@@ -28,10 +31,18 @@ class Control:
     and questions also reach machines that other processes run in the same environment.
     """
 
+    instrument: Instrument | None
+    _stopwatch: Stopwatch | None
+    """What times the turns, if anything does."""
+
     def __init__(self, environment: Environment):
         self.environment = environment
         self._roster = Roster()
         self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
+        self.rounds = 0
+        self.stopping = False
+        self.paused = ""
+        """Why no machine has a turn, while a debugger has paused them."""
 
     @property
     def whiteboard(self) -> Board | None:
@@ -78,8 +89,59 @@ class Control:
         if not seat.stopping:
             seat.stopping = seat.machine.stopping = True
             self._stopped.append((self.clock.now_ns(), seat))
+            self.environment.wake()
+
+    @property
+    def asked_to_stop(self) -> bool:
+        """Whether a machine was asked to stop alone, and is still there."""
+        return bool(self._stopped)
+
+    def post_safe(self, name: str) -> None:
+        """Post what a machine posts when it is suspended, though it is not."""
+        self.environment.requested("post_safe", name)
+        self._roster.find(name).post_safe("at_suspend")
+
+    def override(self, name: str, sensor: str, message: Message | None) -> None:
+        """Let a machine read `message` instead of what is in the sensor's slot, until `release`.
+
+        Its other sensors of this slot find it, too. None is as if there was no message. Raise
+        `SensorNameError` or what a whiteboard raises for a message that is not of the slot's type.
+        """
+        slot = self.slot_of(name, sensor)
+        self.environment.override(name, slot, message)
+        if self.instrument is not None:
+            self.instrument.overridden(name, slot.name)
+        self.read_again(slot.name)
+        self.environment.wake()
+
+    def release(self, name: str, sensor: str) -> None:
+        """Let a machine read what is in the sensor's slot again."""
+        slot = self.slot_of(name, sensor)
+        self.environment.release(name, slot)
+        self.read_again(slot.name)
+        self.environment.wake()
+
+    def read_again(self, slot: str) -> None:
+        """Connect the sensors of a slot anew, of which an instrument wants to know."""
+        for seat in self._roster:
+            seat.read_again(slot)
 
     # Questions
+
+    def stamp(self) -> tuple[int, int]:
+        """Return the round and the time, with which every event begins."""
+        return self.rounds, self.environment.clock.now_ns()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the execution is over: every machine left accepts or is suspended.
+
+        One that was suspended from another process keeps it going until a stop is asked for.
+        """
+        for seat in self._roster.seats:
+            if seat is not None and (not seat.settled or (seat.held and not self.stopping)):
+                return False
+        return True
 
     def status(self, name: str) -> Status:
         """Return whether a machine runs or is suspended."""
@@ -111,6 +173,34 @@ class Control:
             return self.environment.elsewhere(name, self._roster.named).state
         return seat.current.name
 
+    def slot_of(self, name: str, sensor: str) -> Slot[Any]:
+        """Return the slot that a machine's sensor reads; raise `SensorNameError`."""
+        seat = self._roster.find(name)
+        return seat.slot_of(seat.sensor(sensor))
+
+    def caller(self, name: str) -> str:
+        """Return which machine has called this one; "" if none has, or that has left."""
+        caller = self._roster.find(name).caller
+        return caller.name if caller is not None and caller.taken else ""
+
+    def overridden(self, name: str) -> tuple[str, ...]:
+        """Return the names of a machine's sensors that are overridden."""
+        slots = self.environment.overridden(name)
+        if not slots:
+            return ()
+        seat = self._roster.find(name)
+        sensors = type(seat.machine).table.sensors.items()
+        return tuple(name for name, sensor in sensors if seat.slot_of(sensor).name in slots)
+
+    @property
+    def slots_read(self) -> set[str]:
+        """The names of the slots that machines read, on the board."""
+        return {
+            seat.slot_of(sensor).name
+            for seat in self._roster
+            for sensor in type(seat.machine).table.sensors.values()
+        }
+
     def standings(self) -> tuple[Standing | None, ...]:
         """Return where each machine stands, in order of index, with None for each hole."""
         return tuple(None if seat is None else seat.standing() for seat in self._roster.seats)
@@ -125,6 +215,9 @@ class Control:
                 seat.entered_ns,
                 seat.failure,
                 seat.hang,
+                self.paused,
+                self.overridden(name),
+                self.caller(name),
             )
             for name, seat in self._roster.named.items()
         }
@@ -154,6 +247,20 @@ class Control:
         """Return what is posted when code of a machine fails: slots of the board, and messages."""
         return self._roster.find(name).safe_values()
 
+    def statistics(self) -> tuple[MachineStatistics, ...]:
+        """Return what each machine did, also those that were unloaded, in order of first turns.
+
+        Raise `OptionError` if turns are not timed.
+        """
+        if self._stopwatch is None:
+            raise OptionError("turns are not timed: make the Arrangement with timed=True")
+        return self._stopwatch.read()
+
+    def progress(self, name: str) -> tuple[int, int]:
+        """Return the numbers of ringlets and of overruns of a loaded machine."""
+        seat = self._roster.find(name)
+        return (seat.ringlets, 0) if self._stopwatch is None else self._stopwatch.progress(name)
+
     def running(self) -> tuple[Seat, Running] | None:
         """Return in which seat the twin of the ringlet is running, and what; for other threads."""
         for seat in tuple(self._roster):
@@ -165,6 +272,21 @@ class Control:
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""
         return self._roster.find(name).machine
+
+    def _repr_html_(self) -> str:
+        """Return the machines with their states, as a notebook shows the arrangement."""
+        from llfsm.whiteboard.notebook import html_table  # here, as few arrangements are in one
+
+        rows = [
+            (
+                seat.name,
+                seat.current.name,
+                self.status(seat.name).name.lower(),
+                seat.ringlets,
+            )
+            for seat in self._roster
+        ]
+        return html_table(("machine", "state", "status", "turns"), rows)
 
     @property
     def machines(self) -> tuple[Machine, ...]:

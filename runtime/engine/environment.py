@@ -11,12 +11,13 @@ and posts on one. An environment that records, replays or scripts replaces or wr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
-from .clock import Clock, MonotonicClock
+from .clock import Clock, DebugClock, MonotonicClock, SimulatedClock
 from .errors import LoadError, UnknownMachineError
-from .freshness import AgedRead, BoardAgedRead
+from .freshness import AgedRead, BoardAgedRead, OverriddenSlot
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Slot
@@ -59,12 +60,21 @@ class Attendant(Protocol):
         """Whether another process can resume a machine that has failed."""
         ...
 
-    def obey(self) -> None:
-        """Obey the requests that have come; cheap enough for every round."""
+    @property
+    def due_ns(self) -> int:
+        """When there is something to publish again, if nothing happens before."""
+        ...
+
+    def obey(self) -> bool:
+        """Obey the requests that have come, and return whether any may have."""
         ...
 
     def look(self, *, idle: bool) -> None:
         """Obey requests and publish what has changed, if there is time (`idle`) or it is due."""
+        ...
+
+    def beat(self) -> None:
+        """Obey requests and publish all statuses, though time may stand still."""
         ...
 
     def publish_hang(self, name: str) -> None:
@@ -100,10 +110,12 @@ class Environment:
     def sleep_until_ns(self, deadline_ns: int) -> bool:
         """Sleep until `deadline_ns`, or until there is something new for the machines.
 
-        Return whether there is. Only on the host's monotonic clock can a sleep end early.
+        Return whether there is, which only ends a sleep on a clock that passes by itself; the end
+        of this world counts, too. What is new for the attendant alone, and a simulated clock, may
+        end a sleep early without: look at the clock, and sleep again.
         """
         woken, self._woken = self._woken, False
-        if woken and isinstance(self.clock, MonotonicClock):
+        if woken and isinstance(self.clock, MonotonicClock | DebugClock):
             return True
         self.clock.sleep_until_ns(deadline_ns)
         return False
@@ -111,6 +123,10 @@ class Environment:
     def wake(self) -> None:
         """Let the sleep end, or the next one; from any thread, and from a signal's handler."""
         self._woken = True
+
+    def paused(self) -> AbstractContextManager[None]:
+        """Let requests come, and a `DebugClock` stand still: a turn has begun, and waits."""
+        return self.clock.stopped() if isinstance(self.clock, DebugClock) else nullcontext()
 
     # What machines learn and do
 
@@ -149,20 +165,46 @@ class Environment:
         """
         raise UnknownMachineError(name, known)
 
+    def override(self, machine: str, slot: Slot[Any], message: Any) -> None:
+        """Let a machine read `message` from `slot`, None as if there was none, until `release`.
+
+        It is always as if it had just been added. Sensors are to be connected again. Raise
+        `WhiteboardError` for a message that is not of the slot's type.
+        """
+        raise _no_whiteboard(machine, slot)
+
+    def release(self, machine: str, slot: Slot[Any]) -> None:
+        """Let a machine read what is in `slot` again, once its sensors are connected again."""
+
+    def overridden(self, machine: str) -> Container[str]:
+        """Return the names of the slots that are overridden for a machine."""
+        return ()
+
     # Requests from outside. The arrangement reports each before it takes effect, also those that
     # its machines' own code makes.
 
     def requested(self, action: str, machine: str) -> None:
-        """Note a request for a machine; `action` is the name of the arrangement's method."""
+        """Note a request for a machine; `action` is the name of the arrangement's method.
+
+        Raise `LoadError` for one that cannot be carried out in this environment.
+        """
 
     def loaded(self, machine: str, path: str) -> None:
         """Note that a machine was loaded."""
+
+    def retire(self, machine: str) -> None:
+        """Retire what a machine reads and posts by, and its claims: it is to be connected anew."""
 
     def unloaded(self, machine: str) -> None:
         """Let nothing be posted for a machine any more: it has left its arrangement."""
 
     def may_stop(self, cause: str) -> bool:
-        """Return whether a stop takes effect now; if not, `Arrangement.stop` is called later."""
+        """Return whether a stop takes effect now; if not, `Arrangement.stop` is called later.
+
+        A simulated clock passes with the host's time from then on: no pause keeps a stop waiting.
+        """
+        if isinstance(self.clock, SimulatedClock):
+            self.clock.run_on()
         return True
 
 
@@ -177,6 +219,7 @@ class BoardEnvironment(Environment):
         from .news import News  # here, as it imports the whiteboard
 
         self.news = News(whiteboard, self.clock)
+        self._overrides: dict[str, dict[str, Any]] = {}  # by machine, by name of the slot
 
     @property
     def alive(self) -> bool:
@@ -185,7 +228,7 @@ class BoardEnvironment(Environment):
 
     def sleep_until_ns(self, deadline_ns: int) -> bool:
         """Sleep until `deadline_ns`, or until a machine has a new message to read."""
-        if isinstance(self.clock, MonotonicClock):
+        if isinstance(self.clock, MonotonicClock | DebugClock | SimulatedClock):
             return self.news.sleep_until_ns(deadline_ns)
         return super().sleep_until_ns(deadline_ns)
 
@@ -219,14 +262,38 @@ class BoardEnvironment(Environment):
         self.news.posts(machine, slot.name, publisher)
         return publisher.add
 
-    def unloaded(self, machine: str) -> None:
+    def override(self, machine: str, slot: Slot[Any], message: Any) -> None:
+        """Let a machine read `message`, of which the whiteboard knows nothing."""
+        if message is not None:
+            from llfsm.whiteboard.local import LocalBoard  # here, as few override
+
+            LocalBoard().add_message(slot, message)  # which checks it
+        self._overrides.setdefault(machine, {})[slot.name] = message
+
+    def release(self, machine: str, slot: Slot[Any]) -> None:
+        """Let a machine read what is on the whiteboard again."""
+        self._overrides.get(machine, {}).pop(slot.name, None)
+
+    def overridden(self, machine: str) -> Container[str]:
+        """Return the names of the slots that are overridden for a machine."""
+        return self._overrides.get(machine, {})
+
+    def retire(self, machine: str) -> None:
         """Retire the machine's handles, which a thread of it may still hold."""
         self.news.retire(machine)
 
-    def _reader(self, machine: str, slot: Slot[Any]) -> BoundSlot[Any]:
+    def unloaded(self, machine: str) -> None:
+        """Retire the machine's handles, and forget what is overridden for it."""
+        self.retire(machine)
+        self._overrides.pop(machine, None)
+
+    def _reader(self, machine: str, slot: Slot[Any]) -> BoundSlot[Any] | OverriddenSlot:
         reader = self.whiteboard[slot]
         self.news.reads(machine, slot.name, reader)
-        return reader
+        overrides = self._overrides.get(machine, {})
+        if slot.name not in overrides:
+            return reader
+        return OverriddenSlot(overrides[slot.name], reader.count)
 
 
 def _no_whiteboard(machine: str, slot: Slot[Any]) -> LoadError:

@@ -15,8 +15,11 @@ FsmError
 ├── ExecutionError           code of a machine failed: names machine, state, step and line
 │   └── GuardResultError     a guard returned something other than True or False
 ├── ObserverError            an observer raised
+├── BreakpointError          a breakpoint cannot be read, or what it names does not exist
+├── NotPausedError           machines were not paused in time (also a TimeoutError)
 ├── DrawingError             a picture of a machine cannot be drawn as asked
 ├── RealtimeError            a right to run in real time is missing
+├── TypeCheckerError         no type checker is installed, or it does not work
 ├── OptionError              an argument of an arrangement is impossible
 ├── ArrangementEndedError    a round was asked of an arrangement that has ended
 └── ClockError               a clock was moved back (also a ValueError)
@@ -38,6 +41,7 @@ __all__ = [
     "ActuatorClosedError",
     "ActuatorTakenError",
     "ArrangementEndedError",
+    "BreakpointError",
     "BundleError",
     "ClockError",
     "ConfigurationError",
@@ -48,11 +52,13 @@ __all__ = [
     "GuardResultError",
     "LoadError",
     "NotLoadedError",
+    "NotPausedError",
     "ObserverError",
     "OptionError",
     "RealtimeError",
     "ScheduleError",
     "SensorNameError",
+    "TypeCheckerError",
     "UnknownMachineError",
     "UnreachableStateWarning",
     "VariableError",
@@ -178,12 +184,24 @@ class ObserverError(FsmError):
     """An observer raised `__cause__`."""
 
 
+class BreakpointError(FsmError):
+    """A breakpoint cannot be read, or names what does not exist."""
+
+
+class NotPausedError(FsmError, TimeoutError):
+    """The machines were not paused within the time that was given."""
+
+
 class DrawingError(FsmError):
     """A picture of a machine cannot be drawn; the message names one that can."""
 
 
 class RealtimeError(FsmError):
     """A right to run in real time is missing; the message names it and how to get it."""
+
+
+class TypeCheckerError(FsmError):
+    """No type checker is installed, or it cannot check."""
 
 
 class OptionError(FsmError, ValueError):

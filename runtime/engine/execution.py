@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from .clock import pace_of
 from .events import IdleSleep, Reason
 from .realtime import collect_if_due, in_real_time
 from .watchdog import Watchdog
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Execution"]
 
 _NAP_NS = 20_000_000  # a sleep is cut into these, to notice a stop, a request or the board's end
+_FOREVER_NS = 2**63
 _BUSY_ROUNDS = 64  # rounds without a sleep after which to check that the world still exists
 
 
@@ -28,10 +30,13 @@ class Execution:
 
     def __init__(self, arrangement: Arrangement, grace_s: float, watchdog_ms: float | None):
         self._arrangement = arrangement
-        self._now = arrangement.clock.now_ns
+        self._clock = arrangement.clock
+        self._now = self._clock.now_ns
         self._grace_ns = round(grace_s * 1e9)
         self._give_up_ns: int | None = None  # when the grace period ends
         self._woken = False  # whether the last sleep between rounds ended early
+        self._due_ns = 0  # when, of rounds that change nothing, one is to be looked after
+        self._last_round: int | None = None
         self._attendant = arrangement.environment.attend(arrangement)
         self._watchdog = None
         if watchdog_ms is not None:
@@ -50,12 +55,14 @@ class Execution:
 
     def _run(self, max_rounds: int | None) -> Reason:
         arrangement = self._arrangement
+        self._last_round = max_rounds
+        rests = False
         while True:
-            fired = arrangement.round()
+            fired = arrangement.rest(self._doze) if rests else arrangement.round()
             if arrangement.reason is not None:  # a machine or an observer has ended it
                 return arrangement.reason
-            sleeps = not fired and (arrangement.paced or arrangement.idle_us > 0)
-            self._look(idle=sleeps and not self._woken)
+            idle = not fired and (arrangement.paced or arrangement.idle_us > 0) and not self._woken
+            self._look(idle=idle)
             if arrangement.realtime is not None:
                 collect_if_due()
             if max_rounds is not None and arrangement.rounds >= max_rounds:
@@ -73,14 +80,21 @@ class Execution:
                 self._look_at_world()
             if finished:
                 return Reason.FAILED if failed else Reason.ACCEPTING
+            rests = idle and not failed and self._may_rest()
 
     def sleep_to_turn(self, due_ns: int) -> bool:
         """Sleep until a turn is due, also while stopping; False if there is to be none any more."""
         left_ns = due_ns - self._now()
         if left_ns > 0:
             self._report_sleep(left_ns)
-        self._nap(due_ns, self._is_over, self._sleep_until)
+        self._nap(due_ns, self._is_over, self._arrangement.clock.sleep_until_ns)
         return not self._is_over()
+
+    def beat(self) -> None:
+        """Publish the machines' statuses, obey requests and look whether the world still exists."""
+        self._look_at_world()
+        if self._attendant is not None:
+            self._attendant.beat()
 
     def end(self) -> None:
         """End the attendance: the machines are gone."""
@@ -89,29 +103,66 @@ class Execution:
 
     def _sleep(self, duration_ns: int) -> None:
         """Sleep between rounds; news, a request or a stop cuts it short."""
-        arrangement = self._arrangement
-        stopping = arrangement.stopping
         deadline_ns = self._now() + duration_ns
         self._report_sleep(duration_ns)
+        self._sleep_on(deadline_ns)
+
+    def _sleep_on(self, deadline_ns: int) -> None:
+        arrangement = self._arrangement
+        stopping = arrangement.stopping
         self._woken = self._nap(
             deadline_ns,
             lambda: arrangement.stopping is not stopping or self._grace_is_over(),
-            arrangement.environment.sleep_until_ns if arrangement.wake else self._sleep_until,
+            (arrangement.environment if arrangement.wake else arrangement.clock).sleep_until_ns,
         )
-        if not self._woken:
-            self._look_at_world()
+
+    def _may_rest(self) -> bool:
+        """Return whether nothing is to be done between rounds until one changes something.
+
+        Only if all was published that there is, and what others ask for would end a sleep.
+        """
+        arrangement = self._arrangement
+        if arrangement.stopping or arrangement.asked_to_stop or arrangement.realtime is not None:
+            return False
+        if not arrangement.wake or arrangement.paced or pace_of(self._clock) is not self._clock:
+            return False
+        attendant = self._attendant
+        self._due_ns = 0 if self._woken else _FOREVER_NS if attendant is None else attendant.due_ns
+        return True
+
+    def _doze(self) -> bool:
+        """Sleep between two rounds that change nothing; return False if others are to be asked.
+
+        It does no more than it must: a machine that waits does this a hundred times a second.
+        """
+        arrangement, now_ns = self._arrangement, self._now()
+        if now_ns >= self._due_ns or arrangement.stopping or arrangement.rounds == self._last_round:
+            return False
+        deadline_ns = now_ns + arrangement.idle_us * 1_000
+        woken = arrangement.environment.sleep_until_ns(min(deadline_ns, now_ns + _NAP_NS))
+        obeyed = self._attendant is not None and self._attendant.obey()
+        if obeyed or woken or self._now() < deadline_ns:
+            self._due_ns = 0
+            self._woken = woken
+            if not woken:
+                self._sleep_on(deadline_ns)
+        return True
 
     def _report_sleep(self, duration_ns: int) -> None:
-        self._arrangement.emit(IdleSleep(*self._arrangement.stamp(), duration_ns))
+        if self._arrangement.observers:
+            self._arrangement.emit(IdleSleep(*self._arrangement.stamp(), duration_ns))
 
     def _nap(
-        self, deadline_ns: int, is_over: Callable[[], bool], sleep: Callable[[int], bool]
+        self, deadline_ns: int, is_over: Callable[[], bool], sleep: Callable[[int], bool | None]
     ) -> bool:
         """Sleep until the deadline, unless `is_over`; return whether news has ended the sleep."""
         # Look before each nap: what the looking takes must not delay a turn that is due.
+        has_looked = True  # at what others want, after the round
         while (now_ns := self._now()) < deadline_ns:
             self._look_at_world()
-            self._look(idle=False)
+            if not has_looked:
+                self._look(idle=False)
+            has_looked = False
             if is_over():
                 return False
             news = sleep(min(deadline_ns, now_ns + _NAP_NS))
@@ -121,12 +172,9 @@ class Execution:
                 return True
         return False
 
-    def _sleep_until(self, deadline_ns: int) -> bool:
-        self._arrangement.clock.sleep_until_ns(deadline_ns)
-        return False
-
     def _is_over(self) -> bool:
-        return self._arrangement.reason is not None or self._grace_is_over()
+        arrangement = self._arrangement
+        return arrangement.reason is not None or (arrangement.stopping and self._grace_is_over())
 
     def _grace_is_over(self) -> bool:
         if not self._arrangement.stopping:

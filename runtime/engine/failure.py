@@ -28,7 +28,7 @@ def logger() -> Logger:
     return logging.getLogger("llfsm.runtime")
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: BaseException) -> str:
     """Return an error's message in one line, and not too long a one."""
     line = " ".join(str(error).split())
     if len(line) <= _LONGEST:

@@ -10,15 +10,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Protocol
 
-from .clock import MonotonicClock
+from .clock import DebugClock, MonotonicClock
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import BoundSlot
+    from collections.abc import Callable
+
+    from llfsm.whiteboard import BoundSlot, Sample
 
     from .clock import Clock
     from .ports import Sensor
 
-__all__ = ["AgedRead", "BoardAgedRead"]
+__all__ = ["AgedRead", "BoardAgedRead", "OverriddenSlot"]
 
 
 class AgedRead(Protocol):
@@ -36,6 +38,33 @@ class AgedRead(Protocol):
         ...
 
 
+class OverriddenSlot:
+    """A slot as a machine reads it for which it is overridden: its message is new at each look.
+
+    `message` is None if there is to be none; `count` is the slot's own, from which it counts on.
+    """
+
+    def __init__(self, message: Any, count: int):
+        self._message = message
+        self.count = count
+
+    def get(self) -> Any:
+        """Return the message."""
+        return self._message
+
+    def sample(self) -> Sample[Any] | None:
+        """Return the message with the stamp of this moment."""
+        from llfsm.whiteboard import Sample  # here, as few override
+
+        if self._message is None:
+            return None
+        self.count += 1
+        return Sample(self._message, self.count, MonotonicClock().now_ns(), 0)
+
+    def on_add(self, callback: Callable[[int], None]) -> None:
+        """Call nothing: no message is added here."""
+
+
 class BoardAgedRead:
     """Read a sensor from a slot of a board.
 
@@ -45,7 +74,7 @@ class BoardAgedRead:
     def __init__(
         self,
         sensor: Sensor[Any, Any],
-        bound: BoundSlot[Any],
+        bound: BoundSlot[Any] | OverriddenSlot,
         clock: Clock,
         start_count: int | None = None,
     ):
@@ -54,6 +83,8 @@ class BoardAgedRead:
         self._first = self.start_count if sensor.since_start else 0
         limit_ms = math.inf if sensor.max_age_ms is None else sensor.max_age_ms
         self._limit_ns = limit_ms * 1e6
+        if isinstance(clock, DebugClock):  # the world does not wait
+            clock = MonotonicClock()
         self._now = clock.now_ns
         self._stamped = isinstance(clock, MonotonicClock)
         self._added: tuple[int, int] | None = None  # count of the latest message, and when it came

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
-from .binding import bind
 from .errors import LoadError, UnknownMachineError
 from .machine import Machine
 from .roster import Roster
@@ -49,6 +48,7 @@ class Loader:
         self._roster = roster
         self._library = {} if library is None else library
         self._classes: dict[str, Factory] = {}  # of the machines loaded so far
+        self._reloaded: dict[str, type[Machine]] = {}  # the latest of each path
 
     def load(
         self,
@@ -61,7 +61,7 @@ class Loader:
     ) -> Seat:
         """Load a machine as described by `LoadOptions` and return its seat.
 
-        Raise `LoadError` or `UnknownMachineError`.
+        Of a class that was reloaded, load the latest. Raise `LoadError` or `UnknownMachineError`.
         """
         machine = self._make(loadable, variables)
         cls, roster = type(machine), self._roster
@@ -71,23 +71,39 @@ class Loader:
         if timetable is not None and name not in timetable.machines:
             raise LoadError(
                 f"{name} has no slot in the timetable; it has slots for: "
-                f"{', '.join(timetable.machines)}"
+                f"{', '.join(timetable.machines)}; add a [[machine]] for it to the "
+                f"arrangement file, with preload = true and a period_us"
             )
         index = roster.free_index(path)
-        seat = Seat(machine, self._arrangement, index, name, path, slots or {})
+        seat = Seat(machine, self._arrangement, index, name, path, slots or {}, variables or {})
         seat.connect(self._arrangement.environment)
         seat.claim(self._arrangement.environment)
         machine._seat = seat
         self._classes[cls.__name__] = cls
-        bind(seat, observed=bool(self._arrangement.observers))
+        self._arrangement.bind(seat)
         roster.add(seat)
         machine.stopping = self._arrangement.stopping  # last, as any thread may stop all
         self._arrangement.environment.loaded(name, path)
         return seat
 
+    def reload(self, seat: Seat, cls: type[Machine]) -> None:
+        """Give a seat to another definition of its machine; raise as `Arrangement.reload`."""
+        arrangement, sensors = self._arrangement, type(seat.machine).table.sensors
+        held = [seat.slot_of(sensors[each]) for each in arrangement.overridden(seat.name)]
+        machine = cls(**seat.variables)
+        seat.reload(machine)
+        machine._seat = seat
+        self._classes[cls.__name__] = self._reloaded[cls.table.path] = cls
+        for slot in held:  # nobody knows whether the override still makes sense
+            arrangement.environment.release(seat.name, slot)
+            seat.read_again(slot.name)
+        arrangement.bind(seat)
+        machine.stopping = seat.stopping or arrangement.stopping
+
     def _make(self, machine: Loadable, variables: Mapping[str, Any] | None) -> Machine:
         made: object = self._look_up(machine) if isinstance(machine, str) else machine
         if isinstance(made, type) and issubclass(made, Machine):
+            made = self._reloaded.get(made.table.path, made)
             made, variables = made(**(variables or {})), None
         elif isinstance(machine, str) and callable(made):
             made = made()

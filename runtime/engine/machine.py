@@ -77,6 +77,8 @@ class MachineType(type):
 def _named_states(owner: str, body: ClassBody) -> list[State]:
     named: list[State] = []
     for name, value in body.items():
+        if value is State:
+            raise DefinitionError(f"{owner}: {name!r} is the class State; write {name} = State()")
         if isinstance(value, State) and value.owner is None:
             if value in named:
                 raise DefinitionError(
@@ -253,7 +255,7 @@ class Machine(metaclass=MachineType):
         Keep what is returned in a variable, guard a transition with its `done`, and read the
         variables of its `machine`.
         """
-        called = self._seat.arrangement.call_machine(machine, **how)
+        called = self._seat.arrangement.call_machine(machine, self._seat, **how)
         return self._called("call_machine", _called_by(machine), called)
 
     def unload(self, name: str) -> bool:

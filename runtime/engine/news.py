@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from llfsm.whiteboard.errors import BoardClosedError
 
+from .clock import SimulatedClock
+
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot
 
@@ -20,14 +22,21 @@ __all__ = ["News"]
 
 
 class News:
-    """Sleep until there is news; `clock` is that of the host."""
+    """Sleep until there is news; `clock` is that of the host, or a simulated one.
+
+    A simulated clock ends the sleep each time it is set, and how long that takes nobody knows.
+    """
 
     def __init__(self, board: Board, clock: Clock):
         self._waiter = board.waiter()
         self._clock = clock
+        self._nap_s: float | None = None
+        if isinstance(clock, SimulatedClock):
+            self._nap_s = clock.nap_s
+            clock.listen(self._waiter.wake)
         self._readers: dict[str, dict[str, BoundSlot[Any]]] = {}  # by machine, by name of the slot
         self._publishers: dict[str, list[tuple[str, BoundSlot[Any]]]] = {}
-        self._heeded: list[BoundSlot[Any]] = []  # none, or one slot
+        self._heeded: set[BoundSlot[Any]] = set()
         self._seen: dict[BoundSlot[Any], int] = {}  # all of these slots, and what is no news there
         self._own: list[
             tuple[BoundSlot[Any], BoundSlot[Any]]
@@ -47,8 +56,8 @@ class News:
         self._is_current = False
 
     def heed(self, slot: BoundSlot[Any]) -> None:
-        """Return early for a message in that one slot, too, which is no news by itself."""
-        self._heeded = [slot]
+        """Return early for a message in that slot, too, which is no news by itself."""
+        self._heeded.add(slot)
         self._seen.setdefault(slot, slot.count)
 
     def retire(self, machine: str) -> None:
@@ -59,20 +68,25 @@ class News:
         self._is_current = False
 
     def sleep_until_ns(self, deadline_ns: int) -> bool:
-        """Sleep until then or until there is news or a `wake`, and return whether there was."""
+        """Sleep until then or until there is news or a `wake`, and return whether there was.
+
+        The end of the board is news, but ends no sleep.
+        """
         if not self._is_current:
             self._update()
         seen = self._seen
         for reader, publisher in self._own:
             seen[reader] = max(seen[reader], publisher.added)
-        left_ns = max(deadline_ns - self._clock.now_ns(), 0)
+        left_s = max(deadline_ns - self._clock.now_ns(), 0) / 1e9
+        if self._nap_s is not None and left_s:
+            left_s = self._nap_s
         try:
-            newer = self._waiter.wait(seen, left_ns / 1e9)
+            newer = self._waiter.wait(seen, left_s)
         except BoardClosedError:  # which stops the arrangement, when it looks
             self._clock.sleep_until_ns(deadline_ns)
-            return False
+            return True
         woken, self._woken = self._woken, False
-        return woken or (newer != self._heeded and newer != [])
+        return woken or not self._heeded.issuperset(newer)
 
     def wake(self) -> None:
         """End the sleep, or the next one; from any thread, and from a signal's handler."""

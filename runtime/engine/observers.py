@@ -2,10 +2,45 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Protocol
+
 from .errors import ObserverError
 from .events import Event, Observer, Section
 
-__all__ = ["Observers", "Trace"]
+if TYPE_CHECKING:
+    from .environment import Read
+    from .errors import ExecutionError
+    from .seat import Seat
+
+__all__ = ["Instrument", "Observers", "Trace"]
+
+
+class Instrument(Protocol):
+    """What a debugger adds to an arrangement, where observing every event would cost too much."""
+
+    def bound(self, seat: Seat) -> None:
+        """Wrap what is of interest of a machine's table, which has just been bound."""
+        ...
+
+    def reading(self, seat: Seat, slot: str, read: Read) -> Read:
+        """Return what reads a sensor of `slot`, in place of `read`."""
+        ...
+
+    def look(self) -> None:
+        """Do what is due; called several times a second where requests come from outside."""
+        ...
+
+    def overridden(self, machine: str, slot: str) -> None:
+        """Note that a machine's sensors of a slot are overridden anew, without a lease."""
+        ...
+
+    def left_s(self, machine: str, sensor: str) -> float | None:
+        """Return how long a sensor stays overridden; None if only a release ends that."""
+        ...
+
+    def failed(self, seat: Seat, error: ExecutionError) -> None:
+        """Note that code of a machine has raised; what comes of that waits for the return."""
+        ...
 
 
 class Observers(list[Observer]):

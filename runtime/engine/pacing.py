@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from .failure import logger
-from .histogram import Histogram
 
 if TYPE_CHECKING:
     from .clock import Clock
     from .schedule import TimeSlot
     from .seat import Seat
+    from .statistics import Stopwatch
+    from .twin import Histogram
 
 __all__ = ["Pacer"]
 
@@ -25,24 +26,33 @@ _CATCH_UP_NS = 1_000_000_000
 
 
 class Pacer:
-    """Wait until turns are due.
+    """Wait until turns are due, and report to the stopwatch when they were, and must be over.
 
-    `next_ns` is when the next round is due, None before the first; `due_ns` and `deadline_ns` are
-    those of the turn handed out last, which began at `begin_ns`; `skipped` counts the rounds that
-    were left out. `sleep_until` returns whether turns are still wanted. `lateness` is by how much
-    turns began after they were due, by machine, or of all rounds under "" where they have a period.
+    `next_ns` is when the next round is due, None before the first; `skipped` counts the rounds that
+    were left out. `sleep_until` returns whether turns are still wanted. With a timetable, turns are
+    waited for, too, in its `slots`.
     """
 
-    def __init__(self, cycle_us: int, clock: Clock, sleep_until: Callable[[int], bool]):
-        self.begin_ns = 0
-        self.due_ns = 0
-        self.deadline_ns = 0
+    def __init__(
+        self,
+        cycle_us: int,
+        clock: Clock,
+        stopwatch: Stopwatch,
+        sleep_until: Callable[[int], bool],
+        slots: Iterable[TimeSlot] = (),
+    ):
         self.skipped = 0
-        self.lateness: dict[str, Histogram] = {}
+        self._begin_ns = 0  # of the round
         self._cycle_ns = cycle_us * 1_000
         self._clock = clock
+        self._stopwatch = stopwatch
         self._sleep_until = sleep_until
         self.next_ns: int | None = None
+        self._lateness = stopwatch.lateness("")
+        self._slots = [
+            (machine, start_us * 1_000, deadline_us * 1_000, stopwatch.lateness(machine))
+            for machine, start_us, deadline_us in slots
+        ]
 
     def wait_for_round(self) -> bool:
         """Sleep until the next round is due; return False if it is not wanted any more."""
@@ -54,24 +64,21 @@ class Pacer:
             begin_ns += lost * self._cycle_ns
             self.skipped += lost
             logger().warning("%.3g s behind: %d rounds are left out", behind_ns / 1e9, lost)
-        self.due_ns = begin_ns
-        self.deadline_ns = self.next_ns = begin_ns + self._cycle_ns
-        return self._wait(begin_ns, "")
+        self.next_ns = begin_ns + self._cycle_ns
+        self._begin_ns = begin_ns
+        return self._wait(begin_ns, self.next_ns, self._lateness)
 
-    def turns(self, slots: Iterable[TimeSlot], seats: Mapping[str, Seat]) -> Iterator[Seat | None]:
+    def turns(self, seats: Mapping[str, Seat]) -> Iterator[Seat | None]:
         """Yield the seat of each slot of the round when due; None if its machine is gone."""
-        begin_ns = self.due_ns
-        for machine, start_us, deadline_us in slots:
-            self.due_ns = begin_ns + start_us * 1_000
-            self.deadline_ns = self.due_ns + deadline_us * 1_000
-            if not self._wait(self.due_ns, machine):
+        begin_ns = self._begin_ns
+        for machine, start_ns, deadline_ns, lateness in self._slots:
+            due_ns = begin_ns + start_ns
+            if not self._wait(due_ns, due_ns + deadline_ns, lateness):
                 return
             yield seats.get(machine)
 
-    def _wait(self, due_ns: int, machine: str) -> bool:
-        wanted = self._sleep_until(due_ns)
-        self.begin_ns = self._clock.now_ns()
-        if wanted:
-            late = self.lateness.get(machine) or self.lateness.setdefault(machine, Histogram())
-            late.add(max(self.begin_ns - due_ns, 0))
-        return wanted
+    def _wait(self, due_ns: int, deadline_ns: int, lateness: Histogram) -> bool:
+        if not self._sleep_until(due_ns):
+            return False
+        self._stopwatch.begin_due(due_ns, deadline_ns, lateness)
+        return True

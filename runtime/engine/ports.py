@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Generic, NoReturn, Self, TypeVar, overload
 
 from .errors import ActuatorClosedError, DefinitionError, NotLoadedError
@@ -23,6 +23,9 @@ class Sensor(Generic[M, D]):
     The value is an ordinary attribute of the machine, set when a ringlet begins. A message that is
     older than `max_age_ms` milliseconds then, by the arrangement's clock, reads as `default`; so
     does, with `since_start`, a message from before the machine was loaded.
+
+    `domain` holds the messages, and None for no message, that verification expects there: see
+    `llfsm.runtime.verification`. A machine that runs makes no use of it.
     """
 
     declared_once = True
@@ -34,6 +37,7 @@ class Sensor(Generic[M, D]):
         *,
         max_age_ms: float | None = None,
         since_start: bool = False,
+        domain: Iterable[M | None] | None = None,
     ) -> None: ...
     @overload
     def __init__(
@@ -43,6 +47,7 @@ class Sensor(Generic[M, D]):
         default: M,
         max_age_ms: float | None = None,
         since_start: bool = False,
+        domain: Iterable[M | None] | None = None,
     ) -> None: ...
     def __init__(
         self,
@@ -51,15 +56,18 @@ class Sensor(Generic[M, D]):
         default: Any = None,
         max_age_ms: float | None = None,
         since_start: bool = False,
+        domain: Iterable[Any] | None = None,
     ):
         if max_age_ms is not None and not max_age_ms > 0:
             raise DefinitionError(
                 f"a sensor of {slot.name!r}: max_age_ms is {max_age_ms!r}; it must be more than 0"
             )
+        _check_slot("a sensor", slot)
         self.slot = slot
         self.default: D = default
         self.max_age_ms = max_age_ms
         self.since_start = since_start
+        self.domain = tuple(domain) if isinstance(domain, Iterator) else domain
 
     @overload
     def __get__(self, machine: None, owner: type) -> Self: ...
@@ -93,6 +101,7 @@ class Actuator(Generic[M]):
         at_failure: M | None = None,
         exclusive: bool = False,
     ):
+        _check_slot("an actuator", slot)
         self.slot = slot
         self.exclusive = exclusive
         self.at_end = at_end
@@ -121,3 +130,10 @@ class Actuator(Generic[M]):
         raise NotLoadedError(
             f"{owner.__qualname__} cannot post to {self.slot.name!r}: load it into an Arrangement"
         )
+
+
+def _check_slot(what: str, slot: object) -> None:
+    """Refuse what is no slot: the whiteboard is not imported for it."""
+    if not (hasattr(slot, "name") and hasattr(slot, "type")):
+        given = slot.__name__ if isinstance(slot, type) else repr(slot)
+        raise DefinitionError(f"{what} needs a slot, as Slot('name', Type), not {given}")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
-import resource
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 
@@ -28,6 +27,8 @@ def in_real_time(priority: int, cpu: int | None) -> Iterator[None]:
     Threads and processes that are started meanwhile have an ordinary priority. At the end all is as
     before. Raise `RealtimeError`, and leave all as before, if a right is missing.
     """
+    if not hasattr(os, "sched_setscheduler"):
+        raise RealtimeError("only Linux has the priorities of SCHED_FIFO: leave out `realtime`")
     with ExitStack() as undo:
         if cpu is not None:
             _pin(cpu, undo)
@@ -67,6 +68,8 @@ def _lock_memory(undo: ExitStack) -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT_AND_FUTURE):
         reason = os.strerror(ctypes.get_errno())
+        import resource  # which Windows lacks
+
         limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
         raise RealtimeError(
             f"memory cannot be locked ({reason}; the limit is {limit >> 10} kB): put "

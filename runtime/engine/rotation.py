@@ -9,6 +9,7 @@ from .errors import ExecutionError
 
 if TYPE_CHECKING:
     from .seat import Seat
+    from .twin import Timing
 
 __all__ = ["Rotation"]
 
@@ -20,24 +21,53 @@ class Rotation:
     """A ringlet; another one when an observer comes or goes, also during a round."""
     _leaving: list[Seat]
     """To be unloaded when their ringlet is over."""
+    _stopwatch: Timing | None
+    """What times the turns, if anything does."""
+    _gate: Callable[[], bool] | None
+    """A round begins when this returns True: at its time, or at once; after the end it raises."""
+    rounds: int
+    """The number of rounds so far."""
+    marks: Callable[[], object]
+    """Return where the machines stand; equal as long as they do. The twin looks by itself."""
 
     def _give_turns(self, seats: Iterable[Seat | None]) -> bool:
         """Give each seat its turn, and return whether a transition fired in any."""
-        fired = False
+        any_fired = False
         for seat in seats:
             if seat is None:
                 continue
-            turn = self._turn
+            turn, stopwatch, fired = self._turn, self._stopwatch, False
             try:
-                if turn(seat):
-                    fired = True
+                try:
+                    fired = turn(seat)
+                finally:
+                    if stopwatch is not None:
+                        stopwatch.take(seat, fired)
+                if fired:
+                    any_fired = True
                 elif not seat.current.transitions:
                     self._accept(seat)
             except ExecutionError as error:
                 self._fail(seat, error)
             if self._leaving:
                 self._let_go()
-        return fired
+        return any_fired
+
+    def _rest(self, seats: list[Seat | None], sleep: Callable[[], bool]) -> bool:
+        """Give rounds, and sleep after each, until one changes where a machine stands.
+
+        Or until `sleep` returns False, or an observer comes: `_turn` is what it was when it began.
+        Return whether a transition fired in the last round. A round that changes nothing is what a
+        machine that waits has most of: so here it costs its turns, and little else.
+        """
+        turn, before = self._turn, self.marks()
+        while self._gate is None or self._gate():
+            self.rounds += 1
+            fired = self._give_turns(seats)
+            is_same = self._turn is turn and self.marks() == before
+            if fired or not is_same or not sleep():
+                return fired
+        return False
 
     # The arrangement's part: what comes of a turn. The twin in C calls the same names.
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from llfsm.errors import did_you_mean
+from llfsm.errors import LlfsmError, did_you_mean
 
 from .binding import BoundSensor, BoundState
+from .clock import NEVER
 from .errors import LoadError, SensorNameError
 from .events import Request, Standing, Status
 from .failure import logger
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from .statistics import Meter
 
 __all__ = ["Arrival", "Failure", "Seat"]
-
-NEVER = -1
 
 
 class Arrival(NamedTuple):
@@ -59,15 +58,13 @@ class Seat(SeatFields):
         "accepted",
         "arrangement",
         "called",
+        "caller",
         "doing",
-        "failure",
         "fired",
         "first_round",
-        "hang",
         "held",
         "index",
         "initial",
-        "meter",
         "name",
         "nested",
         "path",
@@ -76,6 +73,7 @@ class Seat(SeatFields):
         "states",
         "stopping",
         "taken",
+        "variables",
     )
 
     def __init__(
@@ -86,15 +84,38 @@ class Seat(SeatFields):
         name: str,
         path: str,
         renamed: Mapping[str, str],
+        variables: Mapping[str, Any],
     ):
-        table = type(machine).table
         self.machine = machine
         self.arrangement = arrangement
         self.index = index
         self.name = name
         self.path = path
         self.renamed = renamed  # slots: name in the machine -> name on the board
+        self.variables = variables  # with which it was loaded
         self.now = self._first_now
+        self._begin()
+        self.request: Request | None = None
+        self.first_round = 0  # in which it had its first turn, counted from 1
+        self.nested = 0  # turns inside another machine's, besides those of rounds
+        self.doing: str | None = None  # the state whose section runs, while observed
+        self.sensors: tuple[BoundSensor, ...] = ()
+        self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
+        self.meter: Meter | None = None  # what times the turns, if anything does
+        self.timed: BoundState | None = None  # the state of which it counts the time
+        self.taken = True
+        self.called = False  # whether somebody waits for its end
+        self.caller: Seat | None = None  # the machine that does
+        self.hang = ""  # where its code hangs, as a watchdog has found
+        self.held = False  # whether it was suspended from outside, and may be resumed from there
+        self.stopping = False  # whether this machine alone was asked to stop
+        self.notifies = (
+            False  # whether any state has something to do when it is suspended or resumed
+        )
+
+    def _begin(self) -> None:
+        """Stand at the beginning of the machine's table."""
+        table = type(self.machine).table
         self.states = {state.name: BoundState(state.name) for state in table.states}
         self.initial = self.states[table.initial.name]
         self.suspension = (
@@ -104,24 +125,9 @@ class Seat(SeatFields):
         self.previous: BoundState | None = None
         self.source: BoundState | None = None  # the state that it was in before
         self.fired = 0  # of the transitions to one state, the number of the one that fired last
-        self.request: Request | None = None
         self.entered_ns = NEVER  # when the state clock started
-        self.first_round = 0  # in which it had its first turn, counted from 1
-        self.nested = 0  # turns inside another machine's, besides those of rounds
-        self.doing: str | None = None  # the state whose section runs, while observed
-        self.sensors: tuple[BoundSensor, ...] = ()
-        self._aged: dict[str, AgedRead] = {}  # those of them that know the ages of messages
-        self.meter: Meter | None = None  # what times the turns, if anything does
-        self.taken = True
-        self.called = False  # whether another machine waits for its end
         self.accepted = False  # whether it has ended a ringlet in an accepting state
         self.failure: Failure | None = None  # what its code has raised
-        self.hang = ""  # where its code hangs, as a watchdog has found
-        self.held = False  # whether it was suspended from outside, and may be resumed from there
-        self.stopping = False  # whether this machine alone was asked to stop
-        self.notifies = (
-            False  # whether any state has something to do when it is suspended or resumed
-        )
 
     @property
     def suspended(self) -> bool:
@@ -222,22 +228,69 @@ class Seat(SeatFields):
             for name, sensor in table.sensors.items()
         )
         for name, actuator in table.actuators.items():
-            post = environment.post(self.name, name, actuator, self._slot(actuator))
+            post = environment.post(self.name, name, actuator, self.slot_of(actuator))
             setattr(self.machine, name, post)
         if self.first_round:
             self.now = environment.clock.now_ns
+
+    def reload(self, machine: Machine) -> None:
+        """Seat another definition of the machine, at its beginning; the one before ends.
+
+        Raise what `connect` and `claim` raise if it cannot be connected, and keep the one before.
+        """
+        before, aged = self.machine, self._aged
+        try:
+            self._exchange(machine, {})
+        except LlfsmError:
+            self._exchange(before, aged)
+            raise
+        if self.meter is not None:  # which counts the time in the states of the one before
+            self.meter.unseat(self.arrangement.clock.now_ns())
+            self.meter = self.timed = None
+        self._post_safe(before, "at_end", self.arrangement.whiteboard)
+        self._close_actuators(before)
+        self.held = self.held and self.request is Request.SUSPEND
+        self._begin()
+
+    def _exchange(self, machine: Machine, aged: dict[str, AgedRead]) -> None:
+        environment = self.arrangement.environment
+        self.machine, self._aged = machine, aged
+        environment.retire(self.name)
+        self.connect(environment)
+        self.claim(environment)
 
     def claim(self, environment: Environment) -> None:
         """Claim the slots to which the machine posts; raise `LoadError` if that is refused."""
         slots: dict[Slot[Any], bool] = {}
         for actuator in type(self.machine).table.actuators.values():
-            slot = self._slot(actuator)
+            slot = self.slot_of(actuator)
             slots[slot] = slots.get(slot, False) or actuator.exclusive
         if slots:
             environment.claim(self.name, slots)
 
+    def read_again(self, slot: str) -> None:
+        """Connect the sensors of a slot anew, of which an instrument wants to know."""
+        sensors, environment = type(self.machine).table.sensors, self.arrangement.environment
+        self.sensors = tuple(
+            (name, self._reader(environment, name, sensors[name]), default)
+            if self.slot_of(sensors[name]).name == slot
+            else (name, read, default)
+            for name, read, default in self.sensors
+        )
+
     def _reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
-        slot, before = self._slot(sensor), self._aged.get(name)
+        read, instrument = (
+            self._plain_reader(environment, name, sensor),
+            self.arrangement.instrument,
+        )
+        return (
+            read
+            if instrument is None
+            else instrument.reading(self, self.slot_of(sensor).name, read)
+        )
+
+    def _plain_reader(self, environment: Environment, name: str, sensor: Sensor[Any, Any]) -> Read:
+        slot, before = self.slot_of(sensor), self._aged.get(name)
         if before is None and sensor.max_age_ms is None and not sensor.since_start:
             return environment.read(self.name, name, sensor, slot)
         start = None if before is None else before.start_count
@@ -248,15 +301,8 @@ class Seat(SeatFields):
         """Return how old a sensor's message in the snapshot is; None if there was none."""
         aged = self._aged.get(name)
         if aged is None:  # from now on the age is kept
-            table = type(self.machine).table
-            if name not in table.sensors:
-                known = ", ".join(table.sensors) or "none"
-                raise SensorNameError(
-                    f"{self.name} has no sensor {name!r}; it has: {known}"
-                    f"{did_you_mean(name, table.sensors)}"
-                )
-            environment, sensor = self.arrangement.environment, table.sensors[name]
-            slot = self._slot(sensor)
+            environment, sensor = self.arrangement.environment, self.sensor(name)
+            slot = self.slot_of(sensor)
             aged = self._aged[name] = environment.read_aged(self.name, name, sensor, slot)
             aged()
             self.sensors = tuple(
@@ -265,7 +311,17 @@ class Seat(SeatFields):
             )
         return aged.age_ns()
 
-    def _slot(self, port: Sensor[Any, Any] | Actuator[Any]) -> Slot[Any]:
+    def sensor(self, name: str) -> Sensor[Any, Any]:
+        """Return the sensor of that name; raise `SensorNameError`."""
+        sensors = type(self.machine).table.sensors
+        if name not in sensors:
+            raise SensorNameError(
+                f"{self.name} has no sensor {name!r}; it has: {', '.join(sensors) or 'none'}"
+                f"{did_you_mean(name, sensors)}"
+            )
+        return sensors[name]
+
+    def slot_of(self, port: Sensor[Any, Any] | Actuator[Any]) -> Slot[Any]:
         """Return the slot that the port is connected to."""
         slot = port.slot
         name = self.renamed.get(slot.name)
@@ -283,7 +339,7 @@ class Seat(SeatFields):
             self.taken = False
             self._wake_caller()
             self.post_safe("at_end")
-            self._close_actuators()
+            self._close_actuators(self.machine)
             self.arrangement.environment.unloaded(self.name)
 
     def fail(self, failure: Failure) -> None:
@@ -303,17 +359,25 @@ class Seat(SeatFields):
         self, when: Literal["at_suspend", "at_end", "at_failure"], board: Board | None = None
     ) -> None:
         """Post the safe values of the machine's actuators for `when`, or post them to `board`."""
+        self._post_safe(self.machine, when, board)
+
+    def _post_safe(
+        self,
+        machine: Machine,
+        when: Literal["at_suspend", "at_end", "at_failure"],
+        board: Board | None,
+    ) -> None:
         stops = when == "at_end" and self.failure and self.arrangement.on_error == "stop"
-        for name, actuator in type(self.machine).table.actuators.items():
+        for name, actuator in type(machine).table.actuators.items():
             message = getattr(actuator, when)
             if message is None or (stops and message is actuator.at_failure):  # just posted
                 continue
             from llfsm.whiteboard import WhiteboardError
 
             try:
-                post = getattr(self.machine, name)
+                post = getattr(machine, name)
                 if board is not None:
-                    post = board[self._slot(actuator)].add
+                    post = board[self.slot_of(actuator)].add
                 post(message)
             except WhiteboardError as error:  # the other messages must go out all the same
                 what = "%s: the safe value of %s was not posted: %s"
@@ -322,12 +386,12 @@ class Seat(SeatFields):
     def safe_values(self) -> list[tuple[Slot[Any], Message]]:
         """Return the slots and the messages of the actuators that have one `at_failure`."""
         return [
-            (self._slot(actuator), actuator.at_failure)
+            (self.slot_of(actuator), actuator.at_failure)
             for actuator in type(self.machine).table.actuators.values()
             if actuator.at_failure is not None
         ]
 
-    def _close_actuators(self) -> None:
+    def _close_actuators(self, machine: Machine) -> None:
         """Let nothing be posted any more, such as by a thread that a section has started."""
-        for name, actuator in type(self.machine).table.actuators.items():
-            setattr(self.machine, name, actuator.closed(self.name))
+        for name, actuator in type(machine).table.actuators.items():
+            setattr(machine, name, actuator.closed(self.name))

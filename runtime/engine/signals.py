@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from types import FrameType
 
-__all__ = ["StopRequest", "stop_on_signals"]
+__all__ = ["Critical", "StopRequest", "stop_on_signals"]
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -42,17 +42,34 @@ class StopRequest:
         return self._made
 
 
+class Critical:
+    """A `with` block of it is what no second signal may interrupt; blocks may be nested."""
+
+    def __init__(self) -> None:
+        self.depth = 0
+
+    def __enter__(self) -> None:
+        self.depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self.depth -= 1
+
+
 @contextmanager
-def stop_on_signals(stop: Callable[[str], None]) -> Iterator[None]:
+def stop_on_signals(
+    stop: Callable[[str], None], critical: Critical | None = None
+) -> Iterator[None]:
     """Call `stop` with the signal's name at the first SIGINT or SIGTERM.
 
-    The handlers that were there come back at once, so that a second Ctrl-C interrupts, and in
-    any case at the end. Only the main thread can handle signals: elsewhere nothing is done.
+    The second one comes to the handlers that were there, so that a second Ctrl-C interrupts; inside
+    a block of `critical` it is ignored. They come back at the end, too. Only the main thread can
+    handle signals: elsewhere nothing is done.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     before = {number: signal.getsignal(number) for number in _SIGNALS}
+    asked = False
 
     def restore() -> None:
         for number, handler in before.items():
@@ -60,8 +77,13 @@ def stop_on_signals(stop: Callable[[str], None]) -> Iterator[None]:
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     def on_signal(number: int, _: FrameType | None) -> None:
-        restore()
-        stop(signal.Signals(number).name)
+        nonlocal asked
+        if not asked:
+            asked = True
+            stop(signal.Signals(number).name)
+        elif critical is None or not critical.depth:
+            restore()
+            signal.raise_signal(number)
 
     for number in _SIGNALS:
         signal.signal(number, on_signal)

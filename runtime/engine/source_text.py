@@ -144,28 +144,35 @@ def _expression(filename: str, code: CodeType) -> str | None:
 def _syntax(filename: str, code: CodeType) -> FunctionSyntax | None:
     import ast
 
-    parsed = parse_file(filename)
-    if parsed is None:
-        return None
+    here = _functions(filename).get(code.co_firstlineno, ())
     if code.co_name == "<lambda>":
-        return _lambda(parsed[1], code)
-    for node in ast.walk(parsed[1]):
+        return _lambda([node for node in here if isinstance(node, ast.Lambda)], code)
+    for node in here:
         if isinstance(node, ast.FunctionDef) and node.name == code.co_name:
-            first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
-            if first == code.co_firstlineno:
-                return node
+            return node
     return None
 
 
-def _lambda(tree: ast.Module, code: CodeType) -> ast.Lambda | None:
+@lru_cache(maxsize=16)
+def _functions(filename: str) -> dict[int, list[FunctionSyntax]]:
+    """Return the functions and lambdas of a file by the line on which each begins."""
+    import ast
+
+    parsed = parse_file(filename)
+    found: dict[int, list[FunctionSyntax]] = {}
+    for node in ast.walk(parsed[1]) if parsed else ():
+        if isinstance(node, ast.FunctionDef):
+            first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+            found.setdefault(first, []).append(node)
+        elif isinstance(node, ast.Lambda):
+            found.setdefault(node.lineno, []).append(node)
+    return found
+
+
+def _lambda(on_line: list[ast.Lambda], code: CodeType) -> ast.Lambda | None:
     """Return the lambda that `code` was compiled from, by compiling those on its line again."""
     import ast
 
-    on_line = [
-        node
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Lambda) and node.lineno == code.co_firstlineno
-    ]
     if len(on_line) > 1:
         wanted = _fingerprint(code)
         on_line = [

@@ -168,9 +168,9 @@ class Transition:
         self.target = target
         self.guard: Guard | None = None
         self.after_ms = after_ms if after is None else _time(source, after) * 1000
-        self._timed = "" if after is None else f"after({after!r})"
+        self.timed = "" if after is None else f"after({after!r})"
         if after_ms is not None:
-            self._timed = f"after_ms({_time(source, after_ms)!r})"
+            self.timed = f"after_ms({_time(source, after_ms)!r})"
         self._declared = declared
         self._label = label
 
@@ -201,7 +201,7 @@ class Transition:
             named = getattr(self.guard, "__name__", "")
             if named in ("", "_", "<lambda>"):
                 named = self.expression or "{}:{}".format(*self.location)
-        return " and ".join(filter(None, (self._timed, named))) or "true"
+        return " and ".join(filter(None, (self.timed, named))) or "true"
 
     @property
     def expression(self) -> str | None:
@@ -221,7 +221,7 @@ class Transition:
     def copy(self, source: State) -> Transition:
         """Return the same transition leaving `source`."""
         twin = Transition(source, self.target, self._declared, None, None, self._label)
-        twin.guard, twin.after_ms, twin._timed = self.guard, self.after_ms, self._timed
+        twin.guard, twin.after_ms, twin.timed = self.guard, self.after_ms, self.timed
         return twin
 
 

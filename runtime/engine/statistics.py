@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
+from .clock import NEVER
 from .failure import logger
-from .histogram import NEAR, Histogram, Spread, range_of
+from .histogram import Spread, doublings
+from .twin import Histogram, MeterFields, Timing
 
 if TYPE_CHECKING:
     from .clock import Clock
-    from .pacing import Pacer
     from .seat import Seat
 
 __all__ = ["MachineStatistics", "Meter", "Stopwatch"]
-
-_AT_REST = object()
 
 
 class MachineStatistics(NamedTuple):
@@ -40,184 +39,119 @@ class MachineStatistics(NamedTuple):
     late_counts: tuple[int, ...] = ()
 
 
-class Meter:
-    """Count and measure the ringlets of the machines of one name."""
+class Meter(MeterFields):
+    """Count and measure the ringlets of the machines of one name, which come one after another."""
 
-    __slots__ = (
-        "_begin_ns",
-        "_late_ns",
-        "_state",
-        "_state_ns",
-        "costs",
-        "fired",
-        "jitters",
-        "name",
-        "overruns",
-        "previous",
-        "worst_overrun_ns",
-    )
+    __slots__ = ("_seat", "_state_ns", "name")
 
     def __init__(self, name: str):
         self.name = name
+        self.costs = Histogram()
+        self.jitters = Histogram()
         self.fired = 0
         self.overruns = 0
         self.worst_overrun_ns = 0
-        self.costs = Histogram()
-        self.jitters = Histogram()
-        self.previous: object = _AT_REST  # the seat's, after the last turn
-        self._state = ""  # that of the turns since `_begin_ns`
-        self._begin_ns = 0
-        self._state_ns: dict[str, int] = {}
-        self._late_ns: int | None = None  # by how much the last turn began after it was due
+        self.since_ns = 0  # when the machine came into its state
+        self.late_ns = NEVER  # by how much the last turn began after it was due
+        self._seat: Seat | None = None  # the machine's
+        self._state_ns: dict[str, int] = {}  # in the states of those before it
 
-    @property
-    def ringlets(self) -> int:
-        """The number of turns."""
-        return self.costs.total
+    def seat(self, seat: Seat) -> None:
+        """Measure the turns of a machine that was loaded."""
+        self._seat, seat.meter = seat, self
 
-    def enter(self, seat: Seat, begin_ns: int) -> None:
-        """Note that the turns since `begin_ns` belong to another state."""
-        self.rest(begin_ns)
-        self.previous = seat.previous
-        self._state = (seat.previous or seat.current).name
-        self._begin_ns = begin_ns
-        self._state_ns.setdefault(self._state, 0)
+    def unseat(self, now_ns: int) -> None:
+        """Note that the machine is unloaded: it is in no state, and no turn of it is due."""
+        self._state_ns = self.state_ns(now_ns)
+        self._seat = None
+        self.late_ns = NEVER
 
-    def note_plan(self, begin_ns: int, end_ns: int, due_ns: int, deadline_ns: int) -> None:
-        """Take when a turn was due and when it had to be over."""
-        late_ns = begin_ns - due_ns
-        if self._late_ns is not None:
-            self.jitters.add(abs(late_ns - self._late_ns))
-        self._late_ns = late_ns
-        if end_ns > deadline_ns:
-            self.overruns += 1
-            self.worst_overrun_ns = max(self.worst_overrun_ns, end_ns - deadline_ns)
-
-    def rest(self, now_ns: int) -> None:
-        """Note that the machine is in no state any more."""
-        if self.previous is not _AT_REST:
-            self._state_ns[self._state] += now_ns - self._begin_ns
-            self.previous = _AT_REST
-
-    def unload(self, now_ns: int) -> None:
-        """Note that the machine is unloaded: no turn of it is due any more."""
-        self.rest(now_ns)
-        self._late_ns = None
+    def state_ns(self, now_ns: int) -> dict[str, int]:
+        """Return the time in each state up to now."""
+        found = dict(self._state_ns)
+        seat = self._seat
+        if seat is not None and seat.timed is not None:
+            for state in dict.fromkeys((*seat.states.values(), seat.suspension)):
+                if state.spent_ns != NEVER:
+                    spent_ns = state.spent_ns
+                    if state is seat.timed:
+                        spent_ns += now_ns - self.since_ns
+                    found[state.name] = found.get(state.name, 0) + spent_ns
+        return found
 
     def read(self, now_ns: int, lateness: Histogram | None) -> MachineStatistics:
         """Return the statistics up to now."""
-        state_ns = dict(self._state_ns)
-        if self.previous is not _AT_REST:
-            state_ns[self._state] += now_ns - self._begin_ns
         return MachineStatistics(
             self.name,
-            self.ringlets,
+            self.costs.total,
             self.fired,
-            {state: ns / 1e9 for state, ns in state_ns.items()},
-            self.costs.spread() or Spread(0.0, 0.0, 0.0),
-            self.jitters.spread(),
+            {state: ns / 1e9 for state, ns in self.state_ns(now_ns).items()},
+            Spread.of(self.costs) or Spread(0.0, 0.0, 0.0),
+            Spread.of(self.jitters),
             self.overruns,
             self.worst_overrun_ns / 1e3,
-            None if lateness is None else lateness.spread(),
-            () if lateness is None else lateness.doublings(),
+            None if lateness is None else Spread.of(lateness),
+            () if lateness is None else doublings(lateness),
         )
 
 
-class Stopwatch:
-    """Time the turns of an arrangement's machines, with one meter for each name.
+class Stopwatch(Timing):
+    """Time the turns of an arrangement's machines, with one meter for each name."""
 
-    A turn begins when the one before it has ended, so that each costs one look at the clock. Only
-    the first of a round, and each that was waited for, begins with a look of its own.
-    """
-
-    def __init__(self, clock: Clock, pacer: Pacer | None):
-        self._clock = clock
-        self._pacer = pacer
+    def __init__(self, clock: Clock):
+        self.now = clock.now_ns
+        self.begin_ns = 0
+        self.due_ns = self.deadline_ns = NEVER
         self._meters: dict[str, Meter] = {}
-        self.begin_ns = 0  # of the turn that is to come, unless the pacer knows
+        self._lateness: dict[str, Histogram] = {}
 
-    def begin(self) -> bool:
-        """Begin a round that has no due time, and return True."""
-        self.begin_ns = self._clock.now_ns()
-        return True
+    def lateness(self, name: str) -> Histogram:
+        """Return what is to count by how much turns of a machine, or rounds (""), begin late."""
+        return self._lateness.setdefault(name, Histogram())
 
-    def around(self, turn: Callable[[Seat], bool]) -> Callable[[Seat], bool]:
-        """Return `turn`, timed by the meter of its machine."""
-        now, pacer, meter_of = self._clock.now_ns, self._pacer, self._meter_of
-        near, near_ns, beat = NEAR, len(NEAR), self._pacer or self
-
-        def timed_turn(seat: Seat) -> bool:
-            fired = False
-            try:
-                fired = turn(seat)
-            finally:  # in line, as each call would cost a quarter of all this
-                end_ns = now()
-                begin_ns = beat.begin_ns
-                beat.begin_ns = end_ns
-                cost_ns = end_ns - begin_ns
-                meter = seat.meter
-                if meter is None:
-                    meter = meter_of(seat)
-                costs = meter.costs
-                costs.counts[near[cost_ns] if cost_ns < near_ns else range_of(cost_ns)] += 1
-                if cost_ns > costs.longest_ns:
-                    costs.longest_ns = cost_ns
-                if fired:
-                    meter.fired += 1
-                if seat.previous is not meter.previous:
-                    meter.enter(seat, begin_ns)
-                if pacer is not None:
-                    meter.note_plan(begin_ns, end_ns, pacer.due_ns, pacer.deadline_ns)
-            return fired
-
-        return timed_turn
-
-    def within(self, turn: Callable[[Seat], bool]) -> Callable[[Seat], bool]:
-        """Return `turn`, timed as one that is nested in another machine's."""
-        timed, beat = self.around(turn), self._pacer or self
-
-        def nested_turn(seat: Seat) -> bool:
-            outer_ns, beat.begin_ns = beat.begin_ns, self._clock.now_ns()
-            try:
-                return timed(seat)
-            finally:
-                beat.begin_ns = outer_ns
-
-        return nested_turn
+    def time_nested(self, turn: Callable[[Seat], bool], seat: Seat) -> bool:
+        """Run a turn that is nested in another machine's, and note what it took."""
+        outer_ns, fired = self.begin_ns, False
+        self.begin()
+        try:
+            fired = turn(seat)
+        finally:
+            self.take(seat, fired)
+            self.begin_ns = outer_ns
+        return fired
 
     def _meter_of(self, seat: Seat) -> Meter:
-        name = seat.name
-        seat.meter = self._meters.get(name) or self._meters.setdefault(name, Meter(name))
-        return seat.meter
+        meter = self._meters.get(seat.name) or self._meters.setdefault(seat.name, Meter(seat.name))
+        meter.seat(seat)
+        return meter
 
     def rest(self, name: str) -> None:
         """Note that a machine is unloaded."""
         if name in self._meters:
-            self._meters[name].unload(self._clock.now_ns())
+            self._meters[name].unseat(self.now())
 
     def progress(self, name: str) -> tuple[int, int]:
         """Return the numbers of ringlets and of overruns of a machine."""
         meter = self._meters.get(name)
-        return (0, 0) if meter is None else (meter.ringlets, meter.overruns)
+        return (0, 0) if meter is None else (meter.costs.total, meter.overruns)
 
     def read(self) -> tuple[MachineStatistics, ...]:
         """Return the statistics of all machines, in order of first turns."""
-        now_ns = self._clock.now_ns()
-        late = {} if self._pacer is None else self._pacer.lateness
+        now_ns, of_rounds = self.now(), self._lateness.get("")
         return tuple(
-            meter.read(now_ns, late.get(name) or late.get(""))
+            meter.read(now_ns, self._lateness.get(name, of_rounds))
             for name, meter in self._meters.items()
         )
 
     def end(self) -> None:
         """Stop counting time, and log which machines were late."""
         for meter in self._meters.values():
-            meter.unload(self._clock.now_ns())
+            meter.unseat(self.now())
             if meter.overruns:
                 logger().warning(
                     "%s: %d of %d turns ended after their deadline, the worst by %.0f us",
                     meter.name,
                     meter.overruns,
-                    meter.ringlets,
+                    meter.costs.total,
                     meter.worst_overrun_ns / 1e3,
                 )

@@ -21,9 +21,9 @@ class Submachine(Generic[M_co]):
     Nothing waits: guard a transition with `done`. It stays loaded if its caller is unloaded.
     """
 
-    def __init__(self, seat: Seat):
+    def __init__(self, seat: Seat, caller: Seat | None):
         self._seat = seat
-        seat.called = True
+        seat.called, seat.caller = True, caller
 
     def __repr__(self) -> str:
         how = "done" if self.done else "failed" if self.failed else f"in {self.machine.state_name}"

@@ -99,6 +99,17 @@ class Table:
         names += [port.slot.name for port in self.actuators.values()]
         return list(dict.fromkeys(names))
 
+    def _repr_html_(self) -> str:
+        """Return the transitions in the order in which they are looked at, for a notebook."""
+        from llfsm.whiteboard.notebook import html_table  # here, as few tables are in one
+
+        rows = [
+            (state.name, each.label, each.target.name)
+            for state in self.states
+            for each in state.transitions
+        ]
+        return html_table(("state", "transition", "to"), rows)
+
 
 def make_table(cls: type, body: ClassBody, path: str, states: Iterable[State], root: type) -> Table:
     """Check the states and names of `cls`, a subclass of `root`, and put them in order.

@@ -1,4 +1,4 @@
-"""What runs: the twins in C of the ringlet and the rotation or, without the extension, these."""
+"""What runs: the twins in C of what every turn does or, without the extension, the definitions."""
 
 from __future__ import annotations
 
@@ -8,13 +8,33 @@ if TYPE_CHECKING:
     from .binding import Running
     from .seat import Seat
 
-__all__ = ["Rotation", "SeatFields", "StateFields", "ringlet", "running"]
+__all__ = [
+    "Histogram",
+    "MeterFields",
+    "Rotation",
+    "SeatFields",
+    "StateFields",
+    "Timing",
+    "ringlet",
+    "running",
+]
 
 try:
-    from ._ringlet import Rotation, SeatFields, StateFields, ringlet, running
+    from ._ringlet import (
+        Histogram,
+        MeterFields,
+        Rotation,
+        SeatFields,
+        StateFields,
+        Timing,
+        ringlet,
+        running,
+    )
 except ImportError:
+    from .histogram import Histogram  # type: ignore[assignment]
     from .ringlet import ringlet
     from .rotation import Rotation  # type: ignore[assignment]
+    from .timing import Timing  # type: ignore[assignment]
 
     class SeatFields:  # type: ignore[no-redef]
         """The attributes of a seat that a ringlet uses; for its twin, a C structure."""
@@ -22,7 +42,10 @@ except ImportError:
         __slots__ = (
             "current",
             "entered_ns",
+            "failure",
+            "hang",
             "machine",
+            "meter",
             "notifies",
             "now",
             "previous",
@@ -30,12 +53,34 @@ except ImportError:
             "sensors",
             "source",
             "suspension",
+            "timed",
         )
 
     class StateFields:  # type: ignore[no-redef]
         """The same of a loaded machine's state."""
 
-        __slots__ = ("internal", "on_entry", "on_exit", "on_resume", "on_suspend", "transitions")
+        __slots__ = (
+            "internal",
+            "on_entry",
+            "on_exit",
+            "on_resume",
+            "on_suspend",
+            "spent_ns",
+            "transitions",
+        )
+
+    class MeterFields:  # type: ignore[no-redef]
+        """The same of a meter, in which turns are counted."""
+
+        __slots__ = (
+            "costs",
+            "fired",
+            "jitters",
+            "late_ns",
+            "overruns",
+            "since_ns",
+            "worst_overrun_ns",
+        )
 
     def running(seat: Seat, /) -> Running | None:
         """Return None: of the definition, the ringlet's frame shows what runs."""

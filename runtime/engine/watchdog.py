@@ -36,12 +36,12 @@ class RunningCall(NamedTuple):
     """A call of a machine's code that is running in a ringlet."""
 
     frame: FrameType
-    """The ringlet's, or that of the round in which its twin runs.
+    """The ringlet's, or that of the rounds in which its twin runs.
 
-    While it is referenced, no other ringlet or round has the same object.
+    While it is referenced, no other ringlet or call of rounds has the same object.
     """
     step: int
-    """Where the ringlet is, or the number of its twin's call."""
+    """Where the ringlet is, or the number of its twin's call, which no other one has."""
     seat: Seat
     where: str
     """Machine, state and section, file and line."""
@@ -58,7 +58,7 @@ def running_call(thread: int) -> RunningCall | None:
     frame = sys._current_frames().get(thread)
     inner: FrameType | None = None  # the last of the machine's own frames on the way out
     innermost = frame
-    turns = ringlet.__code__, Arrangement.round.__code__
+    turns = ringlet.__code__, Arrangement.round.__code__, Arrangement.rest.__code__
     while frame is not None and frame.f_code not in turns:
         if not frame.f_code.co_filename.startswith(_RUNTIME):
             inner = frame

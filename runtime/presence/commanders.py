@@ -113,10 +113,12 @@ class Claims:
         if is_due:
             self._due_ns = now_ns + _WRITERS_NS
         for claims in self._slots.values():
-            with suppress(MessageError):  # another process may write anything
+            try:
                 if is_due and claims.mine:
                     claims.list_writers(now_ns)
                 claims.look()
+            except MessageError:  # another process may write anything
+                pass
 
 
 class _SlotClaims:
@@ -262,7 +264,7 @@ def contested_slots(board: Board) -> dict[str, list[Commander]]:
                 if claims is not None and is_contested(claims.message.commanders):
                     commanders = _alive(board, claims)
                     if is_contested(commanders):
-                        found[claims.message.slot] = commanders
+                        found[info.name.removeprefix(COMMANDERS)] = commanders
     return found
 
 

@@ -1,4 +1,4 @@
-"""A machine as messages: its definition, and the values of its variables.
+"""A machine as messages: its definition, and the values of its variables and sensors.
 
 To draw a machine of another process, or of a recording, its table is made of the definition again.
 """
@@ -6,8 +6,7 @@ To draw a machine of another process, or of a recording, its table is made of th
 from __future__ import annotations
 
 import math
-import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
@@ -27,6 +26,7 @@ from ..engine.layout import MachineLayout, StateBox, TransitionPath
 from ..engine.source_text import TextOnly, body_of
 from ..engine.state import SECTIONS, State, Transition
 from ..engine.table import Table
+from ..value_text import ValueText
 
 if TYPE_CHECKING:
     from ..engine.machine import Machine
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["definition_of", "table_of", "variables_of"]
 
 _TEXT: Final = 200  # characters of a value that is published
-_VARIABLES: Final = 12 << 10  # bytes of all of a machine's: what is more is left out
+_VARIABLES: Final = 12 << 10  # bytes of all of a machine's values: what is more is left out
 _MOST: Final = {"states": 250, "transitions": 800, "characters": 1_000_000}  # drawn in seconds
 
 
@@ -138,20 +138,29 @@ def _check(definition: MachineDefinition) -> None:
             raise DefinitionError(f"it has {size} {what}; up to {_MOST[what]} are drawn")
 
 
-_repr = reprlib.Repr()  # whose cost is bounded, however much a variable holds
-_repr.maxstring = _repr.maxother = _TEXT
+_texts: Final = ValueText(_TEXT)
 
 
 def variables_of(machine: Machine) -> MachineVariables:
-    """Return the values of a machine's variables; this never raises."""
-    values, left = [], _VARIABLES
-    for name in type(machine).table.variables:
+    """Return the values of a machine's variables and sensors; this never raises."""
+    table = type(machine).table
+    variables, left = _values(machine, table.variables, _VARIABLES)
+    sensors, _ = _values(machine, table.sensors, left)
+    return MachineVariables(variables, sensors)
+
+
+def _values(
+    machine: Machine, names: Iterable[str], left: int
+) -> tuple[tuple[VariableValue, ...], int]:
+    """Return the values that fit into so many bytes, and how many are left."""
+    values = []
+    for name in names:
         value = _plain(getattr(machine, name, None))
         left -= 4 * (len(name) + (len(value) if isinstance(value, str) else 2)) + 8
         if left < 0:
             break
         values.append(VariableValue(name, value))
-    return MachineVariables(tuple(values))
+    return tuple(values), left
 
 
 def _plain(value: Any) -> bool | int | float | str | None:
@@ -160,9 +169,11 @@ def _plain(value: Any) -> bool | int | float | str | None:
         return value  # type: ignore[no-any-return]
     if kind is int and -(2**63) <= value < 2**63:
         return value  # type: ignore[no-any-return]
+    if kind is not str:
+        return _texts.text(value)
+    text = value if len(value) <= _TEXT else f"{value[: _TEXT - 1]}…"
     try:
-        text = value if kind is str else _repr.repr(value)
         text.encode()
-    except Exception as error:  # of a class of the machine's own
-        return f"({type(error).__name__} while it was described)"
-    return text if len(text) <= _TEXT else f"{text[: _TEXT - 1]}…"
+    except UnicodeError:
+        return _texts.text(value)
+    return text

@@ -26,7 +26,10 @@ from llfsm.whiteboard.messages.llfsm import (
     status_slot,
     will_slot,
 )
+from llfsm.whiteboard.mirror.naming import Naming
+from llfsm.whiteboard.shared import require_shared_memory
 
+from ..engine.failure import one_line
 from .commanders import OwnReport
 from .will import execute, reserve
 
@@ -73,6 +76,7 @@ class _Watched:
 
     def __init__(self, machine: str, slot: BoundSlot[LastWill]):
         self.machine = machine
+        self.slot_name = WILLS + machine
         self.slot = slot
         self.sample: Sample[LastWill] | None = None
         self.process: _Process | None = None
@@ -132,12 +136,16 @@ class Guard:
             self._release(watched)
 
     def _list(self) -> None:
-        for info in self._board.slots():
-            if info.name.startswith(WILLS) and info.name not in self._watched:
-                machine = info.name.removeprefix(WILLS)
+        listed = [info.name for info in self._board.slots() if info.name.startswith(WILLS)]
+        for name in self._watched.keys() - {*listed}:  # it was given up
+            watched = self._watched.pop(name)
+            self._release(watched)
+            self._board.forget(will_slot(watched.machine))
+        for name in listed:
+            if name not in self._watched:
+                machine = name.removeprefix(WILLS)
                 with suppress(SlotError):  # not a will, whatever its name
-                    slot = self._board[will_slot(machine)]
-                    self._watched[info.name] = _Watched(machine, slot)
+                    self._watched[name] = _Watched(machine, self._board[will_slot(machine)])
 
     def _read(self, watched: _Watched) -> None:
         """Read the will, and watch its process if it is a new one."""
@@ -155,9 +163,9 @@ class Guard:
         if sample is not None:
             if is_local(sample.message):
                 watched.process = self._open(sample.message)
-            reserve(self._board, sample.message)
+            reserve(self._board, self._here(watched, sample.message))
             with suppress(WhiteboardError):  # for the mark that it was executed
-                watched.slot.add_after(sample.message, 0)
+                watched.slot.reserve()
 
     def _open(self, will: LastWill) -> _Process:
         """Watch the will's process."""
@@ -192,19 +200,24 @@ class Guard:
         if watched.process is not None and watched.process.died:
             return _Death("died without an end")
         local = watched.process is not None
-        limit_s = will.silent_ms / 1e3 if local else self._partition_s()
+        limit_s = will.silent_ms / 1e3 if local else self._mirror().partition_s
         silent_s = self._silent_s(watched.machine, will) if limit_s else 0.0
         if silent_s <= limit_s or not silent_s:
             return None
         host = "" if local else f"of host {will.host} "
         return _Death(f"{host}was silent for {silent_s:.1f} s", int(limit_s * 1e9))
 
-    def _partition_s(self) -> float:
-        """Return after how long a silent host counts as dead, as the daemon is configured."""
+    def _mirror(self) -> MirrorStatus:
+        """Return how the daemon is configured."""
         status = None
         with suppress(WhiteboardError):
             status = self._board[MIRROR].get()
-        return (status or MirrorStatus()).partition_s
+        return status or MirrorStatus()
+
+    def _here(self, watched: _Watched, will: LastWill) -> LastWill:
+        """Return a will with the names that its slots have on this host's board."""
+        mirror = self._mirror()
+        return Naming(mirror.name, mirror.fleet).will(watched.slot_name, will)
 
     def _silent_s(self, machine: str, will: LastWill) -> float:
         """Return how long ago the process published a status; 0 if it never has."""
@@ -218,8 +231,9 @@ class Guard:
         sample = watched.sample
         if sample is None or watched.slot.count != sample.count:  # withdrawn before the death
             return
+        here = sample._replace(message=self._here(watched, sample.message))
         outcome = execute(
-            self._board, sample, silent_ns=death.silent_ns, is_commanded=self._is_commanded
+            self._board, here, silent_ns=death.silent_ns, is_commanded=self._is_commanded
         )
         what = f"{watched.machine}: its process {sample.message.pid} {death.why}"
         if outcome.posted:
@@ -238,7 +252,7 @@ class Guard:
     def _is_commanded(self, slot: str) -> bool:
         """Return whether a process that lives has a last will for the slot, so may post to it."""
         return any(
-            slot in {value.slot for value in watched.will.values}
+            slot in {value.slot for value in self._here(watched, watched.will).values}
             for watched in self._watched.values()
             if watched.will is not None and self._death(watched) is None
         )
@@ -254,6 +268,7 @@ class GuardThread:
     def __init__(
         self, name: str, directory: str | os.PathLike[str] = DIRECTORY, *, after_s: float = 0.0
     ) -> None:
+        require_shared_memory()
         self._name = name
         self._directory = directory
         self._after_s = after_s
@@ -280,7 +295,9 @@ class GuardThread:
             except Exception as error:  # a guard that ends guards nothing
                 if str(error) != problem:
                     problem = str(error)
-                    _log.exception("the whiteboard %s cannot be guarded", self._name)
+                    expected = isinstance(error, WhiteboardError)  # else it is a mistake of ours
+                    what = f"the whiteboard {self._name} cannot be guarded: {one_line(error)}"
+                    _log.error(what, exc_info=not expected)
             self._over.wait(_OPEN_S)
 
     def _guard(self, board: Whiteboard) -> None:

@@ -54,7 +54,7 @@ class LiveEnvironment(BoardEnvironment):
         if not self.alive:
             return None
         from llfsm.whiteboard.errors import BoardFullError  # here, as few need the messages
-        from llfsm.whiteboard.messages.llfsm import BELL
+        from llfsm.whiteboard.messages.llfsm import BELL, RECORDER, VIEWER
 
         from .reporting import Presence
 
@@ -67,7 +67,8 @@ class LiveEnvironment(BoardEnvironment):
                 self._will_after_ms,
                 self._claimed(),
             )
-            self.news.heed(self.whiteboard[BELL])
+            for slot in (BELL, VIEWER, RECORDER):
+                self.news.heed(self.whiteboard[slot])
         except BoardFullError as error:  # not even what all machines share has room
             logger().warning("machines cannot be published on the whiteboard: %s", error)
         return self._presence
@@ -81,9 +82,9 @@ class LiveEnvironment(BoardEnvironment):
         """Claim the slots on the whiteboard, for other processes to see."""
         self._releases[machine] = self._claimed().take(machine, slots)
 
-    def unloaded(self, machine: str) -> None:
+    def retire(self, machine: str) -> None:
         """Retire the machine's handles, and give back the slots that it claimed."""
-        super().unloaded(machine)
+        super().retire(machine)
         release = self._releases.pop(machine, None)
         if release is not None:
             release()

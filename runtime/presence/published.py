@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from llfsm.whiteboard.errors import BoardFullError, MessageError
+import msgspec
+
+from llfsm.whiteboard.errors import BoardFullError, MessageError, SlotError
+from llfsm.whiteboard.messages.debugging import MachineWhy, why_slot
 from llfsm.whiteboard.messages.llfsm import (
+    MACHINES,
     MachineRequest,
     MachineStatus,
     definition_slot,
     request_slot,
     status_slot,
     variables_slot,
+    will_slot,
 )
 
 from ..engine.failure import logger
 from ..engine.machine import Machine
 from .description import definition_of, variables_of
 from .remote import is_live
-from .will import Will
+from .will import Will, vacate_executed
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 
     from ..engine.seat import Failure
 
-__all__ = ["Published", "PublishedMachine"]
+__all__ = ["Published", "PublishedMachine", "vacate_dead"]
+
+_LONG_NS = 60_000_000_000  # a machine whose process has died is shown for so long
 
 
 class Published(NamedTuple):
@@ -39,6 +47,10 @@ class Published(NamedTuple):
     entered_ns: int | None
     failure: Failure | None
     hang: str
+    paused: str
+    overridden: tuple[str, ...]
+    caller: str
+    refusal: str
 
 
 class PublishedMachine:
@@ -77,13 +89,25 @@ class PublishedMachine:
             self._will.withdraw()
             self._will = None
         self._requests: BoundSlot[MachineRequest] = self._board[request_slot(names)]
+        self._requests.reserve()  # it is read here, and only an add or this keeps the name
         self._will = self._leave_will(names)
         self.obeyed = self._requests.count  # those were for an earlier process
         self._count = 0
         self.published: Published | None = None
         self.beat_ns = 0
         self._variables = variables_slot(names)
+        self._why = why_slot(names)
         self._define(names)
+
+    def exchange(self, machine: Machine, safe_values: list[tuple[Slot[Any], Message]]) -> None:
+        """Publish the definition of the machine, if it is another one, and leave its last will."""
+        if machine is self._machine:
+            return
+        self._machine, self._safe_values = machine, safe_values
+        before, self._will = self._will, self._leave_will(self.published_name)
+        if before is not None:
+            before.withdraw()  # which does nothing where the new one has replaced it
+        self._define(self.published_name)
 
     def _leave_will(self, names: str) -> Will | None:
         if not self._safe_values:
@@ -108,9 +132,17 @@ class PublishedMachine:
                 return
 
     def post_variables(self) -> None:
-        """Post the machine's variables, if it has any."""
-        if type(self._machine).table.variables:
+        """Post the values of the machine's variables and sensors, if it has any."""
+        table = type(self._machine).table
+        if table.variables or table.sensors:
             self._board[self._variables].add(variables_of(self._machine))
+
+    def post_why(self, why: MachineWhy) -> None:
+        """Post why the machine is in its state; without what was before if that is too large."""
+        for each in (why, MachineWhy(why.state, ())):
+            with suppress(MessageError):
+                self._board[self._why].add(each)
+                return
 
     def keep(self) -> None:
         """Keep the name, or claim another one if another process claimed it at the same moment.
@@ -121,25 +153,65 @@ class PublishedMachine:
             sample = self._slot.sample()
             if sample is not None and is_live(sample):
                 self._take()
+        with suppress(BoardFullError):
+            self._requests.reserve()
         if self._will is not None:
             self._will.keep()
 
     def post(self, published: Published, status: MachineStatus, now_ns: int) -> None:
         """Post the status."""
         self._count = self._slot.add(status)
-        self.published, self.beat_ns = published, now_ns
+        self.published, self._status, self.beat_ns = published, status, now_ns
 
-    def request(self) -> str | None:
+    def beat(self, progress: tuple[int, int], now_ns: int) -> bool:
+        """Post the status of a machine that stands as it did; False if that is to be described."""
+        self.keep()
+        published = self.published
+        if published is None or published.hang or published.overridden:
+            return False
+        before, (ringlets, overruns) = self._status, progress
+        passed_s = (now_ns - self.beat_ns) / 1e9
+        status = msgspec.structs.replace(
+            before,
+            ringlets=ringlets,
+            overruns=overruns,
+            in_state_s=0.0 if published.entered_ns is None else before.in_state_s + passed_s,
+            error_s=before.error_s + passed_s if before.failed else 0.0,
+        )
+        self.post(published, status, now_ns)
+        return True
+
+    def request(self) -> MachineRequest | None:
         """Return the request that came since the last call: the latest replaces the others."""
         sample = self._requests.sample()
         if sample is None or sample.count == self.obeyed:
             return None
         self.obeyed = sample.count
-        return sample.message.action
+        return sample.message
 
     def leave(self) -> None:
-        """Post that the machine is gone."""
+        """Post that the machine is gone, and give up its name."""
         if self._will is not None:
             self._will.withdraw()
         if self.published is not None and self._slot.count == self._count:
             self._slot.add(MachineStatus(self.published.state, loaded=False))
+            _vacate(self._board, self.published_name)
+
+
+def vacate_dead(board: Board) -> None:
+    """Give up the names of machines whose processes died long ago."""
+    listed = [info.name for info in board.slots()]
+    for machine in [name.removeprefix(MACHINES) for name in listed if name.startswith(MACHINES)]:
+        with suppress(SlotError, MessageError):  # not a machine's slots, whatever their names
+            sample = board.publisher(status_slot(machine)).sample()
+            if sample is None or time.monotonic_ns() - sample.stamp_ns < _LONG_NS:
+                continue
+            if not is_live(sample):
+                _vacate(board, machine)
+                if will_slot(machine).name in listed:
+                    vacate_executed(board, machine)
+
+
+def _vacate(board: Board, machine: str) -> None:
+    for slot in (status_slot, request_slot, definition_slot, variables_slot, why_slot):
+        board.vacate(slot(machine))

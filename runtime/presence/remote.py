@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SILENT_S", "Condition", "Directory", "RemoteMachine", "condition_of", "is_live"]
 
-Condition: TypeAlias = Literal["running", "suspended", "failed", "hung", "silent"]
+Condition: TypeAlias = Literal["running", "suspended", "paused", "failed", "hung", "silent"]
 
 SILENT_S = 1.0
 """A process that has posted nothing for so long is gone or stalled."""
@@ -86,9 +86,18 @@ class RemoteMachine:
             pending = latest.message.action
         if action == "resume" and pending == "restart":
             return Status.ERROR
-        slot.add(MachineRequest(action))
-        self._board.add_message(BELL, Bell(self.name))
+        self.send(MachineRequest(action))
         return Status.SUSPENDED if self.suspended else Status.RUNNING
+
+    def renew(self, lease_s: float) -> None:
+        """Let a pause last so long from now on, unless another request is still to be obeyed."""
+        if self._board[request_slot(self.name)].count == self.status.obeyed:
+            self.send(MachineRequest("renew", lease_s=lease_s))
+
+    def send(self, request: MachineRequest) -> None:
+        """Send a request as it is."""
+        self._board[request_slot(self.name)].add(request)
+        self._board.add_message(BELL, Bell(self.name))
 
 
 class Directory:
@@ -132,11 +141,14 @@ class Directory:
         return found
 
     def _look(self) -> None:
-        for slot in self._board.slots():
-            if slot.name.startswith(MACHINES) and slot.name not in self._slots:
-                machine = slot.name.removeprefix(MACHINES)
+        listed = [slot.name for slot in self._board.slots() if slot.name.startswith(MACHINES)]
+        for name in self._slots.keys() - {*listed}:  # it was given up
+            del self._slots[name]
+            self._board.forget(status_slot(name.removeprefix(MACHINES)))
+        for name in listed:
+            if name not in self._slots:
                 with suppress(SlotError):  # not a machine's status, whatever its name
-                    self._slots[slot.name] = self._board[status_slot(machine)]
+                    self._slots[name] = self._board[status_slot(name.removeprefix(MACHINES))]
 
 
 def condition_of(status: MachineStatus, silent_s: float) -> Condition:
@@ -145,6 +157,8 @@ def condition_of(status: MachineStatus, silent_s: float) -> Condition:
         return "silent"
     if status.hung:
         return "hung"
+    if status.paused:
+        return "paused"
     if status.failed:
         return "failed"
     return "suspended" if status.suspended else "running"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import re
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
@@ -13,23 +13,24 @@ from llfsm.whiteboard.errors import (
     BoardClosedError,
     WhiteboardError,
 )
-from llfsm.whiteboard.liveness import born, host_name, is_local, pid_namespace, process_text
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.local import LocalBoard
+from llfsm.whiteboard.messages.debugging import MachineWhy
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
-    MACHINES,
     VIEWER,
-    Bell,
+    MachineRequest,
     MachineStatus,
-    status_slot,
+    OverriddenSensor,
 )
 
+from ..engine.clock import pace_of
 from ..engine.errors import UnknownMachineError
 from ..engine.failure import logger, one_line
 from ..journal.handover import Handover, Reporter
 from .commanders import Claims
-from .published import Published, PublishedMachine
-from .remote import Directory
+from .namesakes import Namesakes
+from .published import Published, PublishedMachine, vacate_dead
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from ..engine.arrangement import Arrangement
     from ..engine.clock import Clock
     from ..engine.seat import Arrival
+    from .reloading import Reloads
 
 __all__ = ["Presence"]
 
@@ -44,6 +46,28 @@ _PAUSE_NS = 20_000_000  # between two posts; a viewer does not look more often
 _BEAT_NS = 250_000_000  # a status that still holds is posted again after so long
 _VIEW_NS = 2_000_000_000  # a viewer that has posted its presence looks for so long
 _VARIABLES_NS = 100_000_000
+
+
+class _Tolerance:
+    """Log once that the board is full or read-only: it must not stop a robot.
+
+    It is a class, as a generator costs a machine that waits a tenth of all that it does.
+    """
+
+    def __init__(self) -> None:
+        self._has_warned = False
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> bool:
+        if not isinstance(error, WhiteboardError):
+            return False
+        # A closed board stops the arrangement, when it looks.
+        if not self._has_warned and not isinstance(error, BoardClosedError):
+            self._has_warned = True
+            logger().warning("not all can be published on the whiteboard: %s", error)
+        return True
 
 
 class Presence:
@@ -65,7 +89,12 @@ class Presence:
         self._arrangement = arrangement
         self._will_after_ms = will_after_ms
         self._claims = claims or Claims(board)
-        self._now = (clock or arrangement.clock).now_ns
+        vacate_dead(board)
+        clock = clock or arrangement.clock
+        pace = pace_of(clock)
+        self._now = pace.now_ns
+        self._machine_now = clock.now_ns
+        self._is_one_time = pace is clock  # else the machines' may stand still
         self._board = board
         self._pid = os.getpid()
         self._born = born(self._pid)
@@ -75,15 +104,17 @@ class Presence:
         self._bell = board[BELL]
         self._rung = self._bell.count
         self._has_rung = False  # since namesakes were looked for
-        self._namesakes: dict[str, str] = {}  # published names that were logged, by machine
-        self._logged: set[tuple[str, int]] = set()  # names and processes of others' namesakes
+        self._namesakes = Namesakes(board, self._claims)
+        self._reloads: Reloads | None = None  # once one was asked for
         self._viewer = board[VIEWER]
         self._viewed = self._viewer.count
         self._view_ends_ns = self._variables_due_ns = self._now()
+        self._why_ends_ns = self._view_ends_ns
         self._reporter = Reporter(arrangement, board, handover)
         self._due_ns = 0
+        self._beaten_ns = 0  # when all statuses were posted, though time may stand still
         self._hidden: set[str] = set()  # machines that cannot be published
-        self._has_warned = False
+        self._tolerating_the_board = _Tolerance()
         self._lock = threading.Lock()  # a watchdog posts, too
         self.look(idle=True)
 
@@ -94,64 +125,81 @@ class Presence:
         can_be = not published.isdisjoint(self._arrangement.failed_machines)
         return can_be and not isinstance(self._board, LocalBoard)
 
+    @property
+    def due_ns(self) -> int:
+        """When a status is to be posted again, or variables are."""
+        viewed = self._variables_due_ns < self._view_ends_ns
+        return min(self._beat_due_ns, self._variables_due_ns) if viewed else self._beat_due_ns
+
     def look(self, *, idle: bool) -> None:
         """Obey requests; then post what has changed, if there is time (`idle`) or it is due."""
         self.obey()
         now_ns = self._now()
-        if idle or now_ns >= self._due_ns:
+        if now_ns >= self._due_ns or (idle and self._has_news(now_ns)):
             self._due_ns = now_ns + _PAUSE_NS
-            with self._lock, self._tolerating_the_board():
+            self._look_at_instrument()
+            self._reload()
+            with self._lock, self._tolerating_the_board:
                 self._post(now_ns)
                 self._claims.look()
                 if self._has_rung:
-                    self._report_namesakes()
+                    self._has_rung = False
+                    self._namesakes.report(self._entries)
             self._reporter.look()
 
-    def obey(self) -> None:
-        """Obey the requests that have come."""
+    def beat(self) -> None:
+        """Obey requests, and post what has changed; four times a second post all."""
+        self.obey()
+        now_ns, host_ns = self._now(), time.monotonic_ns()
+        is_due = host_ns - self._beaten_ns >= _BEAT_NS
+        if is_due:
+            self._look_at_instrument()
+            self._beaten_ns = host_ns
+            self._beat_due_ns = self._variables_due_ns = now_ns
+            self._marks = {}
+            for entry in self._entries.values():
+                entry.beat_ns = now_ns - _BEAT_NS
+        if is_due or self._arrangement.marks() != self._marks:
+            with self._lock, self._tolerating_the_board:
+                self._post(now_ns)
+            self._reporter.look()
+
+    def obey(self) -> bool:
+        """Obey the requests that have come, and return whether any may have."""
         try:
             rung = self._bell.count
-            if rung != self._rung:
-                self._rung = rung
-                self._has_rung = True
-                self._obey_all()
+            if rung == self._rung:
+                return False
+            self._rung = rung
+            self._has_rung = True
+            self._obey_all()
         except BoardClosedError:  # which stops the arrangement, when it looks
             pass
+        return True
 
     def add(self, name: str) -> None:
         """Claim the slots of a machine that was loaded."""
-        with self._lock, self._tolerating_the_board(), self._publishing(name):
+        with self._lock, self._tolerating_the_board, self._publishing(name):
             self._add(name)
 
     def publish_hang(self, name: str) -> None:
         """Post the status of a machine whose code hangs; called by the watchdog's thread."""
-        with self._lock, self._tolerating_the_board(), suppress(UnknownMachineError):  # it has left
+        with self._lock, self._tolerating_the_board, suppress(UnknownMachineError):  # it has left
             entry = None if name in self._hidden else self._entries.get(name)
             if entry is not None and entry.published is not None:
                 now_ns = self._now()
                 latest = entry.published._replace(hang=self._arrangement.hang(name))
                 arrival = self._arrangement.arrival(name)
-                entry.post(latest, self._status(name, latest, arrival, now_ns), now_ns)
+                entry.post(latest, self._status(name, latest, arrival), now_ns)
                 self._marks.pop(name, None)  # it may look the same again when it has returned
+                self._arrangement.environment.wake()
 
     def end(self) -> None:
         """Post that the machines are gone."""
-        with self._tolerating_the_board():
+        with self._tolerating_the_board:
             for entry in self._entries.values():
                 entry.leave()
         self._entries.clear()
-
-    @contextmanager
-    def _tolerating_the_board(self) -> Iterator[None]:
-        """Log once that the board is full or read-only: it must not stop a robot."""
-        try:
-            yield
-        except BoardClosedError:  # which stops the arrangement, when it looks
-            pass
-        except WhiteboardError as error:
-            if not self._has_warned:
-                self._has_warned = True
-                logger().warning("not all can be published on the whiteboard: %s", error)
 
     @contextmanager
     def _publishing(self, name: str) -> Iterator[None]:
@@ -173,24 +221,69 @@ class Presence:
         }
         for standing in self._arrangement.standings():
             entry = None if standing is None else self._entries.get(standing.machine)
-            action = None if entry is None else entry.request()
-            if action is not None and standing is not None:
-                obey[action](standing.machine)
+            request = None if entry is None else entry.request()
+            if request is not None and standing is not None:
+                if request.action == "reload":
+                    self._reloading.begin(standing.machine)
+                elif request.action in obey:
+                    if self._reloads is not None:
+                        self._reloads.cancel(standing.machine)
+                    obey[request.action](standing.machine)
+                else:
+                    self._debug(request, standing.machine)
                 self._marks.pop(standing.machine, None)  # the count of requests has changed
                 self._arrangement.environment.wake()
+
+    @property
+    def _reloading(self) -> Reloads:
+        if self._reloads is None:
+            from .reloading import Reloads  # here, because few ask
+
+            self._reloads = Reloads(self._arrangement)
+        return self._reloads
+
+    def _reload(self) -> None:
+        """Exchange the machines whose bundles are loaded, and publish what they are now."""
+        for name in () if self._reloads is None else self._reloads.finish():
+            self._marks.pop(name, None)
+            entry = self._entries.get(name)
+            if entry is not None and name not in self._hidden:
+                with self._lock, self._tolerating_the_board, self._publishing(name):
+                    machine = self._arrangement.machine(name)
+                    entry.exchange(machine, self._arrangement.safe_values(name))
+
+    def _debug(self, request: MachineRequest, machine: str) -> None:
+        """Have a debugger do what is requested."""
+        from ..debugging.debugger import Debugger  # here, because few ask
+
+        Debugger.of(self._arrangement).obey(request, machine)
+
+    def _look_at_instrument(self) -> None:
+        if self._arrangement.instrument is not None:
+            self._arrangement.instrument.look()
+
+    def _has_news(self, now_ns: int) -> bool:
+        if self._reloads is not None and self._reloads.is_ready:
+            return True
+        return now_ns >= self._beat_due_ns or self._arrangement.marks() != self._marks
 
     def _post(self, now_ns: int) -> None:
         marks = self._arrangement.marks()
         if marks != self._marks or now_ns >= self._beat_due_ns:
             self._hidden &= marks.keys()
             for name in self._entries.keys() - marks:
-                self._namesakes.pop(name, None)
+                self._namesakes.forget(name)
                 self._entries.pop(name).leave()
             for name, mark in marks.items():
                 if name not in self._hidden:
                     with self._publishing(name):
                         entry = self._entries.get(name) or self._add(name)
-                        if mark != self._marks.get(name) or now_ns - entry.beat_ns >= _BEAT_NS:
+                        is_same = mark == self._marks.get(name)
+                        if is_same and now_ns - entry.beat_ns < _BEAT_NS:
+                            continue
+                        progress = self._arrangement.progress(name)
+                        may_beat = is_same and self._is_one_time
+                        if not (may_beat and entry.beat(progress, now_ns)):
                             self._describe(entry, now_ns)
             self._marks = marks
             shown = self._entries.keys() - self._hidden
@@ -200,22 +293,35 @@ class Presence:
 
     def _describe(self, entry: PublishedMachine, now_ns: int) -> None:
         standing = self._arrangement.standing(entry.name)
-        arrival = self._arrangement.arrival(entry.name)
+        arrival, reloads = self._arrangement.arrival(entry.name), self._reloads
+        is_reloading = reloads is not None and reloads.is_pending(entry.name)
         latest = Published(
             standing.state,
             standing.suspended,
-            standing.request or "",
+            "reload" if is_reloading else standing.request or "",
             entry.obeyed,
             arrival.entered_ns,
             self._arrangement.failure(entry.name),
             self._arrangement.hang(entry.name),
+            self._arrangement.paused,
+            self._arrangement.overridden(entry.name),
+            self._published_name(self._arrangement.caller(entry.name)),
+            "" if reloads is None else reloads.refusal(entry.name),
         )
         if latest != entry.published or now_ns - entry.beat_ns >= _BEAT_NS:
             entry.keep()
             latest = latest._replace(obeyed=entry.obeyed)
-            entry.post(latest, self._status(entry.name, latest, arrival, now_ns), now_ns)
-            if entry.published_name != self._namesakes.get(entry.name, entry.name):
-                self._report_name(entry)
+            entry.post(latest, self._status(entry.name, latest, arrival), now_ns)
+            self._namesakes.look_at(entry)
+
+    def _published_name(self, name: str) -> str:
+        entry = self._entries.get(name)
+        return name if entry is None else entry.published_name
+
+    def _overridden(self, name: str, sensor: str) -> OverriddenSensor:
+        instrument = self._arrangement.instrument
+        left_s = None if instrument is None else instrument.left_s(name, sensor)
+        return OverriddenSensor(sensor, left_s)
 
     def _add(self, name: str) -> PublishedMachine:
         entry = self._entries[name] = PublishedMachine(
@@ -227,49 +333,28 @@ class Presence:
         )
         return entry
 
-    def _report_name(self, entry: PublishedMachine) -> None:
-        """Log that a machine has another name on the board, and let the namesake look for it."""
-        self._namesakes[entry.name] = entry.published_name
-        if entry.namesake is not None:
-            logger().warning(
-                "%s runs a machine %s on this whiteboard, too; this one is published as %s",
-                _process(entry.namesake),
-                entry.name,
-                entry.published_name,
-            )
-        self._claims.rename(entry.name, entry.published_name)
-        self._bell.add(Bell(entry.name))
-
-    def _report_namesakes(self) -> None:
-        """Log, once each, machines of other processes that have the name of one of these."""
-        self._has_rung = False
-        for machine in Directory(self._board).machines():
-            status = machine.status
-            ours = status.pid == self._pid and is_local(status)
-            number = re.search(r"\.\d+$", machine.name)
-            if ours or number is None or (machine.name, status.pid) in self._logged:
-                continue
-            name = machine.name[: number.start()]
-            if name in (status_slot(each).name.removeprefix(MACHINES) for each in self._entries):
-                self._logged.add((machine.name, status.pid))
-                logger().warning(
-                    "%s runs a machine %s on this whiteboard, too; it is published as %s",
-                    _process(status),
-                    name,
-                    machine.name,
-                )
-
     def _post_variables(self, now_ns: int) -> None:
         if self._viewer.count != self._viewed:
             self._viewed = self._viewer.count
             self._view_ends_ns = now_ns + _VIEW_NS
+            viewer = self._viewer.get()
+            if viewer is not None and viewer.why:
+                self._why_ends_ns = self._view_ends_ns
         if self._variables_due_ns <= now_ns < self._view_ends_ns:
             self._variables_due_ns = now_ns + _VARIABLES_NS
             for entry in self._entries.values():
-                with self._tolerating_the_board():
+                with self._tolerating_the_board:
                     entry.post_variables()
+                    if now_ns < self._why_ends_ns:
+                        entry.post_why(self._why(entry.name))
 
-    def _status(self, name: str, latest: Published, arrival: Arrival, now_ns: int) -> MachineStatus:
+    def _why(self, name: str) -> MachineWhy:
+        from ..debugging.published_causes import why_of  # here, because few look
+
+        return why_of(self._arrangement, name, self._machine_now())
+
+    def _status(self, name: str, latest: Published, arrival: Arrival) -> MachineStatus:
+        now_ns = self._machine_now()
         ringlets, overruns = self._arrangement.progress(name)
         entered_ns = now_ns if latest.entered_ns is None else latest.entered_ns
         return MachineStatus(
@@ -289,13 +374,13 @@ class Presence:
             failed=latest.failure is not None,
             namespace=pid_namespace(),
             hung=bool(latest.hang),
+            paused=latest.paused,
+            overridden=tuple(self._overridden(name, sensor) for sensor in latest.overridden),
+            caller=latest.caller,
+            refusal=latest.refusal,
             realtime=self._arrangement.realtime or 0,
             cpu=-1 if self._arrangement.cpu is None else self._arrangement.cpu,
             error=latest.hang or ("" if latest.failure is None else one_line(latest.failure.error)),
             error_state="" if latest.failure is None else latest.failure.error.state,
             error_s=0.0 if latest.failure is None else (now_ns - latest.failure.time_ns) / 1e9,
         )
-
-
-def _process(status: MachineStatus) -> str:
-    return process_text(status).replace("pid", "process", 1)

@@ -49,7 +49,7 @@ from ..engine.failure import logger, one_line
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 
-__all__ = ["Executed", "Will", "execute", "reserve"]
+__all__ = ["Executed", "Will", "execute", "reserve", "vacate_executed"]
 
 
 class Will:
@@ -105,10 +105,10 @@ class Will:
         self.leave()
 
     def withdraw(self) -> None:
-        """Post that there is nothing to execute."""
+        """Post that there is nothing to execute, and give up the name."""
         withdrawn = msgspec.structs.replace(self._will, values=(), state="withdrawn")
-        if self._count:
-            self._slot.add_after(withdrawn, self._count)
+        if self._count and self._slot.add_after(withdrawn, self._count):
+            self._board.vacate(will_slot(self._machine))
 
 
 class Executed(NamedTuple):
@@ -145,6 +145,13 @@ def execute(
         except (WhiteboardError, msgspec.MsgspecError, ValueError) as error:
             outcome.failed[value.slot] = one_line(error)  # the others must go out all the same
     return outcome
+
+
+def vacate_executed(board: Board, machine: str) -> None:
+    """Give up the name of a will, unless a guard has still to execute it."""
+    will = board.publisher(will_slot(machine)).get()
+    if will is None or will.state != "left":
+        board.vacate(will_slot(machine))
 
 
 def reserve(board: Board, will: LastWill) -> None:

@@ -11,6 +11,7 @@ from llfsm.runtime.engine.events import Eval
 from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import status_slot
+from thoroughness import examples
 
 
 class Twin(Machine):
@@ -44,7 +45,7 @@ class Walk(Machine):
     st.lists(st.sampled_from(["first", "second", "back", "none", "suspend", "resume", "restart"])),
     st.booleans(),
 )
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(60))
 def test_it_is_the_transition_that_fired_last(steps: list[str], observed: bool) -> None:
     machine, clock, trace = Twin(), ManualClock(), Trace()
     arrangement = Arrangement([machine], clock=clock, observers=[trace] if observed else ())

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.runtime.engine.histogram import Histogram, Spread, range_of
+from definition import BUILT
+from llfsm.runtime.engine import histogram, twin
+from llfsm.runtime.engine.histogram import Spread, doublings
 
 from .quantiles import TOLERANCE, exact
 
 
-def spread_of(durations_ns: Iterable[int]) -> Spread:
-    histogram = Histogram()
+def filled(durations_ns: Iterable[int], kind: Any = twin.Histogram) -> Any:
+    filled = kind()
     for ns in durations_ns:
-        histogram.add(ns)
-    spread = histogram.spread()
+        filled.add(ns)
+    return filled
+
+
+def spread_of(durations_ns: Iterable[int]) -> Spread:
+    spread = Spread.of(filled(durations_ns))
     assert spread is not None
     return spread
 
@@ -45,16 +52,27 @@ def test_one_slow_turn_in_a_hundred_is_in_the_maximum_only():
 
 
 def test_there_is_no_spread_of_nothing():
-    assert Histogram().spread() is None
+    assert Spread.of(twin.Histogram()) is None
 
 
-@given(st.integers(0, 2**43 - 1))
-def test_looking_a_range_up_finds_what_is_computed(ns: int):
-    """Ranges follow each other without a gap, and each is at most a sixteenth wide."""
-    number = range_of(ns)
-    assert range_of(ns + 1) - number in (0, 1)
-    shift = max(ns.bit_length() - 5, 0)
-    assert number == (shift << 4) + (ns >> shift)
+def range_of(ns: int) -> int:
+    return filled([ns]).counts.index(1)
+
+
+@given(st.integers(0, 2**42))
+def test_ranges_follow_each_other_and_are_at_most_a_sixteenth_wide(ns: int):
+    assert range_of(ns + 1) - range_of(ns) in (0, 1)
+    assert range_of(ns + ns // 16 + 1) > range_of(ns)
+
+
+@pytest.mark.skipif(not BUILT, reason="the twins in C are not built, or hidden")
+@given(st.lists(durations | st.integers(-(2**63), 2**63 - 1), max_size=100))
+def test_the_twin_counts_what_the_definition_counts(durations_ns: list[int]):
+    twin_, defined = filled(durations_ns), filled(durations_ns, histogram.Histogram)
+    assert twin_.counts == defined.counts
+    assert (twin_.total, twin_.longest_ns) == (defined.total, defined.longest_ns)
+    assert Spread.of(twin_) == Spread.of(defined)
+    assert doublings(twin_) == doublings(defined)
 
 
 def test_hours_count_as_the_longest_of_all():

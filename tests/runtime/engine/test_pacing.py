@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from llfsm.runtime import Arrangement, ManualClock, Reason, TimeSlot, Timetable, Trace
 from llfsm.runtime.engine.events import IdleSleep
 from llfsm.runtime.engine.pacing import Pacer
+from llfsm.runtime.engine.statistics import Stopwatch
 from llfsm.runtime.testing import NotReachedError, run_until
 from llfsm.whiteboard.local import LocalBoard
 
@@ -115,7 +116,8 @@ class Plan:
 
     def __init__(self, cycle_us: int) -> None:
         self.clock = ManualClock()
-        self.pacer = Pacer(cycle_us, self.clock, self._sleep)
+        self.stopwatch = Stopwatch(self.clock)
+        self.pacer = Pacer(cycle_us, self.clock, self.stopwatch, self._sleep)
 
     def _sleep(self, until_ns: int) -> bool:
         self.clock.sleep_until_ns(until_ns)
@@ -124,7 +126,7 @@ class Plan:
     def begin(self, cost_ms: float = 0) -> tuple[float, float]:
         """Begin a round that takes so long; return when it was due and when it began, in ms."""
         assert self.pacer.wait_for_round()
-        due_ms, begin_ms = self.pacer.due_ns / 1e6, self.clock.now_ns() / 1e6
+        due_ms, begin_ms = self.stopwatch.due_ns / 1e6, self.clock.now_ns() / 1e6
         self.clock.advance(ms=cost_ms)
         return due_ms, begin_ms
 

@@ -211,16 +211,11 @@ def test_the_end_of_the_board_stops_it(machine: type[Machine]):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_it_and_the_handlers_come_back(number: signal.Signals):
     before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
-    during = []
-
-    def kill() -> None:
-        os.kill(os.getpid(), number)
-        during.append([signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)])
-
-    arrangement = Arrangement([Waiting], clock=CountingClock({2: kill}))
+    arrangement = Arrangement(
+        [Waiting], clock=CountingClock({2: lambda: os.kill(os.getpid(), number)})
+    )
     assert arrangement.run() is Reason.ACCEPTING
     assert arrangement.stop_cause == number.name
-    assert during == [before]  # at once, so that a second one interrupts
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
 
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from llfsm.runtime import Machine, State
 from llfsm.runtime.checking import check_class
 from llfsm.runtime.engine.source_text import body_of, expression_of, syntax_of
+from thoroughness import examples
 
 BODIES = (
     "True", "False", "None", "1", "'a'", "(1, 2)", "-1", "1 + 1",
@@ -51,7 +52,7 @@ def normal(text: str) -> str:
 lines = st.lists(st.sampled_from(BODIES), min_size=1, max_size=6, unique_by=normal)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(lines, st.sampled_from(WRITINGS), st.sampled_from([", ", ",\n ", ", \\\n"]))
 def test_each_of_several_lambdas_is_found(bodies: list[str], writing: str, separator: str) -> None:
     functions = made(writing.format(separator.join(f"lambda m: {body}" for body in bodies)))

@@ -55,10 +55,11 @@ worlds = st.tuples(
     st.booleans(),  # unload_accepting
     st.booleans(),  # the first one begins suspended
     st.booleans(),  # an observer comes and goes during rounds
+    st.sampled_from([{}, {"timed": True}, {"period_us": 3_000}]),
 )
 happenings = st.lists(
     st.tuples(
-        st.sampled_from(["left", "right", "suspend", "resume", "restart", "nothing"]),
+        st.sampled_from(["left", "right", "suspend", "resume", "restart", "nothing", "rest"]),
         st.integers(0, 3),
     ),
     min_size=1,
@@ -70,7 +71,7 @@ class World:
     """One arrangement of machines that were drawn, and a list of all that it did."""
 
     def __init__(self, kind: type[Arrangement], drawn: Any):
-        specs, on_error, unload_accepting, first_suspended, self.watched = drawn
+        specs, on_error, unload_accepting, first_suspended, self.watched, self.schedule = drawn
         self.clock, self.board = ManualClock(), Whiteboard.local()
         self.did: list[object] = []
         classes = {name: self.machine(name, spec) for name, spec in zip(NAMES, specs, strict=False)}
@@ -83,6 +84,7 @@ class World:
             on_error=on_error,
             unload_accepting=unload_accepting,
             library=classes,
+            **self.schedule,
         )
 
     def machine(self, name: str, spec: Any) -> type[Machine]:
@@ -152,13 +154,22 @@ class World:
         return hold
 
     def happen(self, what: str, number: int) -> None:
-        """Let something happen, and then have a round."""
+        """Let something happen, and then have a round, or several while nothing changes."""
+        sleeps = iter([True] * number if what == "rest" else [])
+
+        def sleep() -> bool:
+            self.did.append((self.arrangement.rounds, self.clock.now_ns()))
+            self.clock.advance(ms=5)
+            return next(sleeps, False)
+
         if what in ("left", "right"):
             self.board.add_message(LEFT if what == "left" else RIGHT, Int32(data=number))
-        elif what != "nothing" and NAMES[number % 3] in [m.name for m in self.arrangement.machines]:
+        elif what not in ("nothing", "rest") and NAMES[number % 3] in [
+            m.name for m in self.arrangement.machines
+        ]:
             getattr(self.arrangement, what)(NAMES[number % 3])
         try:
-            self.did.append(self.arrangement.round())
+            self.did.append(self.arrangement.rest(sleep))
         except Exception as error:
             self.did.append((type(error), str(error), repr(error.__cause__)))
         self.clock.advance(ms=5)
@@ -167,6 +178,8 @@ class World:
             self.did.append((machine.left, machine.right, self.arrangement.arrival(machine.name)))
             self.did.append(str(self.arrangement.failure(machine.name)))
         self.did.append((self.board.get_message(OUT), self.board[OUT].count))
+        if self.schedule:
+            self.did.append(self.arrangement.statistics())
 
 
 @pytest.fixture(scope="module")
@@ -230,10 +243,14 @@ def test_a_million_turns_keep_no_references(clock: ManualClock | None) -> None:
     board = Whiteboard.local()
     board.add_message(LEFT, Int32(data=1))
     machines = [Busy() for _ in range(10)]
-    arrangement = Arrangement(machines, whiteboard=board, clock=clock, on_error="suspend")
+    arrangement = Arrangement(
+        machines, whiteboard=board, clock=clock, on_error="suspend", timed=clock is None
+    )
     state, seat = Busy.table.states[0], machines[0]._seat
     held = [machines[0], board.get_message(LEFT), Busy.right.default, state.sections["OnEntry"],
-            state.transitions[0].guard, seat, *seat.states.values(), None, True, False]  # fmt: skip
+            state.transitions[0].guard, seat, *seat.states.values()]  # fmt: skip
+    if sys.version_info < (3, 12):  # later ones do not count references to these
+        held += [None, True, False]
 
     def run(rounds: int) -> tuple[list[int], int]:
         for number in range(rounds):
@@ -269,7 +286,7 @@ def test_an_arrangement_that_nobody_holds_is_freed(kind: type[Arrangement]) -> N
 
 
 def loaded() -> tuple[Arrangement, Any]:
-    arrangement = Arrangement([Busy], whiteboard=Whiteboard.local())
+    arrangement = Arrangement([Busy], whiteboard=Whiteboard.local(), timed=True)
     return arrangement, arrangement.machines[0]._seat
 
 
@@ -283,7 +300,15 @@ def test_a_field_that_was_deleted_is_an_error(field: str) -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("current", "one"), ("sensors", None), ("sensors", (1,)), ("sensors", ((),)), ("now", 5)],
+    [
+        ("current", "one"),
+        ("sensors", None),
+        ("sensors", (1,)),
+        ("sensors", ((),)),
+        ("now", 5),
+        ("meter", 5),
+        ("timed", 5),
+    ],
 )
 def test_a_field_that_is_of_another_type_is_an_error(field: str, value: object) -> None:
     arrangement, seat = loaded()
@@ -299,3 +324,23 @@ def test_only_seats_have_ringlets() -> None:
     with pytest.raises(TypeError, match="not iterable"):
         Arrangement()._give_turns(wrong)
     assert twin.running(wrong) is None
+
+
+@pytest.mark.parametrize("of", ["costs", "jitters"])
+def test_only_meters_time_turns_and_only_histograms_count(of: str) -> None:
+    arrangement, seat = loaded()
+    wrong: Any = object()
+    arrangement.round()
+    setattr(seat.meter, of, wrong)
+    stopwatch: Any = arrangement._stopwatch
+    stopwatch.deadline_ns = 0
+    stopwatch.take(seat, False) if of == "jitters" else None
+    with pytest.raises(TypeError, match="a Histogram is of another type"):
+        stopwatch.take(seat, False)
+    with pytest.raises(TypeError, match="a Histogram is of another type"):
+        stopwatch.begin_due(0, 0, wrong)
+    with pytest.raises(TypeError, match="a seat is of another type"):
+        stopwatch.take(wrong, False)
+    arrangement._stopwatch = wrong
+    with pytest.raises(TypeError, match="a stopwatch is of another type"):
+        arrangement.round()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import commanding
+from forked import Forked
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.messages.llfsm import commanders_slot
 from waiting import rest_of
@@ -19,7 +20,7 @@ class Process:
 
     def __init__(self, board: str, *command: str):
         """Start it by `command`, if there is one."""
-        self.popen = subprocess.Popen(
+        self.popen = Forked(
             [*command, sys.executable, commanding.__file__, board],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

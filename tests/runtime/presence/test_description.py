@@ -9,21 +9,24 @@ import pytest
 from msgspec.structs import replace
 
 from llfsm.machines import RosWallTurttleBot
-from llfsm.runtime import Arrangement, DefinitionError, Machine, ManualClock, State, define
+from llfsm.runtime import Arrangement, DefinitionError, Machine, ManualClock, Sensor, State, define
 from llfsm.runtime.bundles import load_bundle
 from llfsm.runtime.drawing import arrange
 from llfsm.runtime.presence.description import definition_of, table_of, variables_of
-from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.llfsm import (
     VIEWER,
     DefinedBox,
     DefinedState,
     DefinedTransition,
     MachineDefinition,
+    MachineVariables,
+    VariableValue,
     Viewer,
     definition_slot,
     variables_slot,
 )
+from llfsm.whiteboard.messages.std_msgs import Bool, String
 
 BUNDLES = sorted((Path(__file__).parents[3] / "machines").glob("*.machine"))
 
@@ -117,7 +120,52 @@ def test_variables_are_told_whatever_they_are() -> None:
     assert str(told["large"]).startswith("118059")
     assert told["text"] == "a" * 199 + "…"
     assert str(told["hostile"]).startswith("<_Hostile instance")
-    assert told["unsaid"] == "(UnicodeEncodeError while it was described)"
+    assert told["unsaid"] == "'\\ud800'"
+
+
+class Reader(Machine):
+    """Read what a camera and a button post; there are no variables."""
+
+    button = Sensor(Slot("button", Bool))
+    text = Sensor(Slot("text", String), default=String())
+
+    a = State()
+    b = State()
+    a.to(b, after=1)
+
+
+def _told_of(machine: type[Machine], slot: Slot[String]) -> MachineVariables:
+    """Return what is published of a machine that runs while somebody looks."""
+    board = Whiteboard.local()
+    board.add_message(slot, String(data="a" * 300))
+    arrangement = Arrangement([machine], whiteboard=board, clock=ManualClock())
+    arrangement.attach(lambda event: board.add_message(VIEWER, Viewer(1)))
+    arrangement.run()
+    told = board.get_message(variables_slot(machine.__name__))
+    assert told is not None
+    return told
+
+
+def test_sensors_are_told_apart_as_of_the_last_snapshot() -> None:
+    told = _told_of(Reader, Reader.text.slot)
+    assert told.variables == ()
+    button, text = told.sensors
+    assert button == VariableValue("button", None)
+    assert text.name == "text"
+    assert str(text.value).startswith("String(data='aaa")
+    assert len(str(text.value)) <= 200
+
+
+def test_what_is_too_much_is_left_out() -> None:
+    names = [f"sensor_{i}" for i in range(200)]
+    ports = {name: Sensor(Slot("text", String)) for name in names}
+    states = [State("a"), State("b")]
+    states[0].to(states[1], after=1)
+    machine = define("Many", states, variables={"n": (int, 0)}, attributes=ports)
+    told = _told_of(machine, Slot("text", String))
+    assert told.variables == (VariableValue("n", 0),)
+    assert [each.name for each in told.sensors] == names[: len(told.sensors)]
+    assert 5 < len(told.sensors) < 200
 
 
 def test_a_machine_tells_once_what_it_consists_of() -> None:

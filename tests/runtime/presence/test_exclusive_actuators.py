@@ -28,6 +28,7 @@ from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import Commander, Commanders, commanders_slot
 from llfsm.whiteboard.messages.std_msgs import Int32
+from thoroughness import examples
 
 from .claims import CLAIMS, Process, commanders
 
@@ -35,8 +36,8 @@ from .claims import CLAIMS, Process, commanders
 def test_of_two_that_start_at_once_exactly_one_is_loaded(
     board: Whiteboard, process: Callable[[], Process]
 ) -> None:
+    both = [process(), process()]
     for _ in range(20):
-        both = [process(), process()]
         for number, each in enumerate(both):
             each.ask("Alone", f"M{number}")
         answers = [each.line() for each in both]
@@ -46,8 +47,8 @@ def test_of_two_that_start_at_once_exactly_one_is_loaded(
         assert f"M{1 - won} posts to 'cmd' exclusively" in error
         assert f"M{won} (pid {both[won].popen.pid}, exclusive)" in error
         assert commanders(board) == [f"M{won}"]
-        for each in both:
-            each.end(signal.SIGKILL)
+        both[won].end(signal.SIGKILL)
+        both[won] = process()
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
@@ -160,7 +161,7 @@ def test_a_recorded_arrangement_claims_as_any_other() -> None:
     assert commanders(board) == []
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(20))
 @given(
     st.lists(
         st.tuples(

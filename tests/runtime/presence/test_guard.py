@@ -7,6 +7,7 @@ import random
 import signal
 import time
 from contextlib import ExitStack, closing
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -240,3 +241,16 @@ def test_a_will_of_an_impossible_process_keeps_no_other_from_being_executed(
     kill(process)
     wait_for(lambda: is_executed(board), "the will is executed", between=rounds(guard))
     assert board.get_message(DRIVE) == SAFE
+
+
+@pytest.mark.usefixtures("board")  # without shared memory, the line says that
+def test_a_board_that_cannot_be_opened_is_logged_in_one_line(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "llfsm.other").write_bytes(b"no whiteboard")
+    with GuardThread("other", tmp_path):
+        wait_for(lambda: caplog.records, "the problem is logged")
+    (record,) = caplog.records
+    assert not record.exc_info
+    assert "cannot be guarded" in record.getMessage()
+    assert "llfsm.other: not a whiteboard of this user" in record.getMessage()

@@ -75,3 +75,23 @@ def test_a_host_that_is_silent_does_not_stop_what_another_one_commands(
     board.add_message(will_slot("Other"), other)
     wait_for(lambda: is_executed(board), "the will is executed", between=rounds(guard))
     assert board.get_message(DRIVE) == GO
+
+
+def test_a_will_of_another_host_is_executed_with_the_names_that_its_slots_have_here(
+    board: Whiteboard, guard: Guard
+) -> None:
+    """What the operator calls robot7/drive is drive on robot7, whose guard this is."""
+    mirror = MirrorStatus(pid=os.getpid(), partition_s=0.5, name="robot7", fleet=("operator",))
+    board.add_message(MIRROR, mirror)
+    board.add_message(DRIVE, GO)
+    far = {"pid": 4711, "born": 1, "host": "far", "namespace": pid_namespace()}
+    values = (SafeValue("robot7/drive", DRIVE.encoder.encode(SAFE)),)
+    will = will_slot("operator/Driver")
+    board.add_message(will, LastWill(values=values, **far))
+    board.add_message(status_slot("operator/Driver"), MachineStatus(**far))
+    wait_for(
+        lambda: (board.get_message(will) or LastWill(values=(), **far)).state == "executed",
+        "the will is executed",
+        between=rounds(guard),
+    )
+    assert board.get_message(DRIVE) == SAFE

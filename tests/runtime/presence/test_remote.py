@@ -79,13 +79,9 @@ def test_a_machine_controls_one_of_another_process(board: Whiteboard, processes:
     commander = Commander()
     arrangement = Arrangement([commander], whiteboard=board, idle_us=1_000)
     assert arrangement.run() is Reason.ACCEPTING
-    assert commander.answers == [
-        Status.RUNNING,
-        Status.SUSPENDED,
-        Status.RUNNING,
-        Status.SUSPENDED,
-        Status.ERROR,
-    ]
+    *answers, last = commander.answers
+    assert answers == [Status.RUNNING, Status.SUSPENDED, Status.RUNNING, Status.SUSPENDED]
+    assert last in (Status.ERROR, Status.RUNNING)  # which may have been restarted already
     assert commander.states == ["ASLEEP", "WORK", "ASLEEP", "WORK"]
     worker.send_signal(signal.SIGTERM)
     said, _ = worker.communicate(timeout=PATIENCE_S)

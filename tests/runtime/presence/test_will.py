@@ -14,11 +14,13 @@ from hypothesis import strategies as st
 
 import driving
 from driving import DRIVE, GO, SAFE, Runs, kill
+from forked import Forked
 from llfsm.runtime import Actuator, Arrangement, LiveEnvironment, Machine, OptionError, State
 from llfsm.runtime.presence.will import Will, execute
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import SafeValue, will_slot
 from llfsm.whiteboard.messages.std_msgs import Int32
+from thoroughness import examples
 
 from .wills import WILL, left
 
@@ -87,7 +89,7 @@ class Writers:
     def __init__(self, board: Whiteboard) -> None:
         self.board = board
         self.processes = [
-            subprocess.Popen(
+            Forked(
                 [sys.executable, driving.__file__, str(board.path.parent), board.name],
                 text=True,
                 stdin=subprocess.PIPE,
@@ -113,7 +115,7 @@ def test_only_a_latest_message_of_the_dead_is_replaced(board: Whiteboard) -> Non
     dead = writers.processes[0].pid
     try:
 
-        @settings(max_examples=60)
+        @settings(max_examples=examples(20))
         @given(
             st.lists(st.tuples(st.integers(0, 1), st.integers(0, 2)), min_size=1, max_size=5),
             st.integers(1, 4),

@@ -11,6 +11,7 @@ import pytest
 
 import posting
 from commanding import CMD, Wall
+from forked import Forked
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.runtime.presence.commanders import Claims, contested_slots, described
 from llfsm.whiteboard import Whiteboard
@@ -29,7 +30,7 @@ def post(board: Whiteboard) -> Iterator[Post]:
 
     def start(*pause_s: str) -> subprocess.Popen[str]:
         started.append(
-            subprocess.Popen(
+            Forked(
                 [sys.executable, posting.__file__, board.name, *pause_s],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,

@@ -52,6 +52,18 @@ class Idle(Machine):
         self.saw_stopping += self.stopping
 
 
+class Caller(Machine):
+    """Call one that stays for ever."""
+
+    a = State()
+    b = State()
+    a.to(b, when=lambda m: False)
+
+    @a.on_entry
+    def _(self) -> None:
+        self.call_machine(Idle)
+
+
 class Obedient(Machine):
     """Accept when asked to stop."""
 

@@ -89,8 +89,10 @@ def test_a_machine_that_gives_way_leaves_no_will_under_the_name(board: Board):
         if sleeps == 3:
             board.add_message(status_slot("Safe"), other)
         if sleeps > 6:
-            wills = [board.get_message(will_slot(name)) for name in ("Safe", "Safe.0")]
-            assert [will and will.state for will in wills] == ["withdrawn", "left"]
+            given_up, will = (board.get_message(will_slot(name)) for name in ("Safe", "Safe.0"))
+            assert given_up is None or given_up.state == "withdrawn"  # the other took its room
+            assert will is not None
+            assert will.state == "left"
 
     Arrangement([Safe], whiteboard=board, clock=Clock(look)).run(max_rounds=20)
 

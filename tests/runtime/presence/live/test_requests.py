@@ -11,6 +11,7 @@ from llfsm.runtime import Arrangement, ManualClock, Reason, Status, Trace
 from llfsm.runtime.engine.events import RoundEnd, Section
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Board, Whiteboard
+from thoroughness import examples
 
 from .machines import Clock, Idle, Obedient, Spins, Steps, Target, ask, status_of
 
@@ -41,7 +42,7 @@ def traced(
     return trace, answers
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(20))
 @given(requests, st.sampled_from([{}, {"period_us": 10_000}]))
 def test_what_is_asked_through_the_board_is_done_as_if_asked_here(
     requested: list[tuple[int, str]], schedule: dict[str, Any]

@@ -15,7 +15,7 @@ from llfsm.whiteboard import Board
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import status_slot
 
-from .machines import Clock, Idle, Spins, Steps, ask, status_of
+from .machines import Caller, Clock, Idle, Spins, Steps, ask, status_of
 
 
 def test_whenever_the_arrangement_sleeps_the_board_tells_how_each_machine_is(board: Board):
@@ -36,6 +36,27 @@ def test_whenever_the_arrangement_sleeps_the_board_tells_how_each_machine_is(boa
     states = [state for state, _ in seen]
     assert states[:9] == ["first"] * 3 + ["second"] * 3 + ["third"] * 3
     assert {ms for _, ms in seen} == {0}  # told when it changed, and no beat was due
+
+
+def test_who_called_a_machine_is_published_as_long_as_that_is_loaded(board: Board):
+    seen = []
+
+    def look(sleeps: int) -> None:
+        assert arrangement.caller("Idle.0") == status_of(board, "Idle.0").caller
+        callers = [status_of(board, name).caller for name in ("Idle", "Idle.0")]
+        if not seen or callers != seen[-1]:
+            seen.append(callers)
+        if sleeps == 3:
+            arrangement.unload("Caller")
+        if sleeps == 5:  # another machine of this name has not called it
+            arrangement.load(Caller)
+        if sleeps == 7:
+            assert arrangement.caller("Idle.1") == status_of(board, "Idle.1").caller == "Caller"
+
+    arrangement = Arrangement([Caller], whiteboard=board, clock=Clock(look))
+    arrangement.call_machine(Idle)
+    arrangement.run(max_rounds=9)
+    assert seen == [["", "Caller"], ["", ""]]
 
 
 def test_what_is_told_of_a_machine(board: Board):

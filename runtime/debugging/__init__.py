@@ -1,0 +1,5 @@
+"""Pause machines between two turns, step them, and see why they are where they are."""
+
+from .debugger import Debugger
+
+__all__ = ["Debugger"]

@@ -1,0 +1,370 @@
+"""A debugger: it pauses an arrangement at a boundary between two turns, and steps it.
+
+It is an observer that does not return from the event with which a turn begins. Meanwhile the
+arrangement publishes its machines and obeys requests, as while it sleeps. An arrangement that runs
+freely has no such observer, and its turns cost what they cost without a debugger.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self, TypeAlias, get_args
+
+from llfsm.errors import LlfsmError
+from llfsm.runtime.engine.errors import (
+    ArrangementEndedError,
+    NotPausedError,
+    OptionError,
+)
+from llfsm.runtime.engine.events import Eval, Event, Turn
+from llfsm.runtime.engine.failure import logger
+from llfsm.whiteboard.message_text import parse_message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.environment import Read
+    from llfsm.runtime.engine.errors import ExecutionError
+    from llfsm.runtime.engine.machine import Machine
+    from llfsm.runtime.engine.seat import Seat
+    from llfsm.whiteboard.messages.llfsm import MachineRequest
+
+from .breakpoints import Breakpoint, check_breakpoints
+from .causes import Cause
+from .causes import why as causes_at
+from .probes import Probes
+
+__all__ = ["LEASE_S", "Debugger", "Fired", "Goal", "Step"]
+
+Step: TypeAlias = Literal["turn", "round", "transition", "leave"]
+"""Until when: the next turn, the next round, a transition has fired, a machine left its state."""
+
+LEASE_S: Final = 60.0
+"""How long a pause or an override from outside lasts that nobody renews."""
+
+_LOOK_S = 0.02  # between two looks for requests while paused
+
+
+class Goal(NamedTuple):
+    """Until when machines run."""
+
+    why: str
+    """What to call the pause then."""
+    is_reached: Callable[[Turn], bool] = lambda _: True
+    """Whether they are paused before this turn."""
+
+
+class Fired(NamedTuple):
+    """A transition that has fired, and what the transitions of its state had seen."""
+
+    machine: str
+    source: str
+    target: str
+    causes: list[Cause]
+
+
+class Debugger:
+    """Pause and step the machines of `arrangement`, from any thread.
+
+    A pause that has a lease ends when it is over, unless `pause` renews it. A stop ends every
+    pause. With `on_pause="safe"` each machine posts its `at_suspend` values when a pause begins;
+    what it had posted before, it posts only where its code does so again. `lease_s` is for pauses
+    at breakpoints.
+    """
+
+    def __init__(
+        self,
+        arrangement: Arrangement,
+        *,
+        on_pause: Literal["keep", "safe"] = "keep",
+        lease_s: float | None = None,
+    ) -> None:
+        if on_pause not in ("keep", "safe"):
+            raise OptionError(f'on_pause is {on_pause!r}; it must be "keep" or "safe"')
+        self._arrangement = arrangement
+        self._on_pause = on_pause
+        self.lease_s = lease_s
+        self._goal: Goal | None = None
+        self._lease_s: float | None = None
+        self._ends_s: float | None = None  # when the lease of this pause is over
+        self._leases: dict[tuple[str, str], float] = {}  # of overrides, by machine and slot
+        self._fired = False  # whether a transition has fired since the step began
+        self._go = threading.Event()
+        self._is_paused = threading.Event()
+        self._probes = Probes((), self._hit)
+        self.pauses = 0
+        """How many pauses have begun: it tells one from the next."""
+        self.problem = ""
+        """Why what another process has requested last was refused; "" if it was not."""
+        self.turn: Turn | None = None
+        """The turn that is to come, while paused."""
+        self.fired: Fired | None = None
+        """The transition at whose breakpoint it is paused."""
+        arrangement.instrument = self
+
+    @classmethod
+    def of(cls, arrangement: Arrangement) -> Self:
+        """Return the debugger of an arrangement, or make one."""
+        found = arrangement.instrument
+        return found if isinstance(found, cls) else cls(arrangement)
+
+    @property
+    def now_ns(self) -> int:
+        """The time of the turn that is to come: a journal keeps each look at the clock."""
+        return self._arrangement.clock.now_ns() if self.turn is None else self.turn.time_ns
+
+    @property
+    def paused(self) -> str:
+        """Why the arrangement is paused; "" while it is not."""
+        return self._arrangement.paused
+
+    def wait(self, timeout_s: float) -> str:
+        """Wait until the arrangement is paused, and return why.
+
+        Raise `NotPausedError` when that has taken `timeout_s` seconds of the host, and
+        `ArrangementEndedError` if the arrangement ends instead.
+        """
+        until_s = time.monotonic() + timeout_s
+        while True:
+            left_s = until_s - time.monotonic()
+            if self._is_paused.wait(min(_LOOK_S, max(left_s, 0.0))) and (why := self.paused):
+                return why
+            if (reason := self._arrangement.reason) is not None:
+                raise ArrangementEndedError(f"this arrangement has ended, not paused: {reason}")
+            if left_s <= 0:
+                raise NotPausedError(
+                    f"not paused within {timeout_s:g} s: the machines run on until pause(), "
+                    f"a breakpoint or the end of a step"
+                )
+
+    def pause(self, why: str = "pause", *, lease_s: float | None = None) -> None:
+        """Pause before the next turn; if that is done already, renew the lease, if it has one."""
+        if self.paused:
+            self.renew(lease_s)
+            return
+        self._lease_s = lease_s
+        self._run(Goal(why))
+
+    def renew(self, lease_s: float | None) -> None:
+        """Let a pause that has a lease last at least so long from now on; without a time, as is."""
+        if self._ends_s is not None and lease_s is not None:
+            self._ends_s = max(self._ends_s, time.monotonic() + lease_s)
+
+    def step(self, until: Step = "turn", machine: str | None = None) -> None:
+        """Go on, and pause again: by default, before the next turn.
+
+        `machine` is the one that is to leave its state, by default that of the next turn. Raise
+        `OptionError` for what is no step, and `UnknownMachineError` for a machine.
+        """
+        if until not in get_args(Step):
+            raise OptionError(f"no step {until!r}; there are: {', '.join(get_args(Step))}")
+        self._fired, rounds = False, self._arrangement.rounds
+        match until:
+            case "turn":
+                goal = Goal("step: turn")
+            case "round":
+                goal = Goal("step: round", lambda turn: turn.round > rounds)
+            case "transition":
+                goal = Goal("step: transition", lambda _: self._fired)
+            case "leave":
+                name = machine or (self.turn.machine if self.turn else "")
+                state = self._arrangement.standing(name).state
+                goal = Goal(f"step: {name} left {state}", lambda _: not self.stands(name, state))
+        self._run(goal)
+
+    def proceed(self) -> None:
+        """Go on, and do not pause again."""
+        self._goal = None
+        self._arrangement.detach(self)
+        self._release()
+
+    def break_at(self, *texts: str, library: Mapping[str, type[Machine]] | None = None) -> None:
+        """Replace all breakpoints by these; raise `BreakpointError`, and then replace none.
+
+        Each is of a machine that is loaded, or one of the `library`, by the name that it will have,
+        or of a slot that a loaded one reads; what is set already stays, even if a machine that was
+        reloaded has it no more. :mod:`.breakpoints` describes the texts.
+        """
+        found = [Breakpoint.parse(text) for text in texts]
+        new = [each for each in found if each.text not in self.breakpoints]
+        machines = {**(library or {})}
+        machines.update((each.name, type(each)) for each in self._arrangement.machines)
+        check_breakpoints(new, machines, self._arrangement.slots_read)
+        self._equip(found)
+
+    @property
+    def breakpoints(self) -> tuple[str, ...]:
+        """The texts of the breakpoints."""
+        return tuple(each.text for each in self._probes.breakpoints)
+
+    def why(self, machine: str) -> list[Cause]:
+        """Return what each transition of a paused machine's state is, on its last snapshot."""
+        standing = self._arrangement.standing(machine)
+        entered_ns, turn = standing.entered_ns, self.turn
+        is_known = entered_ns is not None and turn is not None
+        is_known = is_known and self._arrangement.arrival(machine).entered_ns is not None
+        elapsed_ns = turn.time_ns - entered_ns if is_known else None  # type: ignore[union-attr,operator]
+        return causes_at(self._arrangement.machine(machine), standing.state, elapsed_ns)
+
+    def override(
+        self, machine: str, sensor: str, text: str, *, lease_s: float | None = None
+    ) -> None:
+        """Override a sensor of a machine by a message in JSON, or null, until it is released.
+
+        With a lease, it is released when that is over, unless it comes again. Raise what
+        `Arrangement.override` raises, and `MessageFieldError`.
+        """
+        slot = self._arrangement.slot_of(machine, sensor)
+        message = None if text.strip() == "null" else parse_message(slot, text)
+        self._arrangement.override(machine, sensor, message)
+        if lease_s is not None:
+            self._leases[machine, slot.name] = time.monotonic() + lease_s
+
+    def overridden(self, machine: str, slot: str) -> None:
+        """End the lease of what was overridden before: it does not end the override after it."""
+        self._leases.pop((machine, slot), None)
+
+    def left_s(self, machine: str, sensor: str) -> float | None:
+        """Return how long a sensor stays overridden; None if only a release ends that."""
+        ends_s = self._leases.get((machine, self._arrangement.slot_of(machine, sensor).name))
+        return None if ends_s is None else max(0.0, ends_s - time.monotonic())
+
+    def look(self) -> None:
+        """Release the sensors whose overrides nobody has renewed."""
+        for (machine, slot), ends_s in [*self._leases.items()]:
+            if time.monotonic() > ends_s:
+                self._leases.pop((machine, slot), None)
+                for sensor in self._arrangement.overridden(machine):
+                    if self._arrangement.slot_of(machine, sensor).name == slot:
+                        what = "nobody renews the override: %s: %s is released"
+                        logger().warning(what, machine, sensor)
+                        self._arrangement.release(machine, sensor)
+
+    def _equip(self, breakpoints: Iterable[Breakpoint]) -> None:
+        slots = {each.slot for each in self._probes.breakpoints}
+        self._probes = Probes(breakpoints, self._hit)
+        slots |= {each.slot for each in self._probes.breakpoints}
+        self._arrangement.equip(self)
+        for slot in slots - {""}:
+            self._arrangement.read_again(slot)
+
+    def obey(self, request: MachineRequest, machine: str) -> None:
+        """Do what another process requests of the arrangement that runs `machine`."""
+        if request.action == "renew":
+            self.renew(request.lease_s)
+            ends_s = time.monotonic() + request.lease_s
+            self._leases = {key: max(each, ends_s) for key, each in self._leases.items()}
+            return
+        self.problem = ""
+        try:
+            self._obey(request, machine)
+        except LlfsmError as error:
+            logger().warning("%s was not obeyed: %s: %s", request.action, machine, error)
+            self.problem = str(error)
+
+    def _obey(self, request: MachineRequest, machine: str) -> None:
+        lease_s, argument = request.lease_s or LEASE_S, request.argument
+        match request.action:
+            case "continue":
+                self.proceed()
+            case "pause":
+                self.pause("pause", lease_s=lease_s)
+            case "step":
+                self._lease_s = lease_s
+                self.step(argument, machine)  # type: ignore[arg-type]  # it is checked
+            case "break":
+                self.lease_s = lease_s
+                self.break_at(*argument.splitlines())
+            case "override":
+                sensor, _, text = argument.partition(" ")
+                self.override(machine, sensor, text, lease_s=lease_s)
+            case "release":
+                self._arrangement.release(machine, argument)
+
+    def bound(self, seat: Seat) -> None:
+        """Wrap the sections that breakpoints are in."""
+        self._probes.wrap(seat)
+
+    def reading(self, seat: Seat, slot: str, read: Read) -> Read:
+        """Wrap a sensor whose messages breakpoints look at."""
+        return self._probes.reading(seat, slot, read)
+
+    def failed(self, seat: Seat, error: ExecutionError) -> None:
+        """Pause at a breakpoint of the machine's failure: at once, if all others end, too."""
+        for each in self._probes.breakpoints:
+            if each.fails and each.machine == seat.name:
+                self._probes.test(each, seat, seat.machine, "")
+        if self._goal is not None and self._arrangement.on_error == "stop":
+            self._wait(f"{self._goal.why}: {error}", None)
+
+    def _hit(self, why: str, seat: Seat, source: str) -> None:
+        """Pause before the next turn: a breakpoint is reached."""
+        if source:
+            causes = Cause.fired(seat.machine, source, seat.arrival().transition)
+            self.fired = Fired(seat.name, source, seat.current.name, causes)
+        self._lease_s = self.lease_s
+        self._run(Goal(why))
+
+    def __call__(self, event: Event) -> None:
+        """Take an event; of that with which a turn begins, return when it may."""
+        if isinstance(event, Eval):
+            self._fired = self._fired or event.value is True
+        elif isinstance(event, Turn):
+            goal = self._goal
+            if goal is not None and goal.is_reached(event):
+                self._wait(goal.why, event)
+
+    def stands(self, machine: str, state: str) -> bool:
+        """Return whether a machine is loaded, and in that state."""
+        standings = filter(None, self._arrangement.standings())
+        return any((each.machine, each.state) == (machine, state) for each in standings)
+
+    def _run(self, goal: Goal) -> None:
+        self._goal = goal
+        if self not in self._arrangement.observers:
+            self._arrangement.attach(self)
+        self._release()
+        self._arrangement.environment.wake()
+
+    def _release(self) -> None:
+        self._arrangement.paused = ""
+        self._is_paused.clear()
+        self._go.set()
+
+    def _begin(self, why: str) -> None:
+        self._arrangement.paused = why
+        if self._on_pause == "safe":
+            for standing in filter(None, self._arrangement.standings()):
+                self._arrangement.post_safe(standing.machine)
+        self.pauses += 1
+        self._is_paused.set()
+
+    def _hold(self, is_over: Callable[[], bool]) -> None:
+        """Return when the pause is over; a stop ends it, too."""
+        self._arrangement.pause(is_over)
+
+    def _wait(self, why: str, turn: Turn | None) -> None:
+        self._go.clear()
+        self.turn = turn
+        self._ends_s = None if self._lease_s is None else time.monotonic() + self._lease_s
+        has_begun = False
+
+        def is_over() -> bool:
+            nonlocal has_begun
+            if not has_begun:  # now that a journal keeps requests
+                has_begun = True
+                self._begin(why)
+            if self._ends_s is not None and time.monotonic() > self._ends_s:
+                logger().warning("nobody has renewed the pause (%s): the machines go on", why)
+                self.proceed()
+            return self._go.wait(_LOOK_S)
+
+        try:
+            self._hold(is_over)
+        finally:
+            self._is_paused.clear()
+            self.turn, self.fired, self._arrangement.paused = None, None, ""
+            if not self._go.is_set():  # a stop or an error has ended it
+                self.proceed()

@@ -1,0 +1,118 @@
+/* The twin of rotation.py: turns one after the other, and rounds; included where ringlet is known. */
+#include <string.h>
+
+static bool is_accepting(PyObject *seat)
+{
+    Record *state = is_one_of(&seats, seat) ? (Record *)((Record *)seat)->current : NULL;
+    return state && is_one_of(&states, state) && PyTuple_Size(state->transitions) == 0;
+}
+
+/* Give a machine its turn, and leave to Python what comes of it. */
+static bool give_turn(Record *self, PyObject *seat, bool *any)
+{
+    PyObject *rotation = (PyObject *)self;
+    PyObject *fired = self->_turn == plain_turn ? ringlet(NULL, seat) : call(self->_turn, seat);
+    bool done = is_done(fired);
+    *any |= fired == Py_True;
+    if (self->_stopwatch != Py_None)
+        done = take(self->_stopwatch, seat, fired == Py_True) && done;
+    if (done && fired == Py_False && is_accepting(seat))
+        done = is_done(PyObject_CallMethod(rotation, "_accept", "O", seat));
+    if (!done && PyErr_ExceptionMatches(execution_error)) {
+        PyObject *error = take_error();
+        done = is_done(PyObject_CallMethod(rotation, "_fail", "OO", seat, error));
+        Py_DECREF(error);
+    }
+    if (done && self->_leaving && PyList_Size(self->_leaving))
+        done = is_done(PyObject_CallMethod(rotation, "_let_go", NULL));
+    return done;
+}
+
+static PyObject *give_turns(PyObject *self, PyObject *turns)
+{
+    PyObject *iterator = PyObject_GetIter(turns), *seat;
+    bool any = false, done = iterator;
+    while (done && (seat = PyIter_Next(iterator))) {
+        done = seat == Py_None || give_turn((Record *)self, seat, &any);
+        Py_DECREF(seat);
+    }
+    Py_XDECREF(iterator);
+    return PyErr_Occurred() ? NULL : PyBool_FromLong(any);
+}
+
+/* How machines stand: each seat, and what Control.marks returns of it. The objects are held, so that
+ * no other one can lie in the place of one that is gone. */
+enum { MARKS = 7 };
+
+static void get_marks(PyObject *object, PyObject *marks[MARKS])
+{
+    static const Record hole;
+    const Record *seat = is_one_of(&seats, object) ? (Record *)object : &hole;
+    PyObject *found[MARKS] = {object,        seat->current,    seat->previous,
+                              seat->request, seat->entered_ns, seat->failure,
+                              seat->hang};
+    memcpy(marks, found, sizeof found);
+}
+
+static PyObject **hold_marks(PyObject *turns, Py_ssize_t number)
+{
+    PyObject **marks = PyMem_Calloc((size_t)number * MARKS + 1, sizeof *marks);
+    for (Py_ssize_t i = 0; marks && i < number; i++)
+        get_marks(PyList_GetItem(turns, i), marks + i * MARKS);
+    for (Py_ssize_t i = 0; marks && i < number * MARKS; i++)
+        Py_XINCREF(marks[i]);
+    return marks ? marks : (PyObject **)PyErr_NoMemory();
+}
+
+static bool are_marks(PyObject *turns, PyObject **marks, Py_ssize_t number)
+{
+    bool same = PyList_Size(turns) == number;
+    for (Py_ssize_t i = 0; same && i < number; i++) {
+        PyObject *now[MARKS];
+        get_marks(PyList_GetItem(turns, i), now);
+        same = !memcmp(now, marks + i * MARKS, sizeof now);
+    }
+    return same;
+}
+
+/* Give a round: 1 if a transition fired, 0 if none did, -1 after an error or if none is wanted. */
+static int give_round(Record *self, PyObject *turns)
+{
+    if (self->_gate != Py_None) {
+        PyObject *begins = call(self->_gate, NULL);
+        if (!is_done(begins) || begins != Py_True)
+            return -1;
+    }
+    self->rounds++;
+    PyObject *fired = give_turns((PyObject *)self, turns);
+    return is_done(fired) ? fired == Py_True : -1;
+}
+
+static PyObject *rest(PyObject *object, PyObject *arguments)
+{
+    Record *self = (Record *)object;
+    PyObject *turns, *sleep, *slept;
+    if (!PyArg_ParseTuple(arguments, "O!O", &PyList_Type, &turns, &sleep))
+        return NULL;
+    Py_ssize_t number = PyList_Size(turns);
+    PyObject **marks = hold_marks(turns, number), *turn = hold(self->_turn);
+    int fired = -1;
+    do {
+        fired = marks && turn ? give_round(self, turns) : -1;
+        slept = fired == 0 && self->_turn == turn && are_marks(turns, marks, number)
+                    ? PyObject_CallNoArgs(sleep)
+                    : NULL;
+    } while (is_done(slept) && slept == Py_True);
+    for (Py_ssize_t i = 0; marks && i < number * MARKS; i++)
+        Py_XDECREF(marks[i]);
+    PyMem_Free(marks);
+    Py_XDECREF(turn);
+    return PyErr_Occurred() ? NULL : PyBool_FromLong(fired == 1);
+}
+
+static PyMethodDef rotation_methods[] = {{"_give_turns", give_turns, METH_O, NULL},
+                                         {"_rest", rest, METH_VARARGS, NULL},
+                                         {NULL, NULL, 0, NULL}};
+static struct kind rotations = {.name = "llfsm.runtime.engine._ringlet.Rotation",
+                                .fields = rotation_fields,
+                                .methods = rotation_methods};

@@ -1,0 +1,165 @@
+"""Each transition of a state is explained by the operands that it sees, without an effect."""
+
+from __future__ import annotations
+
+import ast
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from llfsm.runtime import Arrangement, Machine, ManualClock, Sensor, State
+from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
+from llfsm.runtime.debugging.causes import why
+from llfsm.runtime.debugging.operands import Operands, UnseenError
+from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.messages.turtlesim import Pose
+
+POSE = Slot("pose", Pose)
+LIMIT = 9
+effects: list[str] = []
+
+
+class Wall(Machine):
+    """Have a guard of each kind."""
+
+    pose = Sensor(POSE)
+    turns: int = 3
+    found: object = None
+
+    go = State()
+    end = State()
+
+    @go.to(end)
+    def near(self) -> bool:
+        return self.pose is not None and not 2 < self.pose.x < LIMIT
+
+    go.to(end, when=lambda m: m.pose.y > 100 or m.turns % 2 == 1)
+    go.to(end, after_ms=1000)
+    go.to(end, after_ms=100, when=lambda m: m.after(2) and m.turns > 0)
+    go.to(end, when=lambda m: m.is_far)
+    go.to(end, when=lambda m: m.noting() and m.turns > 2)
+    go.to(end, when=lambda m: abs(math.floor(m.pose.theta)) == 1)
+    go.to(end, when=lambda m: m.found.x > 1)
+
+    @go.to(end)
+    def long(self) -> bool:
+        turns = self.turns
+        return turns == 0
+
+    @property
+    def is_far(self) -> bool:
+        return self.turns > 9
+
+    def noting(self) -> bool:
+        """Have an effect."""
+        effects.append("noted")
+        return True
+
+
+class Hostile:
+    """Have an effect when an attribute or a comparison is asked for."""
+
+    @property
+    def x(self) -> int:
+        effects.append("read")
+        return 1
+
+
+def test_each_transition_is_explained() -> None:
+    board = Whiteboard.local()
+    arrangement = Arrangement([Wall], whiteboard=board, clock=ManualClock())
+    board.add_message(POSE, Pose(x=7.5625, y=2.0, theta=-0.5))
+    machine = arrangement.machine("Wall")
+    machine.pose, machine.found = board.get_message(POSE), Hostile()
+    effects.clear()
+    found = [(cause.value, cause.seen) for cause in why(machine, "go", 320_000_000)]
+    pose = "Pose(x=7.5625, y=2.0, theta=-0.5, linear_v...r_velocity=0.0)"
+    assert found[1:] == [
+        (True, "2 > 100 or 3 % 2 == 1"),
+        (False, "320 ms > 1000 ms"),
+        (False, "320 ms > 100 ms and (0.32 s > 2 s and 3 > 0)"),
+        (False, "False"),
+        (None, "m.noting() and 3 > 2"),
+        (True, "1 == 1"),
+        (None, "m.found.x > 1"),
+        (None, "long: more than one expression"),
+    ]
+    assert found[0][0] is False
+    assert found[0][1].endswith("is not None and (not 2 < 7.5625 < 9)"), pose
+    assert effects == []
+
+
+def test_a_state_that_was_not_entered_has_no_time() -> None:
+    machine = Wall()
+    assert why(machine, "go", None)[2][2:] == (None, "elapsed > 1000 ms")
+    assert why(machine, "end", None) == why(machine, "Suspended", None) == []
+
+
+def test_a_bundle_is_explained() -> None:
+    expression = BundleTransition("B", Fragment("after_ms(50) and count > limit\n"))
+    bundle = Bundle(
+        "Counts",
+        (
+            BundleState("A", {}, (expression,), variables=Fragment("limit: int = 4\n")),
+            BundleState("B"),
+        ),
+        variables=Fragment("count: int = 7\n"),
+    )
+    machine = compile_bundle(bundle)()
+    (cause,) = why(machine, "A", 60_000_000)
+    assert (cause.value, cause.seen) == (True, "60 ms > 50 ms and 7 > 4")
+
+
+VARIABLES = st.fixed_dictionaries(dict.fromkeys("abc", st.integers(-3, 3)))
+OPERANDS = st.sampled_from(["a", "b", "self.c", "2", "abs(a)", "-b", "(a if b else 1)"])
+COMPARED = st.builds(
+    "{} {} {}".format, OPERANDS, st.sampled_from(["<", "==", ">=", "!="]), OPERANDS
+)
+EXPRESSIONS = st.recursive(
+    COMPARED,
+    lambda inner: st.builds("({} {} {})".format, inner, st.sampled_from(["and", "or"]), inner),
+)
+
+
+@given(EXPRESSIONS, VARIABLES)
+def test_an_expression_has_the_value_that_python_gives_it(text: str, names: dict[str, int]) -> None:
+    """So has the text with the operands in their places."""
+    owner = SimpleNamespace(**names)
+    expected = eval(text, {**names, "self": owner})
+    operands = Operands(owner)
+    tree = ast.parse(text, mode="eval").body
+    assert operands.value(tree) == expected
+    assert eval(operands.text(tree), {}) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "self.run()",
+        "exec('1')",
+        "[x for x in a]",
+        "a.__class__.__bases__[0].__subclasses__()",
+        "(lambda: a)()",
+        "missing",
+        "hostile.x",
+        "hostile < 1",
+        "f'{hostile}'",
+        "'a' * 99999999999",
+        "'%99999999999d' % a",
+        "9 ** 9 ** 9 ** 9",
+        "1 << 99999999999",
+    ],
+)
+def test_what_may_have_an_effect_is_not_evaluated(text: str) -> None:
+    def run() -> None:
+        effects.append("run")
+
+    effects.clear()
+    owner: Any = SimpleNamespace(a=1, hostile=Hostile(), run=run)
+    with pytest.raises(UnseenError):
+        Operands(owner).value(ast.parse(text, mode="eval").body)
+    assert effects == []
