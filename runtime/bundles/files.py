@@ -28,4 +28,5 @@ def read_file(file: Path) -> bytes | None:
 
 
 def _open(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK)  # a pipe would be opened when somebody writes to it
+    # Without this, a pipe would be opened when somebody writes to it. Windows has neither.
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -12,9 +12,11 @@ from pathlib import Path
 from ..engine.errors import BundleError
 from ..engine.layout import MachineLayout
 
-__all__ = ["PYTHON", "Bundle", "BundleState", "BundleTransition", "Fragment"]
+__all__ = ["CLASS", "PYTHON", "Bundle", "BundleState", "BundleTransition", "Fragment"]
 
 PYTHON = "python"
+CLASS = "class"
+"""The language of a machine class that is only looked at as a bundle."""
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
-from llfsm.errors import did_you_mean
+from llfsm.errors import nothing_called
 
 from ..engine.errors import BundleError
 from .model import Fragment
 
 __all__ = [
-    "MACHINE", "UNTRANSLATED", "Known", "Meaning", "is_mark", "resolve", "resolve_method",
-    "untranslated",
+    "MACHINE", "UNTRANSLATED", "Known", "Meaning", "bound_names", "included_names", "is_mark",
+    "resolve", "resolve_method", "untranslated",
 ]  # fmt: skip
 
 MACHINE = "<machine>"
@@ -90,11 +90,11 @@ class _Resolver(ast.NodeTransformer):
         self._inner: frozenset[str] = frozenset()  # of that, what functions inside it see
 
     def resolve(self, tree: ast.AST) -> Any:
-        self._here = self._inner = frozenset(_bound([tree]) - self._known.machine.keys())
+        self._here = self._inner = frozenset(bound_names([tree]) - self._known.machine.keys())
         return self.visit(tree)
 
     def resolve_body(self, function: ast.FunctionDef) -> None:
-        bound = _bound(function.body) - self._known.machine.keys()
+        bound = bound_names(function.body) - self._known.machine.keys()
         self._here = self._inner = frozenset(bound | _parameters(function.args))
         function.body = [self.visit(each) for each in function.body]
 
@@ -123,6 +123,11 @@ class _Resolver(ast.NodeTransformer):
     def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
         if isinstance(node.target, ast.Name):
             self._refuse(node.target, node.target.id, "declared here")
+        return self.generic_visit(node)
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
+        if isinstance(node.target, ast.Name) and node.target.id not in self._known.machine:
+            self._check_known(node.target)
         return self.generic_visit(node)
 
     def visit_NamedExpr(self, node: ast.NamedExpr) -> ast.AST:
@@ -170,7 +175,7 @@ class _Resolver(ast.NodeTransformer):
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
         self._visit_outside(node.args)
-        with self._scope(_parameters(node.args) | _bound([node.body])):
+        with self._scope(_parameters(node.args) | bound_names([node.body])):
             node.body = self.visit(node.body)
         return node
 
@@ -180,7 +185,7 @@ class _Resolver(ast.NodeTransformer):
         node.bases = [self.visit(each) for each in node.bases]
         node.keywords = [self.visit(each) for each in node.keywords]
         seen_inside = self._inner
-        with self._scope(_bound(node.body)):
+        with self._scope(bound_names(node.body)):
             self._inner = seen_inside  # functions do not see what the class around them binds
             node.body = [self.visit(each) for each in node.body]
         return node
@@ -191,7 +196,7 @@ class _Resolver(ast.NodeTransformer):
         self._visit_outside(node.args)
         if node.returns:
             node.returns = self.visit(node.returns)
-        with self._scope(_parameters(node.args) | _bound(node.body)):
+        with self._scope(_parameters(node.args) | bound_names(node.body)):
             node.body = [self.visit(each) for each in node.body]
         return node
 
@@ -200,7 +205,7 @@ class _Resolver(ast.NodeTransformer):
     ) -> ast.AST:
         first = node.generators[0]
         first.iter = self.visit(first.iter)  # evaluated outside
-        with self._scope(_bound([generator.target for generator in node.generators])):
+        with self._scope(bound_names([generator.target for generator in node.generators])):
             for generator in node.generators:
                 generator.target = self.visit(generator.target)
                 if generator is not first:
@@ -259,14 +264,14 @@ class _Resolver(ast.NodeTransformer):
             return
         if name == UNTRANSLATED:
             raise untranslated(self._fragment, node)
-        near = did_you_mean(name, {*self._known.machine, *self._known.module})
-        raise self._error(node, f"nothing is called {name!r}{near}")
+        known = {*self._known.machine, *self._known.module}
+        raise self._error(node, nothing_called(name, known))
 
     def _error(self, node: Any, what: str) -> Exception:
         return self._fragment.error(what, node.lineno)
 
 
-def _bound(nodes: list[Any]) -> set[str]:
+def bound_names(nodes: list[Any]) -> set[str]:
     """Return the names that a scope with these nodes binds itself."""
     bound: set[str] = set()
     freed: set[str] = set()
@@ -276,6 +281,9 @@ def _bound(nodes: list[Any]) -> set[str]:
         if isinstance(node, ast.Name):
             if direct and not isinstance(node.ctx, ast.Load):
                 bound.add(node.id)
+        elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
+            todo.append((node.value, direct))  # what is only changed must be there already
+            continue
         elif isinstance(node, ast.NamedExpr):  # binds around the comprehension that it is in
             bound.add(node.target.id)
         elif isinstance(node, ast.Nonlocal):
@@ -300,6 +308,20 @@ def _bound(nodes: list[Any]) -> set[str]:
             direct = direct and not isinstance(node, _COMPREHENSIONS)
             todo += [(child, direct) for child in ast.iter_child_nodes(node)]
     return bound - freed
+
+
+def included_names(statements: list[ast.stmt]) -> frozenset[str] | None:
+    """Return the names that includes import or define, or None if they cannot be determined."""
+    names: set[str] = set()
+    for node in (node for each in statements for node in ast.walk(each)):
+        match node:
+            case ast.Import(aliases) | ast.ImportFrom(names=aliases):
+                names |= {each.asname or each.name.partition(".")[0] for each in aliases}
+            case ast.FunctionDef(name) | ast.AsyncFunctionDef(name) | ast.ClassDef(name):
+                names.add(name)
+            case ast.Name(name, ast.Store()):
+                names.add(name)
+    return None if "*" in names else frozenset(names)
 
 
 def _evaluated_outside(arguments: ast.arguments) -> list[ast.expr]:

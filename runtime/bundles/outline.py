@@ -9,7 +9,7 @@ from .code import label_of, parse
 from .cpp import without_comments
 from .model import PYTHON, Bundle, Fragment
 
-__all__ = ["outline"]
+__all__ = ["cpp_label", "outline"]
 
 
 def outline(bundle: Bundle) -> Table:
@@ -29,7 +29,7 @@ def outline(bundle: Bundle) -> Table:
                 state.sections[name] = TextOnly(fragment.text)
         for transition in each.transitions:
             expression = transition.expression or Fragment("true")
-            label = label_of(expression) if python else _cpp_label(expression)
+            label = label_of(expression) if python else cpp_label(expression)
             state.transitions.append(
                 Transition(
                     state, states[transition.target], (expression.source, 1), None, None, label
@@ -40,7 +40,7 @@ def outline(bundle: Bundle) -> Table:
     return table
 
 
-def _cpp_label(fragment: Fragment) -> str:
+def cpp_label(fragment: Fragment) -> str:
     """Return a C++ expression on one line, without its comments."""
     lines = without_comments(fragment.text).split("\n")
     return " ".join(line.strip() for line in lines if line.strip()) or fragment.text.strip()

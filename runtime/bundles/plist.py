@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import plistlib
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.parsers.expat import ExpatError
 
 from ..engine.errors import BundleError
 from ..engine.layout import MachineLayout, Point, StateBox, TransitionPath
-from .files import read_file
 
-__all__ = ["layout_to_plist", "read_layout"]
+__all__ = ["described_path", "layout_to_plist", "read_layout", "split_states"]
 
 _SIZE = (90.0, 50.0)  # of a state whose size is not given
 _KNOWN = ("x", "y", "w", "h", "expanded", "Transitions")
@@ -23,36 +24,88 @@ _WRONG = (
 _POINTS = ("srcPoint", "dstPoint", "controlPoint1", "controlPoint2")
 
 
-def read_layout(file: Path) -> MachineLayout | None:
-    """Return the layout in `file`, without incomplete parts; None without a file.
+def read_layout(data: bytes, file: Path) -> MachineLayout:
+    """Return the layout in `data`, which is what is in `file`, without incomplete parts.
 
     Raise `BundleError`.
 
     A state without a position has no box. Paths belong to transitions by position, so they end at
     the first that is incomplete.
     """
-    data = read_file(file)
-    if data is None:
-        return None
     try:
-        found = plistlib.loads(data)
+        states = _split_values(data)
+        if states is None:
+            states = dict(_values(plistlib.loads(data)))
     except _WRONG as error:
         raise BundleError(f"not a property list: {error}", file) from error
-    boxes: dict[str, StateBox] = {}
-    paths: dict[str, tuple[TransitionPath, ...]] = {}
+    boxes = {name: each.box for name, each in states.items() if each.box is not None}
+    return MachineLayout(boxes, {name: each.paths for name, each in states.items() if each.paths})
+
+
+def split_states(data: bytes) -> tuple[bytes, list[bytes], bytes] | None:
+    """Split a property list into what is before its states, each state's text, and the rest.
+
+    None if it is not written as editors write it. What is before the states and the rest are a
+    property list together, and each state's text is a key and a value if it can be read as such.
+    """
+    if b"<!" in data.replace(b"<!DOCTYPE ", b"", 1) or data.count(b"<?") > 1 or b"&#" in data:
+        return None  # a comment, for example, may have the text of a state in it
+    if data.count(_STATES) != 1 or _OTHER_CODE.match(data):
+        return None
+    head, *states = data.split(_STATE)
+    if not states or not _BEFORE.search(head):
+        return None
+    states[-1], end, rest = states[-1].partition(_END)
+    return head, [_STATE + each for each in states], end + rest
+
+
+_OTHER_CODE = re.compile(rb"[^>]*<\?xml[^>]*encoding=(?![\"']utf-8[\"'])", re.I)
+_STATES = b"<key>States</key>"
+_BEFORE = re.compile(_STATES + rb"\s*<dict>$")
+_STATE = b"\n\t\t<key>"
+_END = b"\n\t</dict>"
+
+
+class _State(NamedTuple):
+    """What the layout has of a state."""
+
+    box: StateBox | None
+    paths: tuple[TransitionPath, ...]
+
+
+def _split_values(data: bytes) -> dict[str, _State] | None:
+    """Read each state's text on its own, as most are as they were before; None if that fails."""
+    split = split_states(data)
+    if split is None:
+        return None
+    head, texts, rest = split
+    try:
+        if plistlib.loads(head + rest).get("States") != {}:
+            return None
+        return dict(map(_read_state, texts))
+    except _WRONG:
+        return None
+
+
+@lru_cache(maxsize=4096)
+def _read_state(text: bytes) -> tuple[str, _State]:
+    [state] = _values({"States": plistlib.loads(b"<plist><dict>" + text + b"</dict></plist>")})
+    return state
+
+
+def _values(found: Any) -> Iterator[tuple[str, _State]]:
     states = found.get("States", {}) if isinstance(found, dict) else {}
     for name, state in states.items() if isinstance(states, dict) else ():
         if not isinstance(state, dict):
             continue
+        box = None
         x, y, w, h = (_number(state, key) for key in "xywh")
         if x is not None and y is not None:
             w, h = _SIZE[0] if w is None else w, _SIZE[1] if h is None else h
             more = {key: value for key, value in state.items() if key not in _KNOWN}
-            boxes[name] = StateBox(x, y, w, h, bool(state.get("expanded", False)), more)
+            box = StateBox(x, y, w, h, bool(state.get("expanded", False)), more)
         drawn = state.get("Transitions")
-        if path := _paths(drawn if isinstance(drawn, list) else []):
-            paths[name] = path
-    return MachineLayout(boxes, paths)
+        yield name, _State(box, _paths(drawn if isinstance(drawn, list) else []))
 
 
 def layout_to_plist(layout: MachineLayout) -> bytes:
@@ -60,7 +113,7 @@ def layout_to_plist(layout: MachineLayout) -> bytes:
     states: dict[str, dict[str, Any]] = {}
     for name in {**layout.states, **layout.transitions}:
         states[name] = {
-            "Transitions": [_described(path) for path in layout.transitions.get(name, ())]
+            "Transitions": [described_path(path) for path in layout.transitions.get(name, ())]
         }
         if box := layout.states.get(name):
             states[name] |= dict(box.more) | {
@@ -91,7 +144,8 @@ def _number(values: Mapping[str, Any], key: str) -> float | None:
     return float(value) if is_number else None  # type: ignore[arg-type]
 
 
-def _described(path: TransitionPath) -> dict[str, float]:
+def described_path(path: TransitionPath) -> dict[str, float]:
+    """Return a transition's path as the property list has it."""
     points = zip(_POINTS, (path.src, path.dst, path.control1, path.control2), strict=True)
     return {
         f"{key}{axis}": value

@@ -6,7 +6,10 @@ no longer exist, and one state's name may be a prefix of another's.
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Iterable
+from functools import cached_property
 from pathlib import Path
 
 from ..engine.errors import BundleError
@@ -17,7 +20,7 @@ from .files import read_file
 from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
 from .plist import read_layout
 
-__all__ = ["STATE_NAME", "SUFFIX", "Reader", "read_bundle"]
+__all__ = ["NAME_LIMIT", "NAME_RULE", "PARTS", "STATE_NAME", "SUFFIX", "Reader", "read_bundle"]
 
 SUFFIX = ".machine"
 _DEFAULT_LANGUAGE = "objc++"
@@ -25,7 +28,12 @@ _PYTHON_FILES = (".py",)
 _CODE_FILES = (".mm", ".cpp", ".cc", ".cxx", ".m", ".c")
 _HEADER_FILES = (".h", ".hpp", ".hh")
 _CPP = re.compile(r"(obj(ective)?-?)?c(\+\+|pp|xx)?")
-STATE_NAME = re.compile(r"[^\W\d]\w*", re.ASCII)
+_TRANSITION = re.compile(r"State_(.+)_Transition_(\d+)\.(?:target|expr)", re.DOTALL)
+PARTS = (*SECTIONS, "Variables", "Includes", "Methods")
+"""The texts that a state can have, by which their files are called."""
+NAME_LIMIT = 200  # bytes: files, whose names have 255, are named after machines and states
+STATE_NAME = re.compile(rf"[^\W\d]\w{{0,{NAME_LIMIT - 1}}}", re.ASCII)
+NAME_RULE = f"use letters, digits and _, at most {NAME_LIMIT}"
 
 
 def read_bundle(folder: str | Path) -> Bundle:
@@ -45,6 +53,8 @@ class Reader:
     def __init__(self, folder: Path):
         self.folder = folder
         self.name = folder.name.removesuffix(SUFFIX)
+        if len(os.fsencode(self.name)) > NAME_LIMIT:
+            raise BundleError(f"its name has more than {NAME_LIMIT} bytes; rename it", folder)
         language = self.text("Language")
         self.language = _DEFAULT_LANGUAGE if language is None else language.text.strip().lower()
         self.python = self.language == PYTHON
@@ -75,7 +85,7 @@ class Reader:
 
     def state_names(self) -> list[str]:
         """Return the states in order. Anything but a list of names is an error."""
-        if not (self.folder / "States").exists():
+        if not self.exists("States"):
             raise BundleError(
                 "not a bundle: there is no file States, which lists the states", self.folder
             )
@@ -88,7 +98,8 @@ class Reader:
             if name in names:
                 raise listed.error(f"state {name!r} is listed twice", line)
             if name and not STATE_NAME.fullmatch(name):
-                raise listed.error(f"{name!r} cannot name a state: use letters, digits and _", line)
+                shown = name if len(name) <= NAME_LIMIT else f"{name[:20]}…"
+                raise listed.error(f"{shown!r} cannot name a state: {NAME_RULE}", line)
             if name:
                 names.append(name)
         return names
@@ -125,10 +136,8 @@ class Reader:
     def python_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
         """Return a state's transitions, each with a file for its target."""
         stem = f"State_{state}"
-        mine = re.compile(rf"{stem}_Transition_(\d+)\.(?:target|expr)")
-        numbers = {int(m[1]) for file in self.folder.iterdir() if (m := mine.fullmatch(file.name))}
-        endings = (*SECTIONS, "Variables", "Includes", "Methods")
-        if not numbers and not any((self.folder / f"{stem}_{end}.py").exists() for end in endings):
+        numbers = self.transition_numbers.get(state, set())
+        if not numbers and not any(self.exists(f"{stem}_{end}.py") for end in PARTS):
             raise BundleError(
                 f"state {state!r} has no files; if that is meant, leave an empty {stem}_OnEntry.py",
                 self.folder / "States",
@@ -175,26 +184,27 @@ class Reader:
 
     def layout(self) -> MachineLayout | None:
         """Return the layout that an editor has saved."""
-        return read_layout(self.folder / "Layout.plist")
+        data = self.data("Layout.plist")
+        return None if data is None else read_layout(data, self.folder / "Layout.plist")
 
     def expression(self, name: str) -> Fragment | None:
         """Return an expression. A transition whose file is missing always fires."""
         found = self.text(name)
-        if found is None and (self.folder / name).exists():
+        if found is None and self.exists(name):
             raise BundleError("it is empty; write an expression", self.folder / name)
         return found
 
     def find(self, stem: str, endings: tuple[str, ...]) -> Fragment | None:
         """Return the text of the first file that exists, or None if it is blank."""
         for ending in endings:
-            if (self.folder / (stem + ending)).exists():
+            if self.exists(stem + ending):
                 return self.text(stem + ending)
         return None
 
     def text(self, name: str) -> Fragment | None:
         """Return the text of the file, or None if it does not exist or is blank."""
         file = self.folder / name
-        data = read_file(file)
+        data = self.data(name)
         if data is None:
             return None
         try:
@@ -203,3 +213,24 @@ class Reader:
             line = error.object.count(b"\n", 0, error.start) + 1
             raise BundleError("not UTF-8 text", file, line) from error
         return Fragment(text, file) if text.strip() else None
+
+    @cached_property
+    def transition_numbers(self) -> dict[str, set[int]]:
+        """The numbers of the transitions that have a file, by the names of states."""
+        numbers: dict[str, set[int]] = {}
+        for name in self.names():
+            if match := _TRANSITION.fullmatch(name):
+                numbers.setdefault(match[1], set()).add(int(match[2]))
+        return numbers
+
+    def names(self) -> Iterable[str]:
+        """Return the names of the files."""
+        return os.listdir(self.folder)
+
+    def exists(self, name: str) -> bool:
+        """Return whether there is a file of that name."""
+        return (self.folder / name).exists()
+
+    def data(self, name: str) -> bytes | None:
+        """Return what is in a file, or None if it does not exist."""
+        return read_file(self.folder / name)

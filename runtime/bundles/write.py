@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 from ..engine.errors import BundleError
 from .model import PYTHON, Bundle, BundleState
 from .plist import layout_to_plist
-from .read import STATE_NAME, SUFFIX
+from .read import NAME_LIMIT, NAME_RULE, STATE_NAME, SUFFIX
 
 __all__ = ["write_bundle"]
 
@@ -45,12 +46,14 @@ def _check(bundle: Bundle, folder: Path) -> None:
         wrong = "only Python bundles can be written; import it first"
     elif folder.name.removesuffix(SUFFIX) != bundle.name:
         wrong = f"the folder of machine {bundle.name!r} must be called {bundle.name}{SUFFIX}"
+    elif len(os.fsencode(bundle.name)) > NAME_LIMIT:
+        wrong = f"its name has more than {NAME_LIMIT} bytes"
     elif not names:
         wrong = "it has no states"
     elif len(set(names)) < len(names):
         wrong = "two states have the same name"
     elif unnamed := [name for name in names if not STATE_NAME.fullmatch(name)]:
-        wrong = f"{unnamed[0]!r} cannot name a state: use letters, digits and _"
+        wrong = f"{unnamed[0]!r} cannot name a state: {NAME_RULE}"
     elif bundle.suspend not in (None, *names):
         wrong = f"the suspend state {bundle.suspend!r} is not a state"
     for state in bundle.states if wrong is None else ():

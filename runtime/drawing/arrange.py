@@ -15,7 +15,7 @@ from .style import DOT, LINE, MARGIN
 from .text import numbered_labels, section_texts
 from .typeset import cut_sections, make_box, make_label
 
-__all__ = ["arrange"]
+__all__ = ["arrange", "framed"]
 
 _START = 26.0  # from the dot's centre to the initial state
 
@@ -47,7 +47,7 @@ def arrange(table: Table, *, title: str | None = None, sections: bool | None = N
         boxes, edges = automatic_layout(boxes, arrows)
     edges.sort(key=lambda edge: (index[edge.source], edge.number))
     start = _start(boxes[0], [*boxes[1:], *(edge.label for edge in edges)], edges)
-    return _framed(table.path if title is None else title, boxes, edges, start)
+    return framed(table.path if title is None else title, boxes, edges, start)
 
 
 def _box(state: State, table: Table, sections: bool | None) -> Box:
@@ -70,7 +70,7 @@ def _box(state: State, table: Table, sections: bool | None) -> Box:
 
 def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Curve:
     """Return the arrow to the initial state, at the side with the most room."""
-    others, edges = list(others), list(edges)
+    others, curves = list(others), [sample(edge.curve) for edge in edges]
     sides = [
         (Point(box.x, box.top - _START), Point(box.x, box.top)),
         (Point(box.left - _START, box.y), Point(box.left, box.y)),
@@ -83,14 +83,15 @@ def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Cu
         near = [Point((dot.x + tip.x) / 2, (dot.y + tip.y) / 2), dot]
         hit = sum(10 * hits(near, other, DOT + 4) for other in others)
         around = Label(near[0].x, near[0].y, 2 * DOT + 8, _START, ())
-        return hit + sum(hits(sample(edge.curve), around) for edge in edges)
+        return hit + sum(hits(points, around) for points in curves)
 
     return straight(*min(sides, key=clash))
 
 
-def _framed(title: str, boxes: list[Box], edges: list[Edge], start: Curve) -> Diagram:
+def framed(title: str, boxes: list[Box], edges: list[Edge], start: Curve) -> Diagram:
     """Return the diagram with a frame around all that is in it."""
-    x, y = [start[0].x - DOT, start[0].x + DOT], [start[0].y - DOT, start[0].y + DOT]
+    x = [point.x + side for point in start[:1] for side in (-DOT, DOT)]
+    y = [point.y + side for point in start[:1] for side in (-DOT, DOT)]
     items: list[Box | Label] = [*boxes, *(edge.label for edge in edges)]
     for item in items:
         x += item.x - item.width / 2, item.x + item.width / 2

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import itemgetter
 
 from .layered_graph import LayerNode, Layers, Link
 
 __all__ = ["set_columns", "spread_apart"]
 
 _GAP = 20.0  # between neighbours in a layer
+
+_at = itemgetter(0)
 
 
 def set_columns(layers: Layers) -> None:
@@ -73,8 +76,9 @@ def _blocks(layers: Layers, upward: bool, crossed: set[Link]) -> dict[LayerNode,
                 if link not in crossed
                 for other in (link.lower if upward else link.upper,)
             ]
-            near.sort(key=lambda pair: pair[0])
-            for middle in sorted({(len(near) - 1) // 2, len(near) // 2}) if near else ():
+            if len(near) > 1:
+                near.sort(key=_at)
+            for middle in range((len(near) - 1) // 2, len(near) // 2 + 1) if near else ():
                 at, other = near[middle]
                 if at > last:
                     block[node] = block[other]

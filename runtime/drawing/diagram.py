@@ -37,7 +37,10 @@ class SectionText(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A state around its centre (x, y), with the sections that are shown."""
+    """A state around its centre (x, y), with the sections that are shown.
+
+    In an overview, it is a machine or, with `slot`, a slot.
+    """
 
     state: str
     x: float
@@ -49,6 +52,7 @@ class Box:
     initial: bool = False
     accepting: bool = False
     suspend: bool = False
+    slot: bool = False
 
     @property
     def left(self) -> float:
@@ -110,7 +114,8 @@ class Arrow(NamedTuple):
 class Diagram:
     """A machine's picture; (left, top) need not be (0, 0), for places that an editor chose.
 
-    `start` is the arrow to the initial state; its first point is the centre of a dot.
+    `start` is the arrow to the initial state; its first point is the centre of a dot. That of an
+    overview is empty.
     """
 
     title: str
@@ -121,6 +126,12 @@ class Diagram:
     boxes: tuple[Box, ...]
     edges: tuple[Edge, ...]
     start: Curve
+
+    def _repr_svg_(self) -> str:
+        """Return what a notebook shows."""
+        from .rendering import to_svg
+
+        return to_svg(self)
 
 
 def arrow_head(curve: Curve) -> tuple[Point, Point, Point]:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise
-from math import hypot
+from math import hypot, inf
+from typing import TypeVar
 
 from ..engine.layout import MachineLayout, TransitionPath
 from .curves import at, contains, crossing, hits, part, sample
 from .diagram import HEAD, Arrow, Box, Edge, Label, arrow_head
 from .loops import self_loops
+from .nearby import Grid
 from .shapes import Curve, Point
 
-__all__ = ["editor_layout", "has_room"]
+__all__ = ["bowed_curve", "editor_layout", "given_curve", "has_room", "place_boxes"]
 
 _GAP = 40.0
 _BOWS = (0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 140.0, -140.0, 220.0, -220.0)
@@ -26,6 +28,8 @@ _STEPS = 96  # in which a curve is searched for the borders of boxes
 _TOUCH = 0.5  # an editor's curve may end so far inside a box by rounding alone
 _COVERED = 60.0  # how bad it is to cover a point of another arrow, in units of covered area
 
+Place = TypeVar("Place")
+
 
 def editor_layout(
     boxes: Sequence[Box], arrows: Sequence[Arrow], layout: MachineLayout
@@ -34,42 +38,58 @@ def editor_layout(
 
     Boxes that would cover each other are moved apart, and the ends of their arrows with them.
     """
-    there = _place_boxes(boxes, layout)
+    there = place_boxes(boxes, layout)
     boxes = _apart(there, layout)
     moves = [Point(box.x - old.x, box.y - old.y) for box, old in zip(boxes, there, strict=True)]
+    around: Grid[int] = Grid()
+    for i, box in enumerate(boxes):
+        around.add(i, box.x, box.y, box.width, box.height)
     curves: dict[Arrow, Curve] = {}
     labels: dict[Arrow, Label] = {}
     for arrow in arrows:
         paths = layout.transitions.get(boxes[arrow.source].state, ())
         if arrow.number < len(paths):
             path = _moved(paths[arrow.number], moves[arrow.source], moves[arrow.target])
-            curve = _given(path, boxes[arrow.source], boxes[arrow.target])
+            curve = given_curve(path, boxes[arrow.source], boxes[arrow.target])
             if curve is not None:
                 curves[arrow] = curve
-    for arrow in arrows:
+    alike: dict[frozenset[int], list[Point]] = {}  # points of the arrows between two boxes
+    for arrow in [*curves, *(each for each in arrows if each not in curves)]:
         if arrow not in curves and arrow.source != arrow.target:
-            curves[arrow] = _free_curve(arrow, boxes, curves)
-    for i, box in enumerate(boxes):
-        loops = [a for a in arrows if a.source == a.target == i and a not in curves]
-        free = _free_loops(box, [a.label for a in loops], boxes, curves.values())
-        for arrow, loop in zip(loops, free, strict=True):
-            curves[arrow], labels[arrow] = loop
-    samples = {arrow: sample(curve) for arrow, curve in curves.items()}
+            beside = alike.get(_ends(arrow), [])
+            curves[arrow] = _free_curve(arrow, boxes, around, beside)
+        if arrow in curves:
+            alike.setdefault(_ends(arrow), []).extend(sample(curves[arrow])[4:-4])
+    points: Grid[tuple[Point, Arrow]] = Grid()
+    for arrow, curve in curves.items():
+        _add_points(points, arrow, curve)
+    loops: dict[int, list[Arrow]] = {}
+    for arrow in arrows:
+        if arrow not in curves:
+            loops.setdefault(arrow.source, []).append(arrow)
+    for i, own in sorted(loops.items()):
+        free = _free_loops(i, [arrow.label for arrow in own], boxes, around, points)
+        for arrow, (curve, label) in zip(own, free, strict=True):
+            curves[arrow], labels[arrow] = curve, label
+            _add_points(points, arrow, curve)
+    taken: Grid[Box | Label] = Grid()
+    placed: list[Box | Label] = [*boxes, *labels.values()]
+    for item in placed:
+        taken.add(item, item.x, item.y, item.width, item.height)
     for arrow in arrows:
         if arrow not in labels:
-            others = [point for other in arrows if other != arrow for point in samples[other]]
-            taken: list[Box | Label] = [*boxes, *labels.values()]
-            labels[arrow] = _free_label(arrow.label, curves[arrow], taken, others)
+            label = labels[arrow] = _free_label(arrow, curves[arrow], taken, points)
+            taken.add(label, label.x, label.y, label.width, label.height)
     return boxes, [arrow.edge(boxes, curves[arrow], labels[arrow]) for arrow in arrows]
 
 
 def has_room(boxes: Sequence[Box], layout: MachineLayout) -> bool:
     """Return whether no two boxes overlap at their positions in `layout`."""
-    places = _place_boxes(boxes, layout)
+    places = place_boxes(boxes, layout)
     return not any(_overlap(a, b) for a, b in combinations(places, 2))
 
 
-def _place_boxes(boxes: Sequence[Box], layout: MachineLayout) -> list[Box]:
+def place_boxes(boxes: Sequence[Box], layout: MachineLayout) -> list[Box]:
     """Place the boxes that the layout has, and the others in a row below."""
     known = {
         box.state: replace(box, x=given.x, y=given.y)
@@ -133,7 +153,7 @@ def _moved(path: TransitionPath, source: Point, target: Point) -> TransitionPath
     )
 
 
-def _given(path: TransitionPath, source: Box, target: Box) -> Curve | None:
+def given_curve(path: TransitionPath, source: Box, target: Box) -> Curve | None:
     """Return the part of an editor's curve between our boxes, which may be larger than its own.
 
     None if so little of it is left that no arrow can be seen, or if its head is inside the target.
@@ -193,43 +213,82 @@ def _on_border(box: Box, point: tuple[float, float]) -> Point:
     return min(sides)[1]
 
 
-def _free_curve(arrow: Arrow, boxes: Sequence[Box], curves: dict[Arrow, Curve]) -> Curve:
+def _ends(arrow: Arrow) -> frozenset[int]:
+    return frozenset((arrow.source, arrow.target))
+
+
+def _add_points(points: Grid[tuple[Point, Arrow]], arrow: Arrow, curve: Curve) -> None:
+    for point in sample(curve):
+        points.add((point, arrow), point.x, point.y)
+
+
+def _free_curve(
+    arrow: Arrow, boxes: Sequence[Box], around: Grid[int], alike: Sequence[Point]
+) -> Curve:
     """Return a curve that bows as little as it can to keep clear of boxes and of its like."""
-    ends = {arrow.source, arrow.target}
-    alike = [
-        point
-        for other, curve in curves.items()
-        if {other.source, other.target} == ends
-        for point in sample(curve)[4:-4]
-    ]
-    others = [box for i, box in enumerate(boxes) if i not in ends]
+    ends = _ends(arrow)
 
     def clash(curve: Curve) -> int:
         points = sample(curve)
         near = sum(hypot(a.x - b.x, a.y - b.y) < _NEAR for a in points[4:-4] for b in alike)
-        return near + 10 * sum(hits(points, box, _NEAR) for box in others)
+        hit = sum(
+            hits((point,), boxes[i], _NEAR)
+            for point in points
+            for i in around.near(point.x, point.y, 2 * _NEAR, 2 * _NEAR)
+            if i not in ends
+        )
+        return near + 10 * hit
 
-    found = (_bowed(boxes[arrow.source], boxes[arrow.target], bow) for bow in _BOWS)
-    return min(found, key=clash)
+    found = (bowed_curve(boxes[arrow.source], boxes[arrow.target], bow) for bow in _BOWS)
+    return _best(found, clash)
 
 
 def _free_loops(
-    box: Box, labels: Sequence[Label], boxes: Iterable[Box], curves: Iterable[Curve]
+    i: int,
+    labels: Sequence[Label],
+    boxes: Sequence[Box],
+    around: Grid[int],
+    points: Grid[tuple[Point, Arrow]],
 ) -> list[tuple[Curve, Label]]:
-    """Return loops at the side of a box where less is in their way."""
-    points = [point for curve in curves for point in sample(curve)]
-    others = [other for other in boxes if other is not box]
+    """Return loops at the side of box `i` where less is in their way."""
 
     def clash(loops: list[tuple[Curve, Label]]) -> float:
         return sum(
-            _COVERED * hits(points, label, _NEAR) + sum(_overlap(label, other) for other in others)
+            _COVERED * _covered(points, label, _NEAR)
+            + sum(
+                _overlap(label, boxes[other])
+                for other in around.near(label.x, label.y, label.width, label.height)
+                if other != i
+            )
             for _, label in loops
         )
 
-    return min((self_loops(box, labels, side) for side in (1, -1)), key=clash)
+    return _best((self_loops(boxes[i], labels, side) for side in (1, -1)), clash)
 
 
-def _bowed(source: Box, target: Box, bow: float) -> Curve:
+def _covered(
+    points: Grid[tuple[Point, Arrow]], label: Label, margin: float = 0, own: Arrow | None = None
+) -> int:
+    """Return how many points of other arrows are within a label, or nearer to it than `margin`."""
+    near = points.near(label.x, label.y, label.width + 2 * margin, label.height + 2 * margin)
+    return hits((point for point, arrow in near if arrow is not own), label, margin)
+
+
+def _best(places: Iterable[Place], cost: Callable[[Place], float]) -> Place:
+    """Return the first place of the least cost; behind one that costs nothing, none is tried."""
+    best, least = None, inf
+    for place in places:
+        now = cost(place)
+        if best is None or now < least:
+            best, least = place, now
+        if not now:
+            break
+    assert best is not None
+    return best
+
+
+def bowed_curve(source: Box, target: Box, bow: float) -> Curve:
+    """Return a curve between two boxes whose middle is so far to the left of a straight line."""
     dx, dy = target.x - source.x, target.y - source.y
     length = hypot(dx, dy) or 1
     side = Point(-dy / length * bow, dx / length * bow)
@@ -255,9 +314,10 @@ def _towards(box: Box, point: Point) -> Point:
 
 
 def _free_label(
-    label: Label, curve: Curve, taken: Sequence[Box | Label], others: Sequence[Point]
+    arrow: Arrow, curve: Curve, taken: Grid[Box | Label], points: Grid[tuple[Point, Arrow]]
 ) -> Label:
     """Place a label on its curve or beside it, where it covers least."""
+    label = arrow.label
 
     def places() -> Iterator[Label]:
         for aside in _ASIDE:
@@ -268,9 +328,12 @@ def _free_label(
                 yield replace(label, x=x, y=point.y + way.x / length * aside)
 
     def covered(place: Label) -> float:
-        return sum(_overlap(place, item) for item in taken) + _COVERED * hits(others, place)
+        near = taken.near(place.x, place.y, place.width, place.height)
+        return sum(_overlap(place, item) for item in near) + _COVERED * _covered(
+            points, place, own=arrow
+        )
 
-    return min(places(), key=covered)
+    return _best(places(), covered)
 
 
 def _sign(value: float) -> int:

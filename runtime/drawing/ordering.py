@@ -6,7 +6,7 @@ layers only, and each layer is sorted by the barycentres of its nodes' neighbour
 
 from __future__ import annotations
 
-from bisect import bisect_right, insort
+from bisect import bisect_right
 
 from .columns import set_columns, spread_apart
 from .layered_graph import LayerNode, Layers
@@ -34,40 +34,75 @@ def place(nodes: list[LayerNode]) -> list[tuple[float, float]]:
 
 
 def _sort(layers: Layers) -> None:
-    """Order each layer by the barycentres of its neighbours, keeping the best order seen."""
-    best, fewest = [list(layer) for layer in layers], _crossings(layers)
+    """Order each layer by the barycentres of its neighbours, keeping the best order seen.
+
+    Nodes are numbers here, and so are their places in their layers: most of the time goes by here.
+    """
+    nodes = [node for layer in layers for node in layer]
+    number = {node: i for i, node in enumerate(nodes)}
+    rows = [[number[node] for node in layer] for layer in layers]
+    above = [[number[link.upper] for link in node.above] for node in nodes]
+    below = [[number[link.lower] for link in node.below] for node in nodes]
+    place = [0] * len(nodes)
+    for row in rows:
+        _number(row, place)
+    best, fewest = rows, _crossings(rows, below, place)
+    seen = [rows, rows]  # after the last two turns
     for turn in range(_SORTINGS):
         if not fewest:
             break
         down = turn % 2 == 0
-        position = {node: float(i) for layer in layers for i, node in enumerate(layer)}
-        for layer in layers if down else reversed(layers):
-            for node in layer:
-                near = [
-                    position[link.upper if down else link.lower]
-                    for link in (node.above if down else node.below)
-                ]
-                if near:
-                    position[node] = sum(near) / len(near)
-            layer.sort(key=position.__getitem__)
-            position.update((node, float(i)) for i, node in enumerate(layer))
-        crossings = _crossings(layers)
+        near = above if down else below
+        turned = [_sorted(row, near, place) for row in (rows if down else reversed(rows))]
+        rows = turned if down else turned[::-1]
+        if rows == seen[0] and turn > 1:
+            break  # the turns repeat themselves
+        seen = [seen[1], rows]
+        crossings = _crossings(rows, below, place)
         if crossings < fewest:
-            best, fewest = [list(layer) for layer in layers], crossings
-    layers[:] = best
+            best, fewest = rows, crossings
+    layers[:] = [[nodes[i] for i in row] for row in best]
 
 
-def _crossings(layers: Layers) -> int:
-    position = {node: i for layer in layers for i, node in enumerate(layer)}
-    crossings = 0
-    for layer in layers:
-        ends: list[int] = []
-        for node in layer:
-            mine = [position[link.lower] for link in node.below]
-            crossings += sum(len(ends) - bisect_right(ends, end) for end in mine)
-            for end in mine:
-                insort(ends, end)
-    return crossings
+def _sorted(row: list[int], near: list[list[int]], place: list[int]) -> list[int]:
+    """Sort a row by the mean places of its nodes' neighbours; those without any stay."""
+    wishes = [
+        place[others[0]] if len(others := near[i]) == 1 else _mean(others, place, i) for i in row
+    ]
+    if wishes == sorted(wishes):
+        return row
+    row = [row[at] for at in sorted(range(len(row)), key=wishes.__getitem__)]
+    _number(row, place)
+    return row
+
+
+def _mean(others: list[int], place: list[int], i: int) -> float:
+    return sum([place[other] for other in others]) / len(others) if others else place[i]
+
+
+def _number(row: list[int], place: list[int]) -> None:
+    for at, i in enumerate(row):
+        place[i] = at
+
+
+def _crossings(rows: list[list[int]], below: list[list[int]], place: list[int]) -> int:
+    """Return how many links cross; those of one node do not cross each other."""
+    crossings = sum(_inversions([place[other] for i in row for other in below[i]]) for row in rows)
+    forks = [others for others in below if len(others) > 1]
+    return crossings - sum(_inversions([place[other] for other in others]) for others in forks)
+
+
+def _inversions(ends: list[int]) -> int:
+    """Return how many pairs are not in order."""
+    if ends == sorted(ends):
+        return 0
+    inversions = 0
+    before: list[int] = []  # sorted
+    for end in ends:
+        at = bisect_right(before, end)
+        inversions += len(before) - at
+        before.insert(at, end)
+    return inversions
 
 
 def _spread_links(node: LayerNode) -> None:

@@ -35,12 +35,14 @@ def to_png(diagram: Diagram) -> bytes:
 
 
 def _picture(diagram: Diagram) -> Picture:
-    dot = diagram.start[0]
     shapes = [
-        Group(
-            [Ellipse(dot.x, dot.y, style.DOT, style.DOT, style.INK),
-             *_arrow(diagram.start, style.INK)],
-            attributes={"class": "start"},
+        *(
+            Group(
+                [Ellipse(dot.x, dot.y, style.DOT, style.DOT, style.INK),
+                 *_arrow(diagram.start, style.INK)],
+                attributes={"class": "start"},
+            )
+            for dot in diagram.start[:1]
         ),
         *(_group(edge, _arrow(edge.curve, style.EDGE)) for edge in diagram.edges),
         *(_box(box) for box in diagram.boxes),
@@ -75,11 +77,12 @@ def _label(edge: Edge) -> Iterator[Shape]:
 
 def _box(box: Box) -> Group:
     marks = ("initial", box.initial), ("accepting", box.accepting), ("suspend", box.suspend)
-    kinds = " ".join(["state", *(name for name, marked in marks if marked)])
+    corner, fill = (box.height / 2, style.BACKGROUND) if box.slot else (style.CORNER, style.FILL)
+    kinds = " ".join(["slot" if box.slot else "state", *(name for name, marked in marks if marked)])
     frames = [
         Rectangle(
             box.left + inset, box.top + inset, box.width - 2 * inset, box.height - 2 * inset,
-            style.CORNER - inset / 2, style.FILL, style.BORDER, style.LINE,
+            corner - inset / 2, fill, style.BORDER, style.LINE,
             style.DASH if box.suspend else None,
         )
         for inset in ((0.0, style.RIM) if box.accepting else (0.0,))

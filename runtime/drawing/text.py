@@ -16,6 +16,7 @@ __all__ = [
     "numbered_labels",
     "printable",
     "section_texts",
+    "text_lines",
     "text_width",
     "wrap",
 ]
@@ -89,12 +90,13 @@ def numbered_labels(state: State) -> list[str]:
 def section_texts(state: State) -> tuple[SectionText, ...]:
     """Return the sections that a state has, in the order in which they are always listed."""
     return tuple(
-        SectionText(name, _lines(body_of(state.sections[name]) or ""))
+        SectionText(name, text_lines(body_of(state.sections[name]) or ""))
         for name in SECTIONS
         if name in state.sections
     )
 
 
-def _lines(text: str) -> tuple[str, ...]:
+def text_lines(text: str) -> tuple[str, ...]:
+    """Return the lines of code, without blank ones around it; none if it is blank."""
     lines = [line.rstrip() for line in printable(text).split("\n")]
     return tuple("\n".join(lines).strip("\n").split("\n")) if any(lines) else ()

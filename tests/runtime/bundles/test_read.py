@@ -89,9 +89,7 @@ def test_what_else_an_editor_keeps_of_a_state_is_kept(lamp: Path, tmp_path: Path
     layout = read_bundle(lamp).layout
     assert layout is not None
     assert layout.states["On"].more == {"onEntryHeight": 31.0, "bgColour": {"red": 0.5}}
-    copy = tmp_path / "copy.plist"
-    copy.write_bytes(layout_to_plist(layout))
-    assert read_layout(copy) == layout
+    assert read_layout(layout_to_plist(layout), tmp_path) == layout
 
 
 @pytest.mark.parametrize("content", [b"", b"no plist", b"<plist><dict><key>", b"bplist00\xff"])
@@ -181,6 +179,7 @@ DAMAGES: list[tuple[Callable[[Path], object], str]] = [
     (lambda p: (p / "States").write_text("\n \n"), "States: it lists no states"),
     (lambda p: (p / "States").write_text("A\nB\nA"), "States:3: state 'A' is listed twice"),
     (lambda p: (p / "States").write_text("A\n2 B"), "States:2: '2 B' cannot name a state"),
+    (lambda p: (p / "States").write_text("A" * 201), "States:1: 'A{20}…' cannot name a state"),
     (lambda p: (p / "States").write_bytes(b"A\n\xff"), "States:2: not UTF-8 text"),
     (lambda p: (p / "Language").write_text("swift"), "Language: the language 'swift' is unknown"),
     (lambda p: (p / "Lamp.mm").unlink(), r"Lamp\.mm: it is missing; was the folder renamed"),
@@ -211,6 +210,10 @@ def test_damage(lamp: Path, damage: Callable[[Path], object], said: str) -> None
 def test_folders_that_are_no_bundles(tmp_path: Path, lamp: Path) -> None:
     with pytest.raises(BundleError, match=r"X\.machine: folder not found"):
         read_bundle(tmp_path / "X.machine")
+    with pytest.raises(BundleError, match="its name has more than 200 bytes; rename it"):
+        read_bundle(lamp.rename(tmp_path / f"{'X' * 201}.machine"))
+    lamp = lamp.parent / f"{'X' * 200}.machine"
+    (tmp_path / f"{'X' * 201}.machine").rename(lamp)
     for file in lamp.iterdir():
         if file.name != "Layout.plist":
             file.unlink()

@@ -23,6 +23,7 @@ from llfsm.runtime.bundles import (
 )
 from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
 from llfsm.runtime.engine.state import SECTIONS
+from thoroughness import examples
 
 NAMES = ["A", "B", "Done", "Done_Suspending", "Variables", "OnEntry", "A_OnEntry", "_x1"]
 number = st.floats(allow_nan=False, allow_infinity=False)
@@ -62,7 +63,7 @@ def bundles(draw: st.DrawFn) -> Bundle:
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(bundles())
 def test_what_is_written_is_read(bundle: Bundle) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -136,6 +137,7 @@ def test_all_or_nothing(
         (replace(AB, states=()), "it has no states"),
         (replace(AB, states=(BundleState("A"), BundleState("A"))), "the same name"),
         (replace(AB, states=(BundleState("../A"),)), "cannot name a state"),
+        (replace(AB, states=(BundleState("A" * 201),)), "cannot name a state"),
         (replace(AB, states=(BundleState("A", transitions=(BundleTransition("X"),)),)), "'X'"),
         (
             replace(

@@ -16,6 +16,7 @@ from llfsm.runtime.drawing.curves import contains, sample
 from llfsm.runtime.drawing.diagram import arrow_head
 from llfsm.runtime.drawing.text import numbered_labels, wrap
 from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
+from thoroughness import examples
 
 from .conftest import machine, machines
 
@@ -102,7 +103,7 @@ def test_hard_machines_are_drawn_clearly(drawn: type[Machine], sections: bool) -
     check_clear(diagram)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(machines())
 def test_any_machine_is_drawn_clearly(drawn: type[Machine]) -> None:
     diagram = arrange(drawn.table)
@@ -152,7 +153,7 @@ points = st.tuples(places, places)
 paths = st.builds(TransitionPath, points, points, points, points)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(machines(), st.data())
 def test_any_layout_is_drawn(drawn: type[Machine], data: st.DataObject) -> None:
     """Also one that lacks states or transitions, or has too many."""
@@ -171,7 +172,7 @@ def test_any_layout_is_drawn(drawn: type[Machine], data: st.DataObject) -> None:
             assert box.height >= given.h
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(machines(), st.data())
 def test_a_layout_with_room_is_kept(drawn: type[Machine], data: st.DataObject) -> None:
     """Boxes stand where the editor has them, curves run where they are not under a box."""

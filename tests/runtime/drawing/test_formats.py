@@ -17,11 +17,12 @@ from llfsm.runtime import DrawingError, Machine
 from llfsm.runtime.drawing import arrange, to_dot, to_mermaid, to_png, to_svg
 from llfsm.runtime.drawing.text import numbered_labels, printable, wrap
 from llfsm.runtime.engine.layout import MachineLayout, StateBox
+from thoroughness import examples
 
 from .conftest import machine, machines
 
 SVG = "{http://www.w3.org/2000/svg}"
-few = settings(max_examples=60, deadline=None)
+few = settings(max_examples=examples(25), deadline=None)
 
 
 def expected(drawn: type[Machine]) -> tuple[list[str], list[tuple[int, int, str]]]:
@@ -168,7 +169,7 @@ def test_sections_are_written_on_request(write) -> None:
 # PNG
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=examples(4), deadline=None)
 @given(machines())
 def test_png_opens_and_fits(drawn: type[Machine]) -> None:
     diagram = arrange(drawn.table)

@@ -1,0 +1,180 @@
+"""A bundle that is open: edits are written at once, can be undone, and others' changes are seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import msgspec
+
+from ..bundles.model import Bundle
+from ..bundles.scope import CONTROLS
+from ..checking import Finding, check_bundle
+from ..checking.bundles import declared_names
+from ..converting import write_converted
+from ..engine.errors import BundleError
+from .bundle_folder import BundleFolder, FileChange, FileChanges
+from .draft import Draft, FilesReader
+from .errors import EditConflictError, EditError
+from .layout_edits import ArrangeAgain, BendTransition, ExpandState, PlaceStates, ResizeState
+from .state_edits import AddState, DeleteState, OrderState, RenameState, SetSuspendState
+from .text_edits import SetText
+from .transition_edits import (
+    AddTransition,
+    DeleteTransition,
+    OrderTransition,
+    RetargetTransition,
+)
+
+__all__ = ["Document", "Edit", "decode_edits"]
+
+Edit: TypeAlias = (
+    AddState | DeleteState | OrderState | RenameState | SetSuspendState
+    | AddTransition | DeleteTransition | OrderTransition | RetargetTransition
+    | SetText
+    | ArrangeAgain | BendTransition | ExpandState | PlaceStates | ResizeState
+)  # fmt: skip
+
+_decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(list[Edit])
+
+
+def decode_edits(text: str | bytes) -> list[Edit]:
+    """Return the edits in a JSON array, or raise `EditError`."""
+    try:
+        edits: list[Edit] = _decoder.decode(text)
+    except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
+        raise EditError(f"invalid edits: {error}") from error
+    return edits
+
+
+class Document:
+    """A bundle on disk, with the history of the edits made here.
+
+    `revision` grows with each change, also one by another program that `refresh` has seen. Raise
+    `BundleError` if the folder cannot be read; a machine that cannot be read raises it later, from
+    `bundle` and `apply`, so that it can be opened, and repaired by `undo` or another program.
+    """
+
+    def __init__(self, path: str | Path | BundleFolder):
+        self.folder = path if isinstance(path, BundleFolder) else BundleFolder(path)
+        self.recovered = self.folder.recover()
+        """Whether an edit on whose way an editor was killed has been taken back."""
+        self.files: Mapping[str, bytes] = self.folder.read()
+        self.revision = 0
+        self._read: tuple[Mapping[str, bytes], Bundle] | None = None
+        self._done: list[FileChanges] = []
+        self._undone: list[FileChanges] = []
+
+    @property
+    def bundle(self) -> Bundle:
+        """The machine, or `BundleError`."""
+        if self._read is None or self._read[0] is not self.files:
+            reader = FilesReader(self.folder.path, self.files, self._read)
+            self._read = (self.files, reader.bundle())
+        return self._read[1]
+
+    @property
+    def path(self) -> Path:
+        """Where the machine is."""
+        return self.folder.path
+
+    @property
+    def found_by(self) -> list[str]:
+        """How another process finds the machine, as arguments for `load_machine`."""
+        return [str(self.path)]
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an edit to undo."""
+        return bool(self._done)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is an edit to make again."""
+        return bool(self._undone)
+
+    def refresh(self) -> list[str]:
+        """Read what other programs have changed; return the names of the files."""
+        files = self.folder.read()
+        changed = [n for n in {**self.files, **files} if self.files.get(n) != files.get(n)]
+        if changed:
+            self.files = files
+            self.revision += 1
+        return changed
+
+    @property
+    def shape(self) -> str:
+        """What edits name: the states and the targets of their transitions, in their order."""
+        return "\n".join(
+            f"{state.name} {' '.join(each.target for each in state.transitions)}"
+            for state in self.bundle.states
+        )
+
+    def apply(self, edits: Sequence[Edit], shape: str | None = None) -> list[str]:
+        """Make edits on what is on disk now, as one step of the history: all of them, or none.
+
+        Return the names of the files that were changed. Raise `EditError` or `BundleError`;
+        `EditConflictError` if the machine has another than the given shape by now.
+        """
+        self.refresh()
+        if shape not in (None, self.shape):
+            raise EditConflictError("the machine has changed meanwhile; look at it, and edit again")
+        draft = self._draft()
+        for number, edit in enumerate(edits):
+            if number:
+                draft.reread()
+            edit.apply(draft)
+        changes = draft.changes
+        if changes:
+            self._write(changes)
+            self._done.append(changes)
+            self._undone.clear()
+        return list(changes)
+
+    def _draft(self) -> Draft:
+        return Draft(self.folder.path, self.files, self.bundle)
+
+    def findings(self) -> tuple[list[Finding], list[str]]:
+        """Return what `llfsm check` finds without a run, and the names that code can use."""
+        try:
+            declared = declared_names(self.bundle)
+        except BundleError:
+            declared = []
+        return check_bundle(self.folder.path, load=False), [*declared, *CONTROLS]
+
+    def convert(self) -> Path:
+        """Make a class of the bundle beside it; return its file. Raise `BundleError`."""
+        return write_converted(self.path, self.path.parent)
+
+    def undo(self) -> list[str]:
+        """Take the last edit back, byte for byte; return the names of the files.
+
+        Raise `EditConflictError` if another program has changed one of them since.
+        """
+        return self._move(self._done, self._undone, "undo")
+
+    def redo(self) -> list[str]:
+        """Make the edit again that was undone last; return the names of the files."""
+        return self._move(self._undone, self._done, "redo")
+
+    def _move(self, source: list[FileChanges], target: list[FileChanges], what: str) -> list[str]:
+        if not source:
+            raise EditError(f"there is nothing to {what}")
+        self.refresh()
+        reverse = {name: FileChange(after, before) for name, (before, after) in source[-1].items()}
+        self._write(reverse)
+        source.pop()
+        target.append(reverse)
+        return list(reverse)
+
+    def _write(self, changes: FileChanges) -> None:
+        self.folder.write(changes)
+        files = dict(self.files)
+        for name, (_, after) in changes.items():
+            if after is None:
+                files.pop(name, None)
+            else:
+                files[name] = after
+        self.files = files
+        self.revision += 1

@@ -1,0 +1,20 @@
+"""The errors of `llfsm.runtime.editing`.
+
+FsmError
+└── EditError              a bundle cannot be edited as asked; nothing was changed
+    └── EditConflictError  another program, or another window, has changed what was to be changed
+"""
+
+from __future__ import annotations
+
+from ..engine.errors import FsmError
+
+__all__ = ["EditConflictError", "EditError"]
+
+
+class EditError(FsmError):
+    """A bundle cannot be edited as asked; the message says why. Nothing was changed."""
+
+
+class EditConflictError(EditError):
+    """What was to be changed is not what it was when the edit was made; it is kept."""

@@ -1,0 +1,185 @@
+"""The drawing of a bundle while it is edited: quick, and also if its code cannot be parsed.
+
+States are where the layout has them. Arrows without a path are drawn without looking for free room,
+unlike in `llfsm.runtime.drawing.arrange`, which would take seconds for hundreds of them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+from ..bundles.code import label_of
+from ..bundles.cpp import without_comments
+from ..bundles.model import CLASS, PYTHON, Bundle, BundleState, BundleTransition
+from ..bundles.outline import cpp_label
+from ..drawing.automatic_layout import automatic_layout
+from ..drawing.curves import at, straight
+from ..drawing.diagram import Arrow, Box, Diagram, Edge, Label, SectionText
+from ..drawing.editor_layout import bowed_curve, given_curve, place_boxes
+from ..drawing.loops import self_loops
+from ..drawing.shapes import Curve, Point
+from ..drawing.style import MARGIN
+from ..drawing.text import text_lines
+from ..drawing.typeset import cut_sections, make_box, make_label
+from ..engine.errors import BundleError
+from ..engine.layout import MachineLayout, StateBox, TransitionPath
+
+__all__ = ["automatic", "is_placed", "path_between", "placed_boxes", "sketch"]
+
+_IN_PYTHON = (PYTHON, CLASS)
+_BOW = 26.0  # between arrows that connect the same states
+_ALONG = (0.5, 0.28, 0.72)  # where their labels are
+_START = 26.0  # the length of the arrow to the initial state
+_LOOP = Label(0, 0, 0, 0, ())
+
+
+def sketch(bundle: Bundle) -> Diagram:
+    """Return the drawing of `bundle`: where its layout has it, or else placed automatically."""
+    if not is_placed(bundle):
+        bundle = replace(bundle, layout=automatic(bundle))
+    boxes = placed_boxes(bundle)
+    paths = {} if bundle.layout is None else bundle.layout.transitions
+    pairs: Counter[frozenset[int]] = Counter()
+    edges = []
+    for arrow in _arrows(bundle):
+        own = paths.get(boxes[arrow.source].state, ())
+        path = own[arrow.number] if arrow.number < len(own) else None
+        pair = frozenset((arrow.source, arrow.target))
+        curve, label = _drawn(
+            path, boxes[arrow.source], boxes[arrow.target], pairs[pair], arrow.label
+        )
+        pairs[pair] += 1
+        edges.append(arrow.edge(boxes, curve, label))
+    first = boxes[0]
+    start = straight(Point(first.x, first.top - _START), Point(first.x, first.top))
+    return _framed(bundle.name, boxes, edges, start)
+
+
+def is_placed(bundle: Bundle) -> bool:
+    """Return whether the bundle's layout has any of its states."""
+    layout = bundle.layout
+    return layout is not None and any(state.name in layout.states for state in bundle.states)
+
+
+def automatic(bundle: Bundle) -> MachineLayout:
+    """Return a layout of all states and transitions in layers; sizes and colours are kept."""
+    old = bundle.layout.states if bundle.layout else {}
+    boxes, edges = automatic_layout(_boxes(bundle), list(_arrows(bundle)))
+    states = {}
+    for box in boxes:
+        before = old.get(box.state, StateBox(0, 0, box.width, box.height))
+        states[box.state] = replace(before, x=round(box.x, 1), y=round(box.y, 1))
+    paths: dict[str, list[TransitionPath]] = {}
+    for edge in sorted(edges, key=lambda edge: edge.number):
+        paths.setdefault(edge.source, []).append(_path(edge.curve))
+    return MachineLayout(states, {name: tuple(each) for name, each in paths.items()})
+
+
+def placed_boxes(bundle: Bundle) -> list[Box]:
+    """Return the boxes of the states where the layout has them, and others in a row below."""
+    return place_boxes(_boxes(bundle), bundle.layout or MachineLayout())
+
+
+def path_between(source: Box, target: Box) -> TransitionPath:
+    """Return a path for an arrow that has none yet."""
+    return _path(_drawn(None, source, target, 0, _LOOP)[0])
+
+
+def _path(curve: Curve) -> TransitionPath:
+    """Return a curve as editors keep it: of one piece."""
+    a, b, c, d = (curve[0], curve[1], curve[-2], curve[-1])
+    points = [(round(point.x, 1), round(point.y, 1)) for point in (a, d, b, c)]
+    return TransitionPath(*points)
+
+
+def _arrows(bundle: Bundle) -> Iterable[Arrow]:
+    index = {state.name: i for i, state in enumerate(bundle.states)}
+    for i, state in enumerate(bundle.states):
+        numbered = len(state.transitions) > 1
+        for number, transition in enumerate(state.transitions):
+            label = _label(transition, python=bundle.language in _IN_PYTHON)
+            text = f"{number + 1}: {label}" if numbered else label
+            yield Arrow(i, number, index[transition.target], _made_label(text))
+
+
+def _label(transition: BundleTransition, *, python: bool) -> str:
+    if transition.expression is None:
+        return "true"
+    if not python:
+        return cpp_label(transition.expression)
+    try:
+        return label_of(transition.expression)
+    except BundleError:
+        return " ".join(transition.expression.text.split())
+
+
+@lru_cache(maxsize=4096)
+def _made_label(text: str) -> Label:
+    return make_label(text)
+
+
+def _boxes(bundle: Bundle) -> list[Box]:
+    layout = bundle.layout or MachineLayout()
+    return [
+        _box(
+            state.name,
+            _sections(state, python=bundle.language in _IN_PYTHON),
+            layout.states.get(state.name, _UNPLACED),
+            initial=i == 0,
+            accepting=not state.transitions,
+            suspend=state.name == bundle.suspend,
+        )
+        for i, state in enumerate(bundle.states)
+    ]
+
+
+_UNPLACED = StateBox(0, 0, 0, 0)
+
+
+def _box(name: str, sections: tuple[SectionText, ...], given: StateBox, **kinds: bool) -> Box:
+    shown = sections if given.expanded else ()
+    return _made_box(name, shown, given.w, given.h, **kinds)
+
+
+@lru_cache(maxsize=4096)
+def _made_box(
+    name: str, sections: tuple[SectionText, ...], width: float, height: float, **kinds: bool
+) -> Box:
+    cut = cut_sections(name, sections, width, height)
+    return make_box(name, cut, width=width, height=height, **kinds)
+
+
+def _sections(state: BundleState, *, python: bool) -> tuple[SectionText, ...]:
+    texts = ((key, fragment.text) for key, fragment in state.sections.items())
+    return tuple(
+        SectionText(key, text_lines(text))
+        for key, text in texts
+        if python or without_comments(text).strip()
+    )
+
+
+@lru_cache(maxsize=4096)
+def _drawn(
+    path: TransitionPath | None, source: Box, target: Box, beside: int, label: Label
+) -> tuple[Curve, Label]:
+    """Return the curve and the label of an arrow, of which so many before connect its states."""
+    curve = None if path is None else given_curve(path, source, target)
+    if curve is None and source.state == target.state:
+        loops = self_loops(source, [label] * (beside + 1))
+        return loops[-1]
+    if curve is None:
+        curve = bowed_curve(source, target, _BOW * beside)
+    middle = at(curve, _ALONG[beside % len(_ALONG)])[0]
+    return curve, replace(label, x=middle.x, y=middle.y)
+
+
+def _framed(title: str, boxes: Sequence[Box], edges: Sequence[Edge], start: Curve) -> Diagram:
+    points = [*start, *(point for edge in edges for point in edge.curve)]
+    x = [point.x for point in points] + [side for box in boxes for side in (box.left, box.right)]
+    y = [point.y for point in points] + [side for box in boxes for side in (box.top, box.bottom)]
+    left, top = min(x) - MARGIN, min(y) - MARGIN
+    width, height = max(x) + MARGIN - left, max(y) + MARGIN - top
+    return Diagram(title, left, top, width, height, tuple(boxes), tuple(edges), start)
