@@ -6,11 +6,12 @@ of one machine), `roster`, `control` and `arrangement` (all).
 """
 
 from .engine.arrangement import Arrangement
-from .engine.clock import Clock, ManualClock, MonotonicClock
+from .engine.clock import Clock, ManualClock, MonotonicClock, SimulatedClock
 from .engine.errors import (
     ActuatorClosedError,
     ActuatorTakenError,
     ArrangementEndedError,
+    BreakpointError,
     BundleError,
     ClockError,
     DefinitionError,
@@ -20,11 +21,13 @@ from .engine.errors import (
     GuardResultError,
     LoadError,
     NotLoadedError,
+    NotPausedError,
     ObserverError,
     OptionError,
     RealtimeError,
     ScheduleError,
     SensorNameError,
+    TypeCheckerError,
     UnknownMachineError,
     UnreachableStateWarning,
     VariableError,
@@ -51,6 +54,7 @@ __all__ = [
     "ActuatorTakenError",
     "Arrangement",
     "ArrangementEndedError",
+    "BreakpointError",
     "BundleError",
     "Clock",
     "ClockError",
@@ -66,6 +70,7 @@ __all__ = [
     "ManualClock",
     "MonotonicClock",
     "NotLoadedError",
+    "NotPausedError",
     "Observer",
     "ObserverError",
     "OptionError",
@@ -76,6 +81,7 @@ __all__ = [
     "ScheduleError",
     "Sensor",
     "SensorNameError",
+    "SimulatedClock",
     "Spread",
     "State",
     "Status",
@@ -85,6 +91,7 @@ __all__ = [
     "Timetable",
     "Trace",
     "Transition",
+    "TypeCheckerError",
     "UnknownMachineError",
     "UnreachableStateWarning",
     "Variable",

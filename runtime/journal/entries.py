@@ -4,9 +4,12 @@ It holds enough to run the machines again exactly as they ran. An entry is one o
 
 * an event, as observers see it, with its `reads`: the clock readings since the entry before it;
 * `Sensed`: a sensor has another message than before; no message means its default;
+* `Overridden`: a machine reads this message from the slot from now on, whatever is there, until
+  `Released`: what its sensors find is kept as ever;
 * `Aged`: the age of a sensor's message was asked for, and returned in nanoseconds;
 * `Posted`: an actuator was called, and the whiteboard has counted the message;
-* `Asked`: a request for one machine, or for all (`stop`), came from outside the arrangement;
+* `Asked`: a request for one machine, or for all (`stop`), came from outside the arrangement,
+  between two rounds or, in a script, at the beginning of a turn;
 * `Answered`: a machine of another process returned its state, or its answer to a request;
 * `Loaded`: a machine was loaded from outside the arrangement;
 * `Plan`, at the beginning: the plan from which the arrangement was made, if there was one;
@@ -19,6 +22,7 @@ and written in batches between rounds.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Final, TypeAlias
 
 import msgspec
@@ -43,6 +47,8 @@ FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "Lost": (),
     "Loaded": ("machine", "path"),
     "Sensed": ("machine", "sensor", "slot", "message", "error"),
+    "Overridden": ("machine", "slot", "message"),
+    "Released": ("machine", "slot"),
     "Aged": ("machine", "sensor", "age_ns"),
     "Posted": ("machine", "actuator", "slot", "message", "count"),
     "Asked": ("action", "machine"),
@@ -120,6 +126,13 @@ class Journal:
         """Keep nothing more."""
         self.add = lambda _: None
         self.closed()
+
+    @contextmanager
+    def asking(self) -> Iterator[None]:
+        """Keep what is asked meanwhile, at the beginning of a turn: no code of it runs yet."""
+        before, self.outside = self.outside, True
+        yield
+        self.outside = before
 
     def flush(self) -> None:
         """Write what was collected."""

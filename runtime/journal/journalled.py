@@ -7,12 +7,13 @@ for the journal.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from ..engine.clock import Clock
 from ..engine.environment import Attendant, Elsewhere, Environment, Post, Read
-from ..engine.errors import UnknownMachineError
+from ..engine.errors import LoadError, UnknownMachineError
 from ..engine.events import Status
 from ..engine.freshness import AgedRead
 from .entries import Journal
@@ -39,6 +40,7 @@ class JournalledEnvironment(Environment):
         self.clock: _JournalledClock = _JournalledClock(inner.clock, journal)
         self._inner = inner
         self.journal = journal
+        self._latest: dict[tuple[str, str], list[object]] = {}  # what each sensor has found
         self._arrangement: Arrangement | None = None
         self._deferred: str | None = None  # the cause of a stop
 
@@ -72,6 +74,13 @@ class JournalledEnvironment(Environment):
         """Let the sleep in the other environment end."""
         self._inner.wake()
 
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Keep what is requested meanwhile; a stop takes effect at once."""
+        with self._inner.paused(), self.journal.asking():
+            self._stop_deferred()
+            yield
+
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return a function that keeps each message that is another one than before."""
         return self._keeping(machine, name, slot, self._inner.read(machine, name, sensor, slot))
@@ -91,17 +100,16 @@ class JournalledEnvironment(Environment):
 
     def _keeping(self, machine: str, name: str, slot: Slot[Any], read: Read) -> Read:
         add, encode = self.journal.add, slot.encoder.encode
-        latest: object = None
+        latest = self._latest.setdefault((machine, name), [None])  # also if it is connected again
 
         def read_and_keep() -> object:
-            nonlocal latest
             try:
                 message = read()
             except Exception as error:
                 add(("Sensed", machine, name, slot.name, None, str(error)))
                 raise
-            if message is not latest:
-                latest = message
+            if message is not latest[0]:
+                latest[0] = message
                 data = None if message is None else encode(message)
                 add(("Sensed", machine, name, slot.name, data, None))
             return message
@@ -120,6 +128,21 @@ class JournalledEnvironment(Environment):
 
         return post_and_keep
 
+    def override(self, machine: str, slot: Slot[Any], message: Any) -> None:
+        """Override in the other environment, and keep it, for whom looks at the journal."""
+        self._inner.override(machine, slot, message)
+        data = None if message is None else slot.encoder.encode(message)
+        self.journal.add(("Overridden", machine, slot.name, data))
+
+    def release(self, machine: str, slot: Slot[Any]) -> None:
+        """Release in the other environment, and keep it."""
+        self._inner.release(machine, slot)
+        self.journal.add(("Released", machine, slot.name))
+
+    def overridden(self, machine: str) -> Container[str]:
+        """Return the names of the slots that are overridden in the other environment."""
+        return self._inner.overridden(machine)
+
     def claim(self, machine: str, slots: Mapping[Slot[Any], bool]) -> None:
         """Claim the slots in the other environment."""
         self._inner.claim(machine, slots)
@@ -133,7 +156,15 @@ class JournalledEnvironment(Environment):
             raise
 
     def requested(self, action: str, machine: str) -> None:
-        """Keep a request from outside; what machines' own code requests, it will request again."""
+        """Keep a request from outside; what machines' own code requests, it will request again.
+
+        Of a reload the journal could not keep the new definition, so it is a `LoadError`.
+        """
+        if action == "reload":
+            raise LoadError(
+                f"{machine} is recorded for `llfsm rerun`, which cannot follow a reload: "
+                f"end the recording first"
+            )
         if self.journal.outside:
             self.journal.add(("Asked", action, machine))
 
@@ -146,12 +177,15 @@ class JournalledEnvironment(Environment):
     def unloaded(self, machine: str) -> None:
         """Let nothing be posted for the machine in the other environment."""
         self._inner.unloaded(machine)
+        for key in [key for key in self._latest if key[0] == machine]:
+            del self._latest[key]
 
     def may_stop(self, cause: str) -> bool:
         """Defer a stop that comes while code of a machine may be running."""
         if not self.journal.outside:
             self._deferred = cause
             return False
+        self._inner.may_stop(cause)
         self.journal.add(("Asked", "stop", None))
         return True
 

@@ -1,7 +1,7 @@
 """Plans: which machines to run and how, from a command line, a file or a dispatch table.
 
-An arrangement file is TOML; its keys are the fields of `Plan` and, in each `[[machine]]`, those
-of `PlannedMachine`.
+An arrangement file is TOML; its keys are the fields of `Plan`, in each `[[machine]]` those of
+`PlannedMachine`, and in `[verify]` those of `Verification`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..engine.environment import Environment
     from ..engine.loading import Library
 
-__all__ = ["Plan", "PlannedMachine", "assemble", "names_of", "read_plan"]
+__all__ = ["Plan", "PlannedMachine", "Verification", "assemble", "names_of", "read_plan"]
 
 _LONGEST_US = 10**12  # eleven days
 Positive = Annotated[int, msgspec.Meta(ge=1, le=_LONGEST_US)]
@@ -57,10 +57,31 @@ class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         return [Requirement(name, self.period_us, deadline_us, starts)]
 
 
+class Verification(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is to be verified of the machines, as for `llfsm.runtime.verification.explore`.
+
+    Properties and abstractions are named ``module:name``. `period_ms` is by default that of the
+    rounds of a run. A domain is "every", a list of messages, a table of fields, each with "every"
+    or a list of values, or ``module:name``.
+    """
+
+    properties: tuple[str, ...] = ()
+    sensors: dict[str, str | list[Any] | dict[str, Any]] = {}
+    period_ms: Annotated[float, msgspec.Meta(gt=0, le=_LONGEST_US / 1e3)] | None = None
+    any_time: bool = False
+    choices: Literal["turns", "rounds"] = "turns"
+    stop: bool = False
+    suspend: tuple[str, ...] = ()
+    abstract: dict[str, str] = {}
+    max_states: Positive | None = None
+    max_seconds: Annotated[float, msgspec.Meta(ge=0)] | None = None
+
+
 class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Machines in their order, and the schedule of their turns, as for `Arrangement`.
 
-    `will_after_ms` is as for `LiveEnvironment`.
+    `will_after_ms` is as for `LiveEnvironment`, `on_pause` and `break` as for `Debugger`; with
+    `debug_clock` the clock is a `DebugClock`. `verify` says nothing about a run.
     """
 
     machines: tuple[PlannedMachine, ...] = msgspec.field(name="machine", default=())
@@ -74,6 +95,10 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     realtime: Annotated[int, msgspec.Meta(ge=1, le=99)] | None = None
     cpu: NotNegative | None = None
     will_after_ms: Annotated[int, msgspec.Meta(ge=500, le=_LONGEST_US)] | None = None
+    on_pause: Literal["keep", "safe"] = "keep"
+    debug_clock: bool = False
+    breakpoints: tuple[str, ...] = msgspec.field(name="break", default=())
+    verify: Verification | None = None
 
     def timetable(self, names: Iterable[str]) -> Timetable | None:
         """Return the timetable for machines of these names, None if none has a period.
@@ -90,15 +115,15 @@ def read_plan(file: Path) -> Plan:
     return read_toml(file, Plan, _check)
 
 
-def names_of(plan: Plan, classes: Iterable[type[Machine]]) -> list[str]:
+def names_of(plan: Plan, classes: Iterable[str]) -> list[str]:
     """Return the name that each machine of the plan gets: a second `P` becomes `P.0`.
 
-    Machines that are only preloaded get their names last.
+    `classes` are the names of their classes. Machines that are only preloaded get their names last.
     """
     names: dict[int, str] = {}
     given = list(enumerate(zip(plan.machines, classes, strict=True)))
     for number, (planned, cls) in sorted(given, key=lambda each: each[1][0].preload):
-        name = planned.name or cls.__name__
+        name = planned.name or cls
         all_names = [name, *(f"{name}.{count}" for count in range(len(names)))]
         names[number] = next(free for free in all_names if free not in names.values())
     return [names[number] for number in range(len(names))]

@@ -48,6 +48,8 @@ def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: 
         key = _unknown_key(what)
         if key is not None:
             what = f"there is no key {key!r} here{did_you_mean(key, _keys(kind))}"
+        else:
+            what += _remedy(what, where)
         raise _located(what, file, text, where, key) from error
     except ConfigurationError as error:
         raise _located(error.what, file, text, error.where) from error
@@ -117,6 +119,24 @@ def _located(
     return ConfigurationError(
         f"{place.lstrip('.')}: {what}" if place else what, where, file=file, line=line
     )
+
+
+def _remedy(what: str, where: Path_) -> str:
+    """Return what to write instead of a value that msgspec refuses."""
+    if missing := re.search(r"missing required field `(.*)`", what):
+        return f"; add {missing[1]} = ..."
+    found = re.match(r"Expected `(.*)`.*, got `(.*)`", what)
+    if found is None:
+        return ""
+    wanted, got = found[1].split(" | "), found[2]
+    if "array" in wanted:
+        name = where[-1] if where else ""
+        return f"; write [[{name}]], not [{name}]" if got == "object" else "; write [...]"
+    if "object" in wanted:
+        return "; write a table, as {key = value}"
+    if "str" in wanted:
+        return "; write it in quotes"
+    return "; write it without quotes" if got == "str" else ""
 
 
 def _unknown_key(what: str) -> str | None:

@@ -13,7 +13,8 @@ from .errors import (
     ScriptError,
     StatesError,
 )
-from .play import Invariant, Step, play
+from .play import Invariant, play
+from .scripted import Step
 from .search import check_invariant
 from .states import assert_states, states_of
 from .waiting import Condition, SensorScript, run_until

@@ -2,72 +2,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from types import MappingProxyType
-from typing import Any, NamedTuple, TypeAlias
-
-from llfsm.whiteboard import Slot, Whiteboard
+from collections.abc import Callable, Iterable
+from typing import Protocol, TypeAlias
 
 from ..engine.arrangement import Arrangement
-from ..engine.clock import ManualClock
 from ..engine.errors import ObserverError
 from ..engine.events import Event, RoundEnd, Turn
 from ..engine.loading import Factory
 from ..engine.machine import Machine
 from .errors import InvariantError, ScriptError
+from .scripted import ScriptedEnvironment, Step
 from .states import current_states, name_of
 
-__all__ = ["Invariant", "Step", "factories", "play"]
+__all__ = ["Invariant", "factories", "play"]
 
 Invariant: TypeAlias = Callable[[Arrangement], object]
 """Holds after a ringlet unless it returns False or raises `AssertionError`."""
 
 
-class Step(NamedTuple):
-    """Let `wait_ms` pass, post `messages`, and run one round."""
+class Loading(Protocol):
+    """A machine and how it is loaded, such as `llfsm.runtime.verification.Member`."""
 
-    wait_ms: int = 0
-    messages: Mapping[Slot[Any], Any] = MappingProxyType({})
+    def load(self, arrangement: Arrangement) -> None:
+        """Load a new machine into `arrangement`."""
+        ...
 
 
 def play(
-    machines: Factory | Iterable[Factory], script: Iterable[Step], *, invariant: Invariant
+    machines: Factory | Iterable[Factory | Loading],
+    script: Iterable[Step],
+    *,
+    invariant: Invariant,
+    unload_accepting: bool = False,
+    to_end: bool = False,
 ) -> Arrangement:
     """Play `script` to new machines on a new board, check `invariant` after every ringlet.
 
     `machines` are classes, or functions that return machines. Accepting machines stay loaded, so
-    that the invariant can examine them; when all machines accept or are suspended, the rest of the
-    script is skipped. Return the arrangement. Raise `InvariantError` or any other error of the
-    invariant, and `ExecutionError` for one of a machine's code.
+    that the invariant can examine them, unless `unload_accepting`; when all machines accept or are
+    suspended, the rest of the script is skipped unless it is played `to_end`, as if others might
+    still resume one. If `invariant` has a method `begin`, that is
+    called before the first ringlet. Return the arrangement. Raise `InvariantError` or
+    any other error of the invariant, and `ExecutionError` for one of a machine's code.
     """
-    clock, made = ManualClock(), [_make(factory) for factory in factories(machines)]
-    board = Whiteboard.local()
-    arrangement = Arrangement(made, whiteboard=board, clock=clock, unload_accepting=False)
-    arrangement.attach(_Watch(arrangement, invariant))
+    environment = ScriptedEnvironment()
+    arrangement = Arrangement(environment=environment, unload_accepting=unload_accepting)
+    for each in factories(machines):
+        if callable(each):
+            arrangement.load(_make(each))
+        else:
+            each.load(arrangement)
+    watch = _Watch(arrangement, invariant)
+    arrangement.attach(watch)
+    begin: Invariant | None = getattr(invariant, "begin", None)
+    if begin is not None and begin(arrangement) is False:
+        what = name_of(invariant, "the invariant")
+        raise InvariantError(f"{what} does not hold at the beginning")
     with arrangement:
-        for wait_ms, messages in script:
-            if wait_ms < 0:
-                raise ScriptError(f"a step waits {wait_ms} ms; it must be 0 or more")
-            clock.advance(ms=wait_ms)
-            for slot, message in messages.items():
-                board.add_message(slot, message)
-            try:
-                arrangement.round()
-            except ObserverError as error:
-                own = error.__cause__ or error  # what the invariant raised
-                raise own from own.__cause__
-            if arrangement.finished:
-                break
+        try:
+            for step in environment.play(arrangement, script):
+                if step.after:
+                    watch.look_again()
+                if arrangement.finished and not to_end:
+                    break
+        except ObserverError as error:
+            own = error.__cause__ or error  # what the invariant raised
+            raise own from own.__cause__
     return arrangement
 
 
-def factories(machines: Factory | Iterable[Factory]) -> list[Factory]:
-    """Return `machines` as a list; raise `ScriptError` for anything that is not callable."""
+def factories(machines: Factory | Iterable[Factory | Loading]) -> list[Factory | Loading]:
+    """Return `machines` as a list; raise `ScriptError` for anything else."""
     if isinstance(machines, Machine):
         machines = [machines]
-    found = [machines] if callable(machines) else list(machines)
+    found: list[Factory | Loading] = [machines] if callable(machines) else [*machines]
     for factory in found:
-        if not callable(factory):
+        if isinstance(factory, Machine) or not (callable(factory) or hasattr(factory, "load")):
             what = factory.name if isinstance(factory, Machine) else repr(factory)
             raise ScriptError(
                 f"{what} is neither a machine class nor a function that returns a machine; every "
@@ -92,12 +102,19 @@ class _Watch:
         self._arrangement = arrangement
         self._invariant = invariant
         self._turn: Turn | None = None
+        self._last: Turn | None = None
 
     def __call__(self, event: Event) -> None:
         if isinstance(event, Turn | RoundEnd):
             if self._turn is not None:
+                self._last = self._turn
                 self._check(self._turn)
             self._turn = event if isinstance(event, Turn) else None
+
+    def look_again(self) -> None:
+        """Check the invariant when something was asked after the round: the machines may end."""
+        if self._last is not None:
+            self._check(self._last)
 
     def _check(self, turn: Turn) -> None:
         arrangement = self._arrangement

@@ -17,7 +17,7 @@ from ..engine.machine import Machine
 from .errors import NotReachedError, ScriptError
 from .states import current_states, name_of
 
-__all__ = ["Condition", "SensorScript", "run_until"]
+__all__ = ["Condition", "SensorScript", "next_round_ns", "run_until"]
 
 Condition: TypeAlias = str | Callable[[Arrangement], bool]
 """``"Machine.STATE"``, or a function of the arrangement."""
@@ -60,12 +60,14 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
             raise NotReachedError(
                 f"waited for {what}: {why}, {rounds} rounds{current_states(arrangement, machines)}"
             )
-        next_ns = arrangement.due_ns or round_ns + _pause_ns(arrangement, fired)
+        next_ns = next_round_ns(arrangement, round_ns, fired)
         clock.sleep_until_ns(min(next_ns, end_ns))
 
 
-def _pause_ns(arrangement: Arrangement, fired: bool) -> int:
-    return _ROUND_NS if fired else max(arrangement.idle_us * 1_000, _ROUND_NS)
+def next_round_ns(arrangement: Arrangement, round_ns: int, fired: bool) -> int:
+    """Return when the round is due that follows one, and whether a transition fired in that."""
+    pause_ns = _ROUND_NS if fired else max(arrangement.idle_us * 1_000, _ROUND_NS)
+    return arrangement.due_ns or round_ns + pause_ns
 
 
 def _in_state(arrangement: Arrangement, place: str) -> Callable[[Arrangement], bool]:

@@ -29,6 +29,7 @@ from llfsm.whiteboard.messages.llfsm import (
     journal_slot,
 )
 from llfsm.whiteboard.messages.std_msgs import Int32
+from thoroughness import examples
 
 NUMBER = Slot("number", Int32)
 SEEN = Slot("seen", Int32)
@@ -105,7 +106,7 @@ def test_nobody_records_unless_a_process_that_lives_says_so() -> None:
 
 
 @given(st.lists(st.one_of(st.integers(1, 3 * module._ROOM), st.just(0)), max_size=30))
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(20))
 def test_every_byte_comes_once_and_in_order_whenever_it_is_taken(steps: list[int]) -> None:
     board = Whiteboard.local()
     taker = Taker(board)

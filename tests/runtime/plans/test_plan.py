@@ -80,7 +80,7 @@ def plan(folder: Path, text: str) -> Plan:
 
 def made(plan: Plan, **how: Any) -> Arrangement:
     classes = [CLASSES[planned.definition] for planned in plan.machines]
-    named = dict(zip(names_of(plan, classes), classes, strict=True))
+    named = dict(zip(names_of(plan, [cls.__name__ for cls in classes]), classes, strict=True))
     environment = LiveEnvironment(Whiteboard.local(), how.pop("clock", None))
     return assemble(plan, named, environment, library=how.pop("library", {}), **how)
 
@@ -313,7 +313,7 @@ def test_names_are_those_that_loading_gives(
     arrangement = Arrangement(whiteboard=Whiteboard.local())
     for cls, name in machines:
         arrangement.load(cls, name=name)
-    assert names_of(planned, [cls for cls, _ in machines]) == names(arrangement)
+    assert names_of(planned, [cls.__name__ for cls, _ in machines]) == names(arrangement)
     assert names(made(planned)) == names(arrangement)
 
 

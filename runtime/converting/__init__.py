@@ -1,0 +1,16 @@
+"""Make a bundle of a machine class, and a class of a bundle, that do the same.
+
+Read in this order: `edited_text` (a text that is changed at nodes), `to_class`, then `imports`,
+`function_text` and `to_bundle`, `class_files`, `convert`, `class_outline` and
+`class_process`.
+"""
+
+from .class_files import class_layout, layout_file, module_name, write_class
+from .convert import write_converted
+from .to_bundle import class_bundle
+from .to_class import class_text
+
+__all__ = [
+    "class_bundle", "class_layout", "class_text", "layout_file", "module_name", "write_class",
+    "write_converted",
+]  # fmt: skip

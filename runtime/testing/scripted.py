@@ -1,0 +1,142 @@
+"""Scripts: what machines read, round by round and even turn by turn, on a manual clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.local import LocalBoard
+
+from ..engine.arrangement import Arrangement
+from ..engine.clock import ManualClock
+from ..engine.environment import Read
+from ..engine.events import Event, Turn
+from ..engine.machine import Machine
+from ..presence.live import LiveEnvironment
+from .errors import ScriptError
+
+if TYPE_CHECKING:
+    from ..engine.ports import Sensor
+
+__all__ = ["Ask", "ScriptedEnvironment", "Step"]
+
+_NOTHING: Mapping[Any, Any] = MappingProxyType({})
+
+
+Ask: TypeAlias = Literal["suspend", "resume", "restart", "stop"]
+
+
+class Step(NamedTuple):
+    """Let `wait_ms` pass, post `messages`, and run one round.
+
+    With `most_rounds`, the next round follows at once while transitions fire, as in
+    `Arrangement.run`, until there were so many: the manual clock stands still meanwhile.
+
+    Just before the turn of a machine that `before` or `asks` names, more messages are posted, or
+    it is asked to "suspend", "resume" or "restart", or all machines to "stop"; what `after` has is
+    asked when the round is over. None instead of a message empties a slot, as if nothing had been
+    posted.
+    """
+
+    wait_ms: float = 0
+    messages: Mapping[Slot[Any], Any] = _NOTHING
+    before: Mapping[str, Mapping[Slot[Any], Any]] = _NOTHING
+    asks: Mapping[str, Sequence[Ask]] = _NOTHING
+    after: Mapping[str, Sequence[Ask]] = _NOTHING
+    most_rounds: int = 1
+
+
+class ScriptedEnvironment(LiveEnvironment):
+    """A board of its own on which a script is played, at the times of a manual clock."""
+
+    clock: ManualClock
+    whiteboard: LocalBoard
+
+    def __init__(self, start_ns: int = 0):
+        clock = ManualClock(start_ns)
+        super().__init__(LocalBoard(now_ns=clock.now_ns), clock)
+        self.asking: Callable[[], AbstractContextManager[None]] = nullcontext
+        """Entered while a script asks something of machines."""
+        self.machines: dict[str, Machine] = {}
+        """All machines that were loaded, by name, also those that have left."""
+        self._arrangement: Arrangement | None = None
+        self._before: dict[str, Mapping[Slot[Any], Any]] = {}
+        self._emptied: dict[str, int] = {}  # slot -> the count up to which it counts as empty
+
+    def play(self, arrangement: Arrangement, script: Iterable[Step]) -> Iterator[Step]:
+        """Run the rounds of a script, and return each step after its last."""
+        for step in script:
+            if step.wait_ms < 0:
+                raise ScriptError(f"a step waits {step.wait_ms} ms; it must be 0 or more")
+            self.clock.advance(ms=step.wait_ms)
+            self._post(step.messages)
+            self._before = {**step.before}
+            with self._asking(arrangement, step.asks):
+                for _ in range(step.most_rounds):
+                    if not arrangement.round() or arrangement.finished:
+                        break
+            for machine, asked in step.after.items():
+                self._ask(arrangement, machine, asked)
+            yield step
+
+    @contextmanager
+    def _asking(
+        self, arrangement: Arrangement, asks: Mapping[str, Sequence[Ask]]
+    ) -> Iterator[None]:
+        """Ask what a script asks, each at the beginning of a turn."""
+
+        def ask(event: Event) -> None:
+            if isinstance(event, Turn) and event.machine in asks:
+                self._ask(arrangement, event.machine, asks[event.machine])
+
+        if asks:
+            arrangement.attach(ask)
+        yield
+        arrangement.detach(ask)
+
+    def _ask(self, arrangement: Arrangement, machine: str, asked: Sequence[Ask]) -> None:
+        with self.asking():
+            for action in asked:
+                if action == "stop":
+                    arrangement.stop("the script asks for it")
+                elif action == "suspend":
+                    arrangement.hold(machine)  # as from another process
+                else:
+                    getattr(arrangement, action)(machine)
+
+    def content(self, slot: Slot[Any]) -> Any:
+        """Return the latest message of a slot; None if it is empty."""
+        bound = self.whiteboard[slot]
+        return None if self._emptied.get(slot.name) == bound.count else bound.get()
+
+    def enter(self, arrangement: Arrangement) -> None:
+        """Note the arrangement, to know its machines."""
+        super().enter(arrangement)
+        self._arrangement = arrangement
+
+    def loaded(self, machine: str, path: str) -> None:
+        """Note a machine that was loaded."""
+        super().loaded(machine, path)
+        assert self._arrangement is not None
+        self.machines[machine] = self._arrangement.machine(machine)
+
+    def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
+        """Return a function that first posts what the script has for this turn."""
+        reader = self._reader(machine, slot)
+
+        def read() -> object:
+            if machine in self._before:
+                self._post(self._before.pop(machine))
+            return None if self._emptied.get(slot.name) == reader.count else reader.get()
+
+        return read
+
+    def _post(self, messages: Mapping[Slot[Any], Any]) -> None:
+        for slot, message in messages.items():
+            if message is None:
+                self._emptied[slot.name] = self.whiteboard[slot].count
+            else:
+                self.whiteboard.add_message(slot, message)

@@ -1,0 +1,110 @@
+"""What violates a property does so again as a script, observed or not, and its journal reruns."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext, suppress
+
+import pytest
+from hypothesis import HealthCheck, assume, given, reject, settings
+from hypothesis import strategies as st
+
+from agreement import Situation, situations
+from llfsm.bridges.recording.rerun import Rerun
+from llfsm.runtime import ExecutionError
+from llfsm.runtime.counterexamples import holds, replay
+from llfsm.runtime.counterexamples.narrative import rows_of, table_of
+from llfsm.runtime.counterexamples.regression import between_of, script_of
+from llfsm.runtime.counterexamples.replaying import view_of
+from llfsm.runtime.testing import InvariantError, play
+from llfsm.runtime.testing.playback import Playback, journal_of
+from llfsm.runtime.verification import (
+    NO_FAILURE,
+    Space,
+    UnsupportedError,
+    Verdict,
+    View,
+    explore,
+    leads_to,
+    never,
+    step,
+)
+from llfsm.whiteboard.messages.std_msgs import Int32
+from random_machines import LEFT, RIGHT, SHARED, built
+from thoroughness import examples
+
+DOMAINS = {LEFT: [None, Int32(data=0), Int32(data=1)], RIGHT: [Int32(data=0), Int32(data=1)]}
+PROPERTIES = [
+    NO_FAILURE,
+    never(lambda v: v.A.n == 1),
+    never(lambda v: str(v.A.state) == "S1"),
+    never(lambda v: v[SHARED].data == 1),
+    step(lambda before, after: before.A.n == after.A.n),
+    leads_to(lambda v: v.A.n == 0, lambda v: v[SHARED].data == 2, within_ms=20),
+    leads_to(lambda v: v.A.n == 0, lambda v: v[SHARED].data == 2),
+]
+
+
+def dumped(view: View) -> list[str]:
+    """Return all that a view shows of a state."""
+    machines = [view[name] for name in view._situation.seats]
+    shown = [[m.state, m.accepted, m.loaded, m.n, m.kept, m.pushed, m.left] for m in machines]
+    return [*map(repr, shown), repr([view[slot] for slot in (LEFT, RIGHT, SHARED)])]
+
+
+def replays(space: Space, verdict: Verdict) -> None:
+    """Check that a counterexample is one, in each way in which it can be played."""
+    assert verdict.witness is not None
+    script = script_of(verdict.witness, space.slots)
+    between_ms = between_of(verdict.witness)
+    with pytest.raises((InvariantError, ExecutionError)):
+        play(
+            space.members,
+            script,
+            invariant=holds(verdict.property, between_ms=between_ms),
+            unload_accepting=space.unload_accepting,
+            to_end=bool(space.suspend),
+        )
+    played, journal = journal_of(space.members, script, unload_accepting=space.unload_accepting)
+    alone = Playback(space.members, unload_accepting=space.unload_accepting)
+    for _ in alone.play(script):
+        pass
+    assert alone.arrangement.standings() == played.arrangement.standings()
+    assert dumped(view_of(alone.scripted)) == dumped(view_of(played.scripted))
+    with suppress(ExecutionError) if alone.error else nullcontext():
+        assert dumped(replay(space, verdict.witness)[-1]) == dumped(view_of(alone.scripted))
+    again = Rerun(journal)
+    arrangement = again.arrange(unload_accepting=space.unload_accepting)
+    for member in space.members:
+        member.load(arrangement)
+    assert again.compare() is None
+    rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
+    turns = (*verdict.witness.turns, *verdict.witness.rest)
+    assert [(row.round, row.machine) for row in rows] == [(t.round, t.machine) for t in turns]
+    assert table_of(rows, len(rows) - 1).count("\n") >= bool(rows)
+
+
+@pytest.mark.filterwarnings("ignore::llfsm.runtime.UnreachableStateWarning")
+@settings(max_examples=examples(8), suppress_health_check=list(HealthCheck), deadline=None)
+@given(situations, st.booleans())
+def test_every_counterexample_replays_in_every_way(situation: Situation, any_time: bool) -> None:
+    asked = [each for each in PROPERTIES if not (any_time and each.kind == "leads_to")]
+    try:
+        space = explore(
+            built(situation.machines),
+            period_ms=None if any_time else situation.period_ms,
+            any_time=any_time,
+            sensors=DOMAINS,
+            properties=asked,
+            stop=situation.may.stop,
+            suspend=situation.may.suspend,
+            choices="rounds" if situation.may.by_rounds else "turns",
+            unload_accepting=situation.unload_accepting,
+            max_states=1_000,
+        )
+    except UnsupportedError:
+        reject()
+    violated = [verdict for verdict in space.verdicts if verdict.holds is False]
+    assume(violated)
+    for verdict in violated:
+        if verdict.witness is not None and verdict.witness.turns:
+            replays(space, verdict)
