@@ -43,16 +43,26 @@ class AccessMiddleware:
     """Refuse requests that must not be served; pass on the others.
 
     `host` is the name or address that the server listens on; `is_open` returns whether a path needs
-    no token.
+    no token. Styles that a script of the page adds need the nonce `styles`, if that is not empty.
     """
 
     def __init__(
-        self, app: ASGIApp, *, host: str, token: str, is_open: Callable[[str], bool]
+        self,
+        app: ASGIApp,
+        *,
+        host: str,
+        token: str,
+        is_open: Callable[[str], bool],
+        styles: str = "",
     ) -> None:
         own = socket.gethostname().lower()
         self._app = app
         self._names = {host.lower(), "localhost", own, f"{own}.local"}
         self._token = token
+        policy = _HEADERS["Content-Security-Policy"]
+        if styles:
+            policy = policy.replace("style-src 'self'", f"style-src 'self' 'nonce-{styles}'")
+        self._headers = _HEADERS | {"Content-Security-Policy": policy}
         self._is_open = is_open
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -63,7 +73,7 @@ class AccessMiddleware:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(_HEADERS)
+                MutableHeaders(scope=message).update(self._headers)
             await send(message)
 
         refused = self._refusal(scope)
@@ -91,7 +101,7 @@ class AccessMiddleware:
             if not secrets.compare_digest(given.encode(), self._token.encode()):
                 return (
                     HTTPStatus.UNAUTHORIZED,
-                    "open the address that `llfsm view` printed: it contains the token",
+                    "open the address that was printed: it contains the token",
                 )
         return None
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
 
-import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request as HttpRequest
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MachineDefinition
 
@@ -24,27 +22,24 @@ from .broadcaster import Broadcaster
 from .connections import log_exhaustion_once
 from .diagram_data import SECTIONS, diagram_data
 from .errors import RequestError
+from .event_log import log_page
 from .frames import FrameEncoder
-from .page_requests import FrameShown, decode, perform
+from .page_files import ASSETS, PageFiles, is_open, json_response
+from .page_requests import decode, perform
+from .page_socket import serve_page
 from .page_source import PageSource
 
 __all__ = ["make_app"]
 
-_ASSETS: Final = Path(__file__).with_name("assets")
-_TYPES: Final = {
-    ".html": "text/html; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".svg": "image/svg+xml",
-}
-_UNSEEN = 2  # frames sent to a page before it confirms that it has shown one
 _BEAT_S = 0.5  # between frames to an idle page, by which it notices a server that is gone
+_MOST_EVENTS = 10_000  # of the log at once
 
 
 def make_app(source: PageSource, *, host: str, token: str, control: bool) -> AccessMiddleware:
     """Return the application that shows `source`, behind its access control."""
-    files = {path.name: path.read_bytes() for path in _ASSETS.iterdir() if path.suffix in _TYPES}
+    files = PageFiles(ASSETS)
     broadcaster: Broadcaster | None = None
+    begun_ns = time.monotonic_ns() - time.time_ns()  # live events have the time of day
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
@@ -54,16 +49,10 @@ def make_app(source: PageSource, *, host: str, token: str, control: bool) -> Acc
         yield
         source.close()
 
-    async def asset(request: HttpRequest) -> Response:
-        name = request.path_params.get("name", "index.html")
-        if name not in files:  # no other file is ever read
-            return _json({"problem": f"no such file: {name}"}, 404)
-        return Response(files[name], media_type=_TYPES[Path(name).suffix])
-
     async def about(_: HttpRequest) -> Response:
         player = source.player
         span = None if player is None else (player.span_ns[1] - player.span_ns[0]) / 1e9
-        return _json({"title": source.title, "control": control, "span": span})
+        return json_response({"title": source.title, "control": control, "span": span})
 
     async def diagram(request: HttpRequest) -> Response:
         name = request.query_params.get("machine", "")
@@ -76,85 +65,68 @@ def make_app(source: PageSource, *, host: str, token: str, control: bool) -> Acc
             shown = SECTIONS.get(sections)
             drawn = await run_in_threadpool(diagram_data, sample.message, name, shown)
         except RequestError as error:
-            return _json({"problem": str(error)})
-        return _json(drawn)
+            return json_response({"problem": str(error)})
+        return json_response(drawn)
+
+    async def log(request: HttpRequest) -> Response:
+        asked = request.query_params
+        try:
+            most = int(asked.get("most", "200"))
+            until_s = float(asked["until"]) if "until" in asked else None
+            if not 0 < most <= _MOST_EVENTS or (until_s is not None and not abs(until_s) < 1e10):
+                raise ValueError(f"at most {_MOST_EVENTS} events, until a time in seconds")
+        except ValueError as error:
+            return json_response({"problem": f"invalid request: {error}"}, 400)
+        latest = None if broadcaster is None else broadcaster.snapshot
+        samples = {} if latest is None else latest.samples
+        base_ns = begun_ns if source.player is None else source.player.span_ns[0]
+        page = log_page(
+            source.history(),
+            source.notes(),
+            samples,
+            words=asked.get("words", ""),
+            until_ns=None if until_s is None else base_ns + round(until_s * 1e9),
+            most=most,
+        )
+        events = [((e.stamp_ns - base_ns) / 1e9, *e[1:]) for e in page.events]
+        return json_response({"events": events, "complete": page.complete})
 
     async def live(socket: WebSocket) -> None:
         assert broadcaster is not None
         await socket.accept()
+
+        async def answer(request: Any) -> str:
+            return perform(request, source, control=control)
+
         async with broadcaster:
-            await _serve(socket, broadcaster, source, control)
+            await serve_page(socket, _frames(broadcaster, source), decode, answer)
 
     app = Starlette(
         routes=[
-            Route("/", asset),
-            Route("/assets/{name}", asset),
+            Route("/", files.respond),
+            Route("/assets/{name}", files.respond),
             Route("/about", about),
             Route("/diagram", diagram),
+            Route("/log", log),
             WebSocketRoute("/live", live),
         ],
         lifespan=life,
     )
     app.router.redirect_slashes = False
-    return AccessMiddleware(app, host=host, token=token, is_open=_is_open)
+    return AccessMiddleware(app, host=host, token=token, is_open=is_open)
 
 
-def _is_open(path: str) -> bool:
-    """Return whether a path is one of the page's own files, which are not secret."""
-    return path == "/" or path.startswith("/assets/")
+def _frames(broadcaster: Broadcaster, source: PageSource) -> Callable[[], Awaitable[bytes]]:
+    """Return what waits for the next frame of one page."""
+    encoder, serial, sent_s = FrameEncoder(source), 0, 0.0
 
+    async def next_frame() -> bytes:
+        nonlocal serial, sent_s
+        frame = None
+        while frame is None:
+            serial, snapshot = await broadcaster.next(serial)
+            frame = encoder.encode(snapshot, beat=time.monotonic() - sent_s > _BEAT_S)
+        sent_s = time.monotonic()
+        return frame
 
-def _json(content: Any, status: int = 200) -> Response:
-    return Response(msgspec.json.encode(content), status, media_type="application/json")
-
-
-async def _serve(
-    socket: WebSocket, broadcaster: Broadcaster, source: PageSource, control: bool
-) -> None:
-    """Send a page every frame that it has time for, and carry out its requests, until it closes."""
-    room = asyncio.BoundedSemaphore(_UNSEEN)
-
-    async def send() -> None:
-        encoder, serial, sent_s = FrameEncoder(source), 0, 0.0
-        while True:
-            await room.acquire()
-            frame = None
-            while frame is None:
-                serial, snapshot = await broadcaster.next(serial)
-                frame = encoder.encode(snapshot, beat=time.monotonic() - sent_s > _BEAT_S)
-            sent_s = time.monotonic()
-            await socket.send_text(frame.decode())
-
-    async def receive() -> None:
-        while True:
-            message = await socket.receive()
-            if message["type"] == "websocket.disconnect":
-                return
-            await _answer(socket, message.get("text") or "", room, source, control)
-
-    tasks = {asyncio.create_task(send()), asyncio.create_task(receive())}
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        with suppress(WebSocketDisconnect):
-            for task in done:
-                task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-
-
-async def _answer(
-    socket: WebSocket, text: str, room: asyncio.BoundedSemaphore, source: PageSource, control: bool
-) -> None:
-    number: int | None = None
-    try:
-        request = decode(text)
-        if isinstance(request, FrameShown):
-            with suppress(ValueError):  # it confirms more frames than it was sent
-                room.release()
-            return
-        number = request.id
-        answer = {"answer": number, "done": perform(request, source, control=control)}
-    except RequestError as error:
-        answer = {"answer": number, "problem": str(error)}
-    await socket.send_text(msgspec.json.encode(answer).decode())
+    return next_frame

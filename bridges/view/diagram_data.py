@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 from llfsm.runtime.drawing import Diagram, arrange
-from llfsm.runtime.drawing.diagram import arrow_head
+from llfsm.runtime.drawing.diagram import Box, Edge, arrow_head
 from llfsm.runtime.drawing.shapes import Text
 from llfsm.runtime.drawing.typeset import box_lines, label_lines
 from llfsm.runtime.engine.errors import DefinitionError
@@ -16,7 +16,7 @@ from llfsm.whiteboard.messages.llfsm import MachineDefinition
 
 from .errors import RequestError
 
-__all__ = ["SECTIONS", "Sections", "diagram_data"]
+__all__ = ["SECTIONS", "Sections", "diagram_data", "plain_diagram"]
 
 Sections = Literal["auto", "shown", "hidden"]
 
@@ -35,45 +35,51 @@ def diagram_data(
         diagram = arrange(table_of(definition), title=title, sections=sections)
     except DefinitionError as error:
         raise RequestError(f"{title} cannot be drawn: {error}") from error
-    return _plain(diagram)
+    return plain_diagram(diagram)
 
 
-def _plain(diagram: Diagram) -> dict[str, Any]:
+def plain_diagram(diagram: Diagram) -> dict[str, Any]:
+    """Return a diagram as the page draws it; an overview has no start."""
     return {
         "title": diagram.title,
         "frame": (diagram.left, diagram.top, diagram.width, diagram.height),
-        "start": {"curve": diagram.start, "head": arrow_head(diagram.start)},
-        "boxes": [
-            {
-                "state": box.state,
-                "frame": (box.left, box.top, box.width, box.height),
-                "initial": box.initial,
-                "accepting": box.accepting,
-                "suspend": box.suspend,
-                "lines": _lines(box_lines(box)),
-            }
-            for box in diagram.boxes
-        ],
-        "edges": [
-            {
-                "source": edge.source,
-                "number": edge.number,
-                "target": edge.target,
-                "curve": edge.curve,
-                "head": arrow_head(edge.curve),
-                "label": {
-                    "frame": (
-                        edge.label.x - edge.label.width / 2,
-                        edge.label.y - edge.label.height / 2,
-                        edge.label.width,
-                        edge.label.height,
-                    ),
-                    "lines": _lines(label_lines(edge.label)),
-                },
-            }
-            for edge in diagram.edges
-        ],
+        "start": {"curve": diagram.start, "head": arrow_head(diagram.start)}
+        if diagram.start
+        else None,
+        "boxes": [_plain_box(box) for box in diagram.boxes],
+        "edges": [_plain_edge(edge) for edge in diagram.edges],
     }
+
+
+@lru_cache(maxsize=4096)
+def _plain_box(box: Box) -> dict[str, Any]:
+    return {
+        "state": box.state,
+        "frame": (box.left, box.top, box.width, box.height),
+        "initial": box.initial,
+        "accepting": box.accepting,
+        "suspend": box.suspend,
+        "slot": box.slot,
+        "lines": _lines(box_lines(box)),
+    }
+
+
+@lru_cache(maxsize=4096)
+def _plain_edge(edge: Edge) -> dict[str, Any]:
+    label = edge.label
+    return {
+        "source": edge.source,
+        "number": edge.number,
+        "target": edge.target,
+        "curve": edge.curve,
+        "head": arrow_head(edge.curve),
+        "label": {
+            "frame": (
+                label.x - label.width / 2, label.y - label.height / 2, label.width, label.height
+            ),
+            "lines": _lines(label_lines(label)),
+        },
+    }  # fmt: skip
 
 
 def _lines(lines: Iterable[Text]) -> list[tuple[float, float, str, float, str, bool]]:

@@ -137,8 +137,12 @@ class FrameEncoder:
         silent_s = (snapshot.now_ns - sample.stamp_ns) / 1e9
         return {
             "condition": condition_of(status, silent_s) if live else "ended",
+            "paused": status.paused,
+            "overridden": [each.sensor for each in status.overridden],
+            "caller": status.caller,
             "error": status.error,
             "error_state": status.error_state,
+            "refusal": status.refusal,
             "state": status.state,
             "suspended": status.suspended,
             "pending": status.pending,

@@ -5,13 +5,23 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from llfsm.runtime.presence.remote import is_live
-from llfsm.whiteboard import BoardNotFoundError, Message, Sample, Whiteboard
+from llfsm.runtime.presence.shown import Shown
+from llfsm.whiteboard import Board, BoardNotFoundError, Message, Sample, Whiteboard
 from llfsm.whiteboard.board import SlotInfo
-from llfsm.whiteboard.messages.llfsm import VIEWER, MachineStatus, Viewer
-from llfsm.whiteboard.poller import BoardPoller
+from llfsm.whiteboard.board_files import DIRECTORY
+from llfsm.whiteboard.messages.llfsm import (
+    MACHINES,
+    REQUESTS,
+    MachineRequest,
+    MachineStatus,
+    Viewer,
+)
+from llfsm.whiteboard.poller import BoardPoller, is_data
 
+from .notes import Note, Notes
 from .page_source import Change, PageSource, Snapshot
 from .state_history import StateHistory
 
@@ -23,17 +33,34 @@ _VIEW_NS = 500_000_000  # between two messages that the variables are viewed
 
 
 class LiveSource(PageSource):
-    """Poll the board of a name; the board may be removed and made again."""
+    """Poll the board of a name, which may be removed and made again, or `given`.
 
-    def __init__(self, name: str) -> None:
-        self.title = name
-        self._board: Whiteboard | None = None
+    That one is of this process, and its owner closes it. Of a `host` of the fleet, if any, only
+    what it has is shown.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        directory: str | os.PathLike[str] = DIRECTORY,
+        *,
+        given: Board | None = None,
+        host: str = "",
+    ) -> None:
+        self.title = f"{name}, {host}" if host else name
+        self._name = name
+        self._host = host
+        self._directory = directory
+        self._given = given
+        self._board: Board | None = None
+        self._shown: Shown | None = None
         self._poller: BoardPoller | None = None
         self._slots: dict[str, SlotInfo] = {}
         self._epoch = 0
         self._trouble = ""
         self._open_ns = self._view_ns = 0  # when that is due
         self._history = StateHistory()
+        self._notes = Notes()
 
     def snapshot(self) -> Snapshot:
         """Return the state of everything; never raise because of what a board holds."""
@@ -42,22 +69,25 @@ class LiveSource(PageSource):
         problems: dict[str, str] = {}
         try:
             self._open(now_ns)
-            if self._board is not None and self._poller is not None:
+            if self._shown is not None and self._poller is not None:
+                self._shown.look()
                 self._poller.poll()
                 slots = self._poller.slots
                 samples = {n: each.sample for n, each in slots.items() if each.sample is not None}
                 problems = {n: each.problem for n, each in slots.items() if each.problem}
-                if len(slots) > len(self._slots):
+                if slots.keys() != self._slots.keys():
                     self._slots = {name: each.info for name, each in slots.items()}
                 if now_ns >= self._view_ns:
                     self._view_ns = now_ns + _VIEW_NS
-                    self._board.add_message(VIEWER, Viewer(os.getpid()))
+                    self._shown.ask(Viewer(os.getpid(), why=True), slots)
+                fleet = self._shown.fleet
+                self._trouble = "" if fleet is None else fleet.problem()
         except Exception as error:  # also what a damaged file makes of the libraries that read it
             self._trouble = f"the whiteboard cannot be read: {error}; trying again"
             self.close()
         if self._board is not None:
-            self._trouble = ""
             self._history.add(samples, now_ns, self.is_live)
+            self._note(samples)
         return Snapshot(now_ns, self._epoch, self._slots, samples, problems, self._trouble)
 
     def is_live(self, sample: Sample[MachineStatus]) -> bool:
@@ -68,32 +98,52 @@ class LiveSource(PageSource):
         """Return the states in which each machine was seen."""
         return self._history.changes
 
-    def board(self) -> Whiteboard | None:
+    def notes(self) -> Sequence[Note]:
+        """Return what else was seen to happen to machines."""
+        return self._notes.all
+
+    def board(self) -> Board | None:
         """Return the board, or None while it does not exist."""
         return self._board
 
     def close(self) -> None:
         """Close the board."""
         if self._board is not None:
-            self._board.close()
-            self._board = self._poller = None
+            if self._board is not self._given:
+                self._board.close()
+            self._board = self._shown = self._poller = None
             self._slots = {}
 
     def _open(self, now_ns: int) -> None:
         if self._board is not None and not self._board.alive:
-            self._trouble = f"the whiteboard {self.title!r} was removed; waiting for a new one"
+            self._trouble = f"the whiteboard {self._name!r} was removed; waiting for a new one"
             self.close()
         if self._board is None and now_ns >= self._open_ns:
             self._open_ns = now_ns + _OPEN_NS
             try:
-                self._board = Whiteboard(self.title, create=False)
+                self._board = self._given or Whiteboard(
+                    self._name, directory=self._directory, create=False
+                )
             except BoardNotFoundError:
                 self._trouble = self._trouble or (
-                    f"there is no whiteboard {self.title!r} yet; it appears here as soon as "
-                    f"something runs on it, for example: llfsm demo wall --board {self.title}"
+                    f"there is no whiteboard {self._name!r} yet; it appears here as soon as "
+                    f"something runs on it, for example: llfsm demo wall --board {self._name}"
                 )
                 return
-            self._poller = BoardPoller(self._board, discovery_s=_DISCOVERY_S)
+            self._shown = shown = Shown(self._board, self._host)
+            self._poller = BoardPoller(
+                self._board,
+                wants=lambda name: is_data(name) and shown.has(name),
+                discovery_s=_DISCOVERY_S,
+            )
             self._epoch += 1
-            self._history = StateHistory()
+            self._history, self._notes = StateHistory(), Notes()
             self._view_ns = 0
+
+    def _note(self, samples: Mapping[str, Sample[Message]]) -> None:
+        for slot, each in samples.items():
+            sample: Sample[Any] = each
+            if isinstance(sample.message, MachineStatus):
+                self._notes.take_status(slot.removeprefix(MACHINES), sample)
+            elif isinstance(sample.message, MachineRequest):
+                self._notes.take_request(slot.removeprefix(REQUESTS), sample)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final, get_args
 
 import msgspec
 
@@ -11,7 +11,7 @@ from llfsm.runtime.engine.events import Status
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import WhiteboardError
 from llfsm.whiteboard.message_text import parse_message
-from llfsm.whiteboard.messages.llfsm import Action
+from llfsm.whiteboard.messages.llfsm import Action, Debugging, MachineRequest
 from llfsm.whiteboard.shared import Whiteboard
 
 from .errors import RequestError
@@ -19,13 +19,16 @@ from .page_source import PageSource
 
 __all__ = ["PageRequest", "decode", "perform"]
 
+_LEASE_S: Final = 6.0  # a page that is there renews a pause every second
+
 
 class AskMachine(msgspec.Struct, tag="ask"):
-    """Suspend, resume, restart or stop a machine."""
+    """Suspend, resume, restart, reload or stop a machine, or debug the machines of its process."""
 
     id: int
     machine: str
     action: Action
+    argument: str = ""
 
 
 class PostMessage(msgspec.Struct, tag="post"):
@@ -76,7 +79,7 @@ def perform(
         return _move(request, source)
     board = source.board()
     if not control:
-        raise RequestError("this page only shows; start it with: llfsm view --control")
+        raise RequestError("this page only shows; start it with --control")
     if board is None:
         raise RequestError("no live whiteboard to control")
     try:
@@ -86,6 +89,12 @@ def perform(
             count = board.add_message(slot, parse_message(slot, bytes(request.message)))
             return f"message {count} of {request.slot}"
         machine = Directory(board).find(request.machine)
+        if request.action == "renew":
+            machine.renew(_LEASE_S)
+            return f"{request.machine}: renewed"
+        if request.action in get_args(Debugging):
+            machine.send(MachineRequest(request.action, request.argument, _LEASE_S))
+            return f"{request.machine}: {request.action}"
         if machine.request(request.action) is Status.ERROR:
             raise RequestError(f"{request.machine} is about to restart; try again after that")
     except (WhiteboardError, FsmError) as error:

@@ -18,6 +18,8 @@ from llfsm.whiteboard.messages.llfsm import MachineStatus
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
+    from .notes import Note
+
 __all__ = ["Change", "PageSource", "Player", "Snapshot"]
 
 
@@ -100,6 +102,10 @@ class PageSource(ABC):
         For a live board they begin with the first snapshot, for a recording with its beginning. The
         stamps of a machine's changes increase strictly; later changes are appended.
         """
+
+    @abstractmethod
+    def notes(self) -> Sequence[Note]:
+        """Return what else has happened to machines, as far as `history` is known, by time."""
 
     def board(self) -> Board | None:
         """Return the board on which machines and slots are controlled, or None."""

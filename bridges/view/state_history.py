@@ -32,7 +32,10 @@ class Track:
         self._entered_ns = status.entered_ns
         now = status.state, status.suspended, status.failed
         if again or now != (last.state, last.suspended, last.failed):
-            began_ns = sample.stamp_ns - round(status.in_state_s * 1e9)
+            since_s = status.in_state_s
+            if not again and status.state == last.state:  # it was suspended, resumed, or has failed
+                since_s = status.error_s if status.failed else 0.0
+            began_ns = sample.stamp_ns - round(since_s * 1e9)
             skipped = bool(status.source and last.state) and status.source != last.state
             way = status.source, status.transition, skipped
             self.add(Change(began_ns, status.state, status.suspended, *way, status.failed))

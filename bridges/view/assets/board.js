@@ -3,6 +3,7 @@
 import { $, Pace, Sight, copy, make, setData, setText, toast } from "./dom.js";
 import { byName, duration, number, rate, short } from "./format.js";
 import { openForm } from "./form.js";
+import { nameParts } from "./names.js";
 import { actual, parts, plain } from "./schema.js";
 import { spark, tree } from "./tree.js";
 
@@ -31,7 +32,7 @@ function summary(schema, value, texts = [], name = "") {
 class Row {
   constructor(slot, board) {
     this.board = board;
-    const cut = slot.name.lastIndexOf("/") + 1;
+    this.name = make("span", { class: "whole" });
     this.pin = make("button", {
       class: "pin",
       type: "button",
@@ -62,8 +63,7 @@ class Row {
         "span",
         { class: "name", title: `${slot.name}  ${slot.type}` },
         this.pin,
-        make("span", { class: "path" }, slot.name.slice(0, cut)),
-        make("span", { class: "leafname" }, slot.name.slice(cut)),
+        this.name,
       ),
       this.value,
       this.canvas,
@@ -86,6 +86,12 @@ class Row {
     this.words = `${slot.name} ${slot.type}`.toLowerCase();
     if (wasOpen) this.open();
     this.stale = true;
+  }
+
+  // A name that is too long is cut in its alike parts, those of the path first.
+  spell(parts) {
+    const pieces = parts.map(([kind, text]) => make("span", { class: kind }, text));
+    this.name.replaceChildren(...pieces);
   }
 
   get isOpen() {
@@ -248,6 +254,7 @@ export class Board {
         this.rows.delete(name);
       }
     }
+    for (const [name, parts] of nameParts([...this.rows.keys()])) this.rows.get(name).spell(parts);
     const words = $("board-filter").value.toLowerCase().split(/\s+/).filter(Boolean);
     const all = [...this.rows.values()].sort((a, b) => byName(a.slot.name, b.slot.name));
     const shown = all.filter((row) => words.every((word) => row.words.includes(word)));

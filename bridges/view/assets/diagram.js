@@ -9,35 +9,50 @@ const LARGEST = 1.25; // scale above which a small diagram is not enlarged
 const FOLLOWED = 0.95; // scale while the current state is followed
 const GLIDE_MS = 280;
 
-const point = ([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`;
+export const point = ([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`;
 
-function path(curve) {
+export function path(curve) {
   const [start, ...rest] = curve.map(point);
   return `M${start} C${rest.join(" ")}`;
 }
 
-function rect([x, y, width, height], attributes) {
+export function rect([x, y, width, height], attributes) {
   return makeSvg("rect", { x, y, width: Math.max(0, width), height: Math.max(0, height), ...attributes });
 }
 
-function lines(texts) {
+export function lines(texts) {
   return texts.map(([x, y, text, size, face, centred]) =>
     makeSvg("text", { x, y, "font-size": size, class: centred ? face : `${face} left` }, text),
   );
 }
 
-function box(state) {
-  const kinds = ["initial", "accepting", "suspend"].filter((kind) => state[kind]);
+export function box(state) {
+  const kinds = ["initial", "accepting", "suspend", "slot"].filter((kind) => state[kind]);
   const [x, y, width, height] = state.frame;
   return makeSvg(
     "g",
     { class: ["state", ...kinds].join(" "), "data-state": state.state },
     rect(state.frame, { class: "halo", rx: 9 }),
-    rect(state.frame, { class: "box", rx: 8 }),
+    rect(state.frame, { class: "box", rx: state.slot ? height / 2 : 8 }),
     ...(state.accepting ? [rect([x + 3.5, y + 3.5, width - 7, height - 7], { class: "rim", rx: 6 })] : []),
     ...lines(state.lines),
     makeSvg("title", {}, state.state),
   );
+}
+
+// The arrow to the initial state, which an overview does not have.
+export function start(arrow) {
+  if (!arrow) return [];
+  const [x, y] = arrow.curve[0];
+  return [
+    makeSvg(
+      "g",
+      { class: "start" },
+      makeSvg("circle", { cx: x, cy: y, r: 5 }),
+      makeSvg("path", { d: path(arrow.curve) }),
+      makeSvg("polygon", { points: arrow.head.map(point).join(" ") }),
+    ),
+  ];
 }
 
 export class Diagram {
@@ -73,17 +88,10 @@ export class Diagram {
       this.states.set(each.state, element);
       return element;
     });
-    const start = makeSvg(
-      "g",
-      { class: "start" },
-      makeSvg("circle", { cx: data.start.curve[0][0], cy: data.start.curve[0][1], r: 5 }),
-      makeSvg("path", { d: path(data.start.curve) }),
-      makeSvg("polygon", { points: data.start.head.map(point).join(" ") }),
-    );
     this.svg = makeSvg(
       "svg",
       { role: "img", "aria-label": `Diagram of ${data.title}`, preserveAspectRatio: "xMidYMid meet" },
-      start,
+      ...start(data.start),
       ...arrows,
       ...boxes,
       ...labels,

@@ -3,8 +3,8 @@
 import { $, make, setText, toast } from "./dom.js";
 import { actual, isNumber, parts, plain } from "./schema.js";
 
-// Each returns [element, read]; read() returns the value or throws an error.
-function fieldOf(name, schema, value) {
+// Returns [element, read]; read() returns the value or throws an error.
+export function fieldOf(name, schema, value) {
   if (schema.type === "object" && schema.properties) return group(name, schema, value);
   if (Array.isArray(schema.enum)) return choice(name, schema, value);
   if (schema.type === "boolean") return check(name, value);

@@ -1,13 +1,17 @@
 // Keys that work everywhere on the page, and the list of all keys.
 
-import { $, make } from "./dom.js";
+import { $ } from "./dom.js";
+import { listKeys } from "./page.js";
 
 const LIST = [
   ["/", "filter the slots"],
   ["m", "find a machine or a state"],
+  ["e", "show or hide the events"],
   ["f", "fold or unfold all machines"],
   ["t", "switch between light and dark"],
   ["Space", "play or pause a recording"],
+  ["k", "mark a moment of a recording, to see what changes from it"],
+  ["l", "copy the link to this moment of a recording"],
   ["↑ ↓ Enter", "move through the slots, expand one"],
   ["p  c  s", "pin a slot, copy its value, show its schema"],
   ["+  −  0  .", "in a diagram: zoom, fit, follow; arrows pan"],
@@ -16,13 +20,7 @@ const LIST = [
 ];
 
 export function listen(actions) {
-  $("keys-list").append(
-    ...LIST.flatMap(([keys, what]) => [
-      make("dt", {}, ...keys.split(/ +/).map((key) => make("kbd", {}, key))),
-      make("dd", {}, what),
-    ]),
-  );
-  $("help").addEventListener("click", () => $("keys").showModal());
+  listKeys(LIST);
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
     const field = event.target.closest("input, textarea, select");

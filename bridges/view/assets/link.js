@@ -1,4 +1,4 @@
-// The connection to the server: receives frames, sends requests, and reconnects.
+// The connection to the server at the page's address: receives frames, sends requests, and reconnects.
 
 const LOST_MS = 3000; // without a frame, after which the connection is shown as stalled
 const PAUSE_MS = [200, 400, 800, 1500]; // before each attempt to reconnect
@@ -30,13 +30,13 @@ export class Link {
   async start() {
     clearTimeout(this.timer);
     try {
-      const about = await this.get("/about");
-      if (about.problem) return this.onstate("refused", about.problem);
+      const about = await this.get("about");
+      if (about.problem) return this.onstate("refused", about.problem, about);
       this.onstate("connecting", "", about);
     } catch {
       return this.again();
     }
-    this.socket = new WebSocket(`ws://${location.host}/live${this.query}`);
+    this.socket = new WebSocket(new URL(`live${this.query}`, document.baseURI.replace(/^http/, "ws")));
     this.socket.onmessage = ({ data }) => this.receive(data);
     this.socket.onclose = () => this.again();
     this.received = performance.now();
@@ -79,7 +79,9 @@ export class Link {
 
   check() {
     const open = this.socket?.readyState === WebSocket.OPEN;
-    if (open && performance.now() - this.received > LOST_MS) this.onstate("stalled");
+    if (!open || performance.now() - this.received <= LOST_MS) return;
+    this.attempts = 0; // the next frame shows it as live again
+    this.onstate("stalled");
   }
 
   again() {

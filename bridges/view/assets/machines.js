@@ -1,263 +1,11 @@
-// The machines: a card each, with diagram, timeline and variables.
+// The machines: a card each, which are found, folded and put in order.
 
-import { $, Pace, Sight, icon, make, setData, setText, toast } from "./dom.js";
-import { Diagram } from "./diagram.js";
-import { byName, clock, number, short } from "./format.js";
-import { Timeline } from "./timeline.js";
+import { $, Pace, Sight, setData, setText } from "./dom.js";
+import { Card } from "./card.js";
+import { byName } from "./format.js";
 
-const VARIABLES = "llfsm/variables/";
 const UNFOLDED = 4; // cards that are unfolded at first: with more machines an overview is more useful
-const LEAP_S = 1; // in a recording between two drawings: more is a seek, not playback
 const TIMES_MS = 100; // between two drawings of what changes with time alone
-const ACTIONS = ["suspend", "resume", "restart", "stop"];
-
-class Card {
-  constructor(name, panel, folded) {
-    this.name = name;
-    this.panel = panel;
-    this.diagram = null;
-    this.definition = undefined; // the count of the one that is drawn
-    this.sections = "auto";
-    this.order = []; // of states, for their colours
-    this.stale = true;
-    this.fold = make("button", {
-      class: "quiet fold",
-      type: "button",
-      "aria-label": `Fold ${name}`,
-      onclick: () => this.setFolded(!this.folded),
-    }, icon("M4 6l4 4 4-4"));
-    this.state = make("span", { class: "now" });
-    this.since = make("span", { class: "since" });
-    this.condition = make("span", { class: "pill" });
-    this.code = make("button", {
-      class: "quiet",
-      type: "button",
-      "aria-pressed": "false",
-      title: "Show or hide the states’ code",
-      onclick: () => this.toggleSections(),
-    }, "Code");
-    this.large = make("button", {
-      class: "quiet",
-      type: "button",
-      title: "Fill the window (Enter), and back (Esc)",
-      "aria-label": `Fill the window with ${name}`,
-      onclick: () => this.setLarge(!this.isLarge),
-    }, icon("M9.5 2.5h4v4M13.5 2.5l-5 5M6.5 13.5h-4v-4M2.5 13.5l5-5"));
-    this.control = make("div", { class: "control" });
-    this.error = make("p", { class: "error", role: "status", hidden: true });
-    this.canvas = make("canvas", { class: "timeline", role: "img", "aria-label": `States of ${name} over time` });
-    this.timeline = new Timeline(this.canvas, (state) => this.indexOf(state));
-    this.place = make("div", { class: "place" }, make("p", { class: "waiting" }, "…"));
-    this.variables = make("table", { class: "variables" });
-    this.facts = make("p", { class: "facts" });
-    this.zoom = make(
-      "div",
-      { class: "zoom" },
-      ...[["+", "Zoom in (+)", (d) => d.zoom(1.25)], ["−", "Zoom out (-)", (d) => d.zoom(0.8)], ["Fit", "Fit (0)", (d) => d.fit()], ["Follow", "Follow the current state (.)", (d) => d.follow()]].map(
-        ([text, title, act]) =>
-          make("button", { type: "button", title, "aria-label": title, onclick: () => this.diagram && act(this.diagram) }, text),
-      ),
-    );
-    this.element = make(
-      "article",
-      { class: "card", "data-machine": name },
-      make(
-        "header",
-        {},
-        this.fold,
-        make("h3", { title: name }, name),
-        this.condition,
-        make("span", { class: "where" }, this.state, this.since),
-        this.code,
-        this.large,
-      ),
-      this.canvas,
-      this.error,
-      make(
-        "div",
-        { class: "inside" },
-        make("div", { class: "stage" }, this.place, this.zoom),
-        make("aside", {}, this.variables, make("div", { class: "foot" }, this.control, this.facts)),
-      ),
-    );
-    this.element.addEventListener("keydown", (event) => this.key(event));
-    this.setFolded(folded);
-  }
-
-  get folded() {
-    return this.element.dataset.folded === "true";
-  }
-
-  get isLarge() {
-    return this.element.classList.contains("large");
-  }
-
-  setFolded(folded) {
-    setData(this.element, "folded", String(folded));
-    this.fold.setAttribute("aria-expanded", String(!folded));
-    if (folded && this.isLarge) this.setLarge(false);
-    this.stale = true;
-  }
-
-  setLarge(large) {
-    if (large) this.setFolded(false);
-    for (const card of this.panel.cards.values()) card.element.classList.toggle("large", large && card === this);
-    document.body.classList.toggle("covered", large);
-    this.diagram?.begin();
-    this.stale = true;
-  }
-
-  key(event) {
-    if (event.target.closest("button")) return;
-    if (event.key === "Enter") this.setLarge(!this.isLarge);
-  }
-
-  allowControl() {
-    this.buttons = ACTIONS.map((action) =>
-      make("button", {
-        type: "button",
-        "data-action": action,
-        onclick: async () => {
-          try {
-            toast(await this.panel.ask({ type: "ask", machine: this.name, action }));
-          } catch (error) {
-            toast(error.message, "problem");
-          }
-        },
-      }, action[0].toUpperCase() + action.slice(1)),
-    );
-    this.control.replaceChildren(...this.buttons);
-  }
-
-  indexOf(state) {
-    const index = this.order.indexOf(state);
-    return index >= 0 ? index : this.order.push(state) - 1;
-  }
-
-  // Highlights the transitions to these changes: from number `first` on, up to `now`.
-  note(changes, first, now = Infinity) {
-    if (!this.diagram || this.folded) return;
-    for (let i = first; i < changes.length && changes[i][0] <= now; i += 1) {
-      const [, , , source, transition] = changes[i];
-      if (source) this.diagram.fire(source, transition);
-    }
-  }
-
-  toggleSections() {
-    this.sections = this.sections === "shown" ? "hidden" : "shown";
-    this.code.setAttribute("aria-pressed", String(this.sections === "shown"));
-    this.definition = undefined;
-    this.stale = true;
-  }
-
-  async fetchDiagram(machine) {
-    this.definition = machine.definition;
-    let data;
-    try {
-      data = await this.panel.get("/diagram", { machine: this.name, sections: this.sections });
-    } catch {
-      this.definition = undefined; // the connection will be restored
-      return;
-    }
-    const text = JSON.stringify(data);
-    if (text === this.text) return; // for example after a seek in a recording
-    this.text = text;
-    if (data.problem) {
-      this.diagram = null;
-      this.place.replaceChildren(make("p", { class: "problem" }, data.problem));
-      return;
-    }
-    this.diagram = new Diagram(data);
-    this.order = data.boxes.map((box) => box.state);
-    const [, , width, height] = data.frame;
-    this.place.style.setProperty("--shape", String(Math.min(2.4, Math.max(0.9, width / height))));
-    this.place.replaceChildren(this.diagram.element);
-    this.light(machine);
-    this.diagram.begin();
-    this.diagram.find(this.panel.words);
-    this.stale = true;
-  }
-
-  drawTimes(machine, model) {
-    const [changes, { now }] = [model.history.get(this.name) ?? [], model];
-    setText(this.since, clock(now - machine.entered));
-    this.timeline.draw(changes, now, this.panel.span, model.known);
-    if (this.panel.span === null) return;
-    // All of a recording is known at once: a change is new when playback reaches it.
-    const passed = now - (this.then ?? now);
-    if (passed > 0 && passed < LEAP_S) this.note(changes, firstAfter(changes, this.then), now);
-    this.then = now;
-    setText(this.state, this.stateOf(machine));
-    this.light(machine);
-  }
-
-  draw(machine, model) {
-    if (!this.folded && this.definition !== machine.definition) this.fetchDiagram(machine);
-    if (!this.folded) this.drawVariables(model.slots.get(VARIABLES + this.name));
-    this.zoom.lastChild.setAttribute("aria-pressed", String(Boolean(this.diagram?.isFollowing)));
-    if (!this.stale) return;
-    this.stale = false;
-    const { condition, pending } = machine;
-    setText(this.state, this.stateOf(machine));
-    setText(this.condition, pending && condition !== "ended" ? `${condition}, ${pending} …` : condition);
-    setData(this.condition, "is", condition);
-    setData(this.element, "condition", condition);
-    this.error.hidden = !machine.error;
-    setText(this.error, machine.error);
-    const overruns = machine.overruns ? ` · ${number(machine.overruns)} overruns` : "";
-    setText(this.facts, `${number(machine.ringlets)} ringlets${overruns} · process ${machine.pid}`);
-    this.light(machine);
-    for (const button of this.buttons ?? []) {
-      const action = button.dataset.action;
-      button.disabled =
-        condition === "ended" ||
-        (action === "suspend" && machine.suspended) ||
-        (action === "resume" && !machine.suspended);
-    }
-  }
-
-  light(machine) {
-    const changes = this.panel.model.history.get(this.name) ?? [];
-    const past = this.panel.span === null ? changes : changes.slice(0, firstAfter(changes, this.panel.model.now));
-    const before = machine.suspended && past.findLast(([, state, suspended]) => state && !suspended);
-    const failed = machine.condition === "failed" ? machine.error_state : null;
-    this.diagram?.light(this.stateOf(machine), machine.condition, before ? before[1] : null, failed);
-  }
-
-  // A recording has the events of machines, too, which contain each state, however short.
-  stateOf(machine) {
-    const { model, span } = this.panel;
-    if (span === null || machine.condition !== "running") return machine.state;
-    const changes = model.history.get(this.name) ?? [];
-    const last = changes[firstAfter(changes, model.now) - 1];
-    return last?.[1] || machine.state;
-  }
-
-  drawVariables(slot) {
-    const variables = slot?.value?.[0];
-    if (!Array.isArray(variables) || this.drawn === slot.count) return;
-    this.drawn = slot.count;
-    if (this.variables.rows.length !== variables.length) {
-      this.variables.replaceChildren(
-        ...variables.map(() => make("tr", {}, make("th", { scope: "row" }), make("td"))),
-      );
-    }
-    variables.forEach(([name, value], i) => {
-      const [key, cell] = this.variables.rows[i].cells;
-      setText(key, name);
-      const text = value === null ? "None" : typeof value === "string" ? value : short(value);
-      setText(cell, text);
-      setData(cell, "is", value === null ? "null" : typeof value);
-      if (cell.title !== text) cell.title = text;
-    });
-  }
-
-  finds(words, machine) {
-    const found = this.diagram?.find(words) ?? 0;
-    const text = `${this.name} ${machine.state} ${this.order.join(" ")}`.toLowerCase();
-    return !words || found > 0 || text.includes(words);
-  }
-}
 
 export class Machines {
   constructor(model, ask, get) {
@@ -292,7 +40,9 @@ export class Machines {
       }
       if (!card) continue;
       card.stale = true;
-      listed ||= card.element.dataset.condition !== this.model.machines.get(name)?.condition;
+      const condition = this.model.machines.get(name)?.condition;
+      card.setEnded(condition === "ended");
+      listed ||= card.element.dataset.condition !== condition || card.calledBy !== this.callerOf(name);
       const changes = this.model.history.get(name) ?? [];
       const known = this.span === null ? this.known.get(name) : undefined;
       if (known !== undefined && known < changes.length) card.note(changes, known);
@@ -309,16 +59,23 @@ export class Machines {
       this.cards.delete(name);
     }
     const ended = (name) => machines.get(name).condition === "ended";
-    const names = [...this.cards.keys()].sort(
-      (a, b) => ended(a) - ended(b) || byName(a, b),
-    );
+    const names = [...this.cards.keys()].sort(byName);
+    const running = nested(names.filter((name) => !ended(name)), (name) => this.callerOf(name));
+    const over = names.filter(ended).map((name) => [name, 0]);
     const parent = $("cards");
-    names.forEach((name, i) => {
-      const { element } = this.cards.get(name);
-      if (parent.children[i] !== element) parent.insertBefore(element, parent.children[i] ?? null);
+    [...running, ...over].forEach(([name, depth], i) => {
+      const card = this.cards.get(name);
+      card.setCaller(this.callerOf(name), depth);
+      if (parent.children[i] !== card.element) parent.insertBefore(card.element, parent.children[i] ?? null);
     });
     setData(parent, "many", String(names.length > 1));
     this.search();
+  }
+
+  // The machine under which a submachine is shown: its caller, while both run.
+  callerOf(name) {
+    const [machine, caller] = [name, this.model.machines.get(name)?.caller].map((each) => this.model.machines.get(each));
+    return machine && caller && machine.condition !== "ended" && caller.condition !== "ended" ? machine.caller : "";
   }
 
   search() {
@@ -366,12 +123,16 @@ export class Machines {
   }
 }
 
-function firstAfter(changes, time) {
-  let [first, end] = [0, changes.length];
-  while (first < end) {
-    const middle = (first + end) >> 1;
-    if (changes[middle][0] > time) end = middle;
-    else first = middle + 1;
-  }
-  return first;
+// The names with their depths: each is followed by those that it has called.
+function nested(names, callerOf) {
+  const called = Map.groupBy(names, callerOf);
+  const depths = new Map();
+  const place = (name, depth) => {
+    if (depths.has(name)) return;
+    depths.set(name, depth);
+    for (const each of called.get(name) ?? []) place(each, depth + 1);
+  };
+  for (const name of called.get("") ?? []) place(name, 0);
+  for (const name of names) place(name, 0); // those that call each other in a ring: no machines do
+  return depths;
 }

@@ -1,38 +1,32 @@
 // The page: frames update the model and the views, which are drawn at a limited rate.
 
 import { Board } from "./board.js";
-import { $, forgetColors, setData, setText } from "./dom.js";
+import { Changes } from "./changes.js";
+import { $, setData, setText } from "./dom.js";
 import { Field } from "./field.js";
 import { number } from "./format.js";
 import { listen } from "./keys.js";
 import { Link } from "./link.js";
+import { EventLog } from "./log.js";
 import { Machines } from "./machines.js";
 import { Model } from "./model.js";
+import { takeToken, useTheme } from "./page.js";
 import { Player } from "./player.js";
 
-const TOKEN = "llfsm.token";
-const THEME = "llfsm.theme";
 const DRAW_MS = 30; // between two drawings after a change
 const AGE_MS = 100; // between two drawings without one
-
-// Moves the token from the address, where it would be visible, to this tab's storage.
-function takeToken() {
-  const given = new URLSearchParams(location.search).get("token");
-  if (given) {
-    sessionStorage.setItem(TOKEN, given);
-    history.replaceState(null, "", location.pathname);
-  }
-  return sessionStorage.getItem(TOKEN);
-}
 
 const model = new Model();
 const link = new Link(takeToken(), { onframe: take, onstate: showLink });
 const ask = (request) => link.ask(request);
 const board = new Board(model, ask);
-const machines = new Machines(model, ask, (path, parameters) => link.get(path, parameters));
+const get = (path, parameters) => link.get(path, parameters);
+const machines = new Machines(model, ask, get);
 const field = new Field(model);
 const player = new Player(model, ask);
-const views = [board, machines, field];
+const log = new EventLog(model, get, (moment) => player.seek(moment));
+const changes = new Changes(model);
+const views = [board, machines, field, log, changes];
 let dirty = true;
 let drawn = 0;
 
@@ -78,42 +72,36 @@ function showLink(state, problem = "", about = null) {
   setData($("link"), "is", state);
   if (problem) showTrouble(problem);
   else if (state === "lost") showTrouble("The server does not answer; reconnecting. The page shows the latest data received.");
-  else if (state === "live") showTrouble(model.trouble);
+  else if (state === "live") {
+    showTrouble(model.trouble);
+    player.open();
+  }
   if (!about) return;
   setText($("title"), about.title);
   document.title = `${about.title} · llfsm view`;
   player.use(about.span);
-  machines.span = about.span;
+  machines.span = log.span = changes.span = about.span;
   machines.canControl = board.canControl = about.control;
 }
 
-function setTheme(theme) {
-  document.documentElement.dataset.theme = theme;
-  forgetColors();
+function redraw() {
   for (const view of views) view.redraw();
   dirty = true;
 }
 
-const night = matchMedia("(prefers-color-scheme: dark)");
-const preferred = () => localStorage.getItem(THEME) ?? (night.matches ? "dark" : "light");
-
-function toggleTheme() {
-  const theme = preferred() === "dark" ? "light" : "dark";
-  localStorage.setItem(THEME, theme);
-  setTheme(theme);
-}
-
-night.addEventListener("change", () => setTheme(preferred()));
-$("theme").addEventListener("click", toggleTheme);
-new ResizeObserver(() => setTheme(preferred())).observe(document.body);
+const toggleTheme = useTheme(redraw);
+new ResizeObserver(redraw).observe(document.body);
 listen({
   escape: () => machines.escape(),
   keys: {
     "/": () => $("board-filter").focus(),
+    e: () => log.toggle(),
     m: () => $("machines-search").focus(),
     f: () => machines.foldAll(),
     t: toggleTheme,
     " ": () => player.toggle(),
+    k: () => changes.mark(),
+    l: () => player.copyLink(),
   },
 });
 setInterval(() => {
@@ -121,6 +109,5 @@ setInterval(() => {
   const total = [...model.slots.values()].reduce((sum, slot) => sum + (slot.rate ?? 0), 0);
   setText($("totals"), model.slots.size ? `${number(Math.round(total))} messages/s` : "");
 }, 500);
-setTheme(preferred());
 requestAnimationFrame(draw);
 link.start();

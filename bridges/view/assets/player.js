@@ -1,7 +1,8 @@
 // The time slider of a recording.
 
-import { $, make, setText } from "./dom.js";
+import { $, copy, make, setText, toast } from "./dom.js";
 import { clock } from "./format.js";
+import { addressOf, momentIn } from "./moment.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10];
 
@@ -15,6 +16,8 @@ export class Player {
     $("speed").append(...speeds);
     $("speed").value = "1";
     $("play").addEventListener("click", () => this.toggle());
+    $("moment").addEventListener("click", () => this.copyLink());
+    addEventListener("hashchange", () => this.open());
     $("speed").addEventListener("change", () => this.model.speed && this.play(Number($("speed").value)));
     const slider = $("slider");
     slider.addEventListener("input", () => {
@@ -32,6 +35,25 @@ export class Player {
     if (span === null) return;
     $("slider").max = String(span);
     setText($("span"), clock(span));
+  }
+
+  // Goes to the moment in the page's address, and pauses there. The address does not keep it, as it
+  // would be another one soon.
+  async open() {
+    const moment = momentIn(location.hash);
+    if (moment === null) return;
+    try {
+      if (Number.isNaN(moment)) throw new Error(`${location.hash} is no time; write seconds, as in #t=3.25`);
+      await this.ask({ type: "play", speed: 0 });
+      await this.ask({ type: "seek", at: moment });
+      history.replaceState(null, "", location.pathname);
+    } catch (error) {
+      toast(error.message, "problem");
+    }
+  }
+
+  copyLink() {
+    if (this.span !== null) copy(addressOf(Math.min(this.model.now, this.span), location.href));
   }
 
   toggle() {

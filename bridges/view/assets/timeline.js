@@ -1,10 +1,12 @@
-// The states of a machine over time, as coloured bands.
+// The states of a machine over time, as coloured bands, with an axis and a legend.
 
-import { color, context } from "./dom.js";
+import { color, context, make, setText } from "./dom.js";
 import { duration } from "./format.js";
+import { ticks } from "./ticks.js";
 
 const SHOWN_S = 60; // for a live machine
 const NOTCH = 7; // pixels
+const LABEL = 64; // pixels between two ticks, at least
 const HUES = [168, 214, 268, 32, 338, 96, 190, 300, 52, 8, 140, 236];
 
 export function hue(index) {
@@ -12,11 +14,37 @@ export function hue(index) {
 }
 
 export class Timeline {
-  constructor(canvas, stateIndex) {
-    this.canvas = canvas;
+  constructor(name, stateIndex) {
     this.stateIndex = stateIndex;
     this.bands = [];
-    canvas.addEventListener("pointermove", (event) => this.describe(event));
+    this.ticks = []; // pairs of a pixel and its label
+    this.explained = "";
+    this.canvas = make("canvas", { class: "timeline", role: "img", "aria-label": `States of ${name} over time` });
+    this.canvas.addEventListener("pointermove", (event) => this.describe(event));
+    this.axis = make("canvas", { class: "axis", "aria-hidden": "true" });
+    this.axis.addEventListener("sized", () => this.drawAxis(this.span));
+    this.legend = make("p", { class: "legend", "aria-label": "Colours of the timeline" });
+    this.element = make("div", { class: "times" }, this.canvas, this.axis, this.legend);
+  }
+
+  // The axis changes with the size and the theme only: that of a live machine is relative to now.
+  drawAxis(span) {
+    this.span = span;
+    const drawing = context(this.axis);
+    if (!drawing) return;
+    const { wide } = drawing;
+    const [from, to] = span === null ? [-SHOWN_S, 0] : [0, span];
+    drawing.font = `10px ${color("sans")}`;
+    drawing.textBaseline = "middle";
+    const place = (time) => ((time - from) / (to - from || 1)) * wide;
+    this.ticks = ticks(from, to, wide / LABEL).map(([time, text]) => [place(time), time || span !== null ? text : "now"]);
+    for (const [x, text] of this.ticks) {
+      const half = drawing.measureText(text).width / 2;
+      drawing.fillStyle = color("faint");
+      drawing.fillRect(Math.min(wide - 1, Math.round(x)), 0, 1, 3);
+      drawing.fillStyle = color("muted");
+      drawing.fillText(text, Math.max(2, Math.min(wide - 2 * half - 2, x - half)), 9);
+    }
   }
 
   // `span` is the length of a recording, null when live; `known` the time up to which it is read.
@@ -28,15 +56,14 @@ export class Timeline {
     const x = (time) => ((time - from) / (to - from || 1)) * wide;
     const dark = color("dark") === "1";
     this.bands = [];
-    if (span === null) {
-      drawing.fillStyle = color("line");
-      for (let ago = 10; ago < SHOWN_S; ago += 10) drawing.fillRect(Math.round(x(now - ago)), 0, 1, high);
-    }
+    drawing.fillStyle = color("line");
+    for (const [left] of this.ticks) drawing.fillRect(Math.round(left), 0, 1, high);
     drawing.font = `11px ${color("sans")}`;
     drawing.textBaseline = "middle";
     let i = Math.max(0, changes.length - 1); // an ended machine may have none
     while (i > 0 && changes[i][0] > from) i -= 1;
     const gaps = [];
+    const shown = new Map(); // by state or condition: its colour
     for (; i < changes.length; i += 1) {
       const [begins, state, suspended, , , skipped, failed] = changes[i];
       const mark = failed ? "problem" : "suspended";
@@ -46,11 +73,12 @@ export class Timeline {
       const left = Math.max(0, x(begins));
       const width = Math.max(1, Math.min(wide, x(ends)) - left);
       const tone = hue(this.stateIndex(state));
+      const strong = suspended ? color(mark) : `hsl(${tone} ${dark ? "55% 55%" : "55% 45%"})`;
       drawing.fillStyle = suspended
         ? color(`${mark}-soft`)
         : `hsl(${tone} ${dark ? "42% 30%" : "62% 84%"})`;
       drawing.fillRect(left, 0, width, high);
-      drawing.fillStyle = suspended ? color(mark) : `hsl(${tone} ${dark ? "55% 55%" : "55% 45%"})`;
+      drawing.fillStyle = strong;
       drawing.fillRect(left, high - 3, width, 3);
       if (width > 3) drawing.clearRect(left + width - 1, 0, 1, high);
       if (width > drawing.measureText(state).width + 12) {
@@ -59,6 +87,7 @@ export class Timeline {
       }
       const how = failed ? " (failed)" : suspended ? " (suspended)" : "";
       this.bands.push([left, left + width, `${state}${how}`, ends - begins, skipped]);
+      shown.set(how.trim() || state, strong);
       if (skipped && begins >= from && left - (gaps.at(-1) ?? -NOTCH) >= NOTCH) gaps.push(left);
     }
     // A notch at the top marks states that were too short to be seen.
@@ -74,6 +103,24 @@ export class Timeline {
       drawing.fillStyle = color("ink");
       drawing.fillRect(x(now) - 1, 0, 2, high);
     }
+    this.explain(shown);
+  }
+
+  // The legend has what is in the timeline now, in the order of the states.
+  explain(shown) {
+    const rank = (name) => (name.startsWith("(") ? Infinity : this.stateIndex(name));
+    const entries = [...shown].sort(([a], [b]) => (rank(a) < rank(b) ? -1 : 1));
+    const text = entries.flat().join("\n");
+    if (text === this.explained) return;
+    this.explained = text;
+    this.legend.replaceChildren(
+      ...entries.map(([name, tone]) => {
+        const entry = make("span", {}, make("i", {}), make("span", {}));
+        entry.firstChild.style.backgroundColor = tone;
+        setText(entry.lastChild, name);
+        return entry;
+      }),
+    );
   }
 
   describe(event) {

@@ -16,6 +16,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from websockets.sync.client import ClientConnection, connect
 
+from forked import Forked
 from own_boards import own_board
 from programs import program
 from waiting import PATIENCE_S, rest_of
@@ -27,7 +28,7 @@ class Process:
     """An `llfsm` command that runs until it is ended."""
 
     def __init__(self, *arguments: str, cwd: Path, **environment: str) -> None:
-        self.popen = subprocess.Popen(
+        self.popen = Forked(
             [sys.executable, "-m", "llfsm.cli", *arguments],
             cwd=cwd,
             env={**os.environ, **environment},
@@ -65,7 +66,8 @@ class Server(Process):
     def get(self, path: str, query: str | None = None, **options: Any) -> httpx.Response:
         """Request a path, with the token unless another `query` is given."""
         address = self.root + path + (self.query if query is None else query)
-        return httpx.get(address, trust_env=False, timeout=PATIENCE_S, **options)
+        # Without `verify=False`, each request would read the system's certificates.
+        return httpx.get(address, trust_env=False, verify=False, timeout=PATIENCE_S, **options)
 
     def live(
         self, query: str | None = None, origin: str | None = "", **options: Any
@@ -87,8 +89,8 @@ def board() -> Iterator[str]:
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., Any]]:
-    """Start processes and see that all have ended: `start(Server, board)`, `start("run", ...)`."""
+def start(tmp_path: Path, board: str) -> Iterator[Callable[..., Any]]:
+    """Start processes that end before the board: `start(Server, board)`, `start("run", ...)`."""
     started: list[Process] = []
 
     def start(*arguments: Any, **options: Any) -> Process:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import resource
 import select
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from llfsm.bridges.view.connections import log_exhaustion_once
 from waiting import PATIENCE_S, wait_for
 
 from .conftest import Server
@@ -94,6 +96,20 @@ def test_without_file_descriptors_it_goes_on_and_logs_little(
     assert status == 0
     assert said.count("cannot accept connections") == 1
     assert len(said) < 2000
+
+
+def test_an_end_before_connections_are_accepted_again_is_not_logged(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """The loop tries again after a second, hundreds of times, whether the socket is open or not."""
+    with closing(asyncio.new_event_loop()) as loop:
+        log_exhaustion_once(loop)
+        listening = socket.socket()
+        listening.close()
+        loop.call_soon(loop._start_serving, asyncio.Protocol, listening)  # type: ignore[attr-defined]
+        loop.call_soon(loop.stop)
+        loop.run_forever()
+    assert caplog.text == ""
 
 
 def test_what_clients_send_is_not_logged(server: Server, dial: Callable[[], socket.socket]) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.view.frames import FrameEncoder
+from llfsm.bridges.view.notes import Note
 from llfsm.bridges.view.page_source import Change, PageSource, Snapshot
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
@@ -47,6 +48,9 @@ class Fake(PageSource):
 
     def history(self) -> Mapping[str, Sequence[Change]]:
         return self.changes
+
+    def notes(self) -> Sequence[Note]:
+        return ()
 
 
 def _info(slot: Slot[Any]) -> SlotInfo:

@@ -15,9 +15,11 @@ from llfsm.runtime import Arrangement, Machine, State
 from llfsm.whiteboard import Sample, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
+    MIRROR,
     VIEWER,
     JournalPart,
     MachineStatus,
+    MirrorStatus,
     journal_slot,
     status_slot,
 )
@@ -77,6 +79,17 @@ def test_a_snapshot_adds_nothing_but_the_request_for_variables(
         assert viewer.pid == os.getpid()
 
 
+def test_of_a_host_that_cannot_be_reached_it_says_why(board: str) -> None:
+    with Whiteboard(board) as wb:
+        wb.add_message(LAMP, Bool(True))
+        look = LiveSource(board, given=wb, host="robot7").snapshot()
+        assert "no daemon mirrors this whiteboard" in look.trouble
+        assert LAMP.name not in look.slots
+        wb.add_message(MIRROR, MirrorStatus(name="robot7"))
+        look = LiveSource(board, given=wb, host="robot7").snapshot()
+        assert (look.trouble, LAMP.name in look.samples) == ("", True)
+
+
 def test_the_slots_are_the_same_object_while_there_is_no_new_one(
     board: str, source: LiveSource
 ) -> None:
@@ -115,7 +128,7 @@ def test_the_history_is_of_the_states_that_were_seen() -> None:
     assert [(c.stamp_ns // 1_000_000, c.state, c.suspended) for c in history.changes["M"]] == [
         (600, "a", False),
         (1150, "b", False),
-        (1290, "b", True),
+        (1300, "b", True),
         (1400, "", False),
         (8900, "c", False),
         (9000, "", False),
@@ -165,7 +178,7 @@ def test_a_page_that_never_answers_is_sent_two_frames_and_then_the_newest(
                 live.recv(0.3)
             live.send('{"type": "seen"}')
             newest = json.loads(live.recv(10))
-            assert [s[4] for s in newest["samples"] if s[1] > 100] == [[until + 199]]
+            assert [s[4] for s in newest["samples"] if s[1] > 100] == [[until + 199, False]]
 
 
 def test_machines_publish_their_variables_while_they_are_viewed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -113,6 +114,10 @@ def test_the_page_comes_back_when_the_server_does(
         page = visit(server.address).page
         value = page.locator("[data-slot=lamp] .short")
         expect(value).to_have_text("data false")
+        server.popen.send_signal(signal.SIGSTOP)
+        expect(page.locator("#link")).to_have_attribute("data-is", "stalled")
+        server.popen.send_signal(signal.SIGCONT)
+        expect(page.locator("#link")).to_have_attribute("data-is", "live")
         server.end()
         expect(page.locator("#link")).to_have_attribute("data-is", "lost")
         expect(page.locator("#trouble")).to_be_visible()
@@ -157,3 +162,32 @@ def test_the_theme_is_the_systems_until_it_is_chosen(
     expect(root).to_have_attribute("data-theme", other)
     page.reload()
     expect(root).to_have_attribute("data-theme", other)
+
+
+def test_names_are_cut_where_they_differ_least(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    """On a telephone, what is left of the names still differs, and names their last part."""
+    names = [
+        f"{robot}/sensors/camera/{end}"
+        for robot in ("robot1", "robot2")
+        for end in ("depth", "image")
+    ]
+    names += [f"left_wheel_velocity_{end}_filtered" for end in ("command", "measured")]
+    with Whiteboard(board) as wb:
+        for name in names:
+            wb.add_message(Slot(name, Bool), Bool())
+        seen = visit(start(Server, board).address)
+        seen.page.set_viewport_size({"width": 400, "height": 800})
+        expect(seen.page.locator(".group.slots .whole")).to_have_count(len(names))
+        shown = seen.page.locator(".group.slots .whole").evaluate_all(
+            """each => each.map((name) => [...name.children].map((part) =>
+                part.scrollWidth > part.clientWidth ? part.textContent.slice(0, 5) + "…"
+                                                    : part.textContent).join(""))"""
+        )
+    assert len(set(shown)) == len(names)
+    assert all("…" in name for name in shown)
+    assert [name for name in shown if name.startswith("robot")] == [
+        name for name in shown if name.endswith(("depth", "image"))
+    ]
+    assert seen.errors == []

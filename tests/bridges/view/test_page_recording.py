@@ -63,6 +63,8 @@ def test_a_recording_has_a_slider_over_all_that_the_page_shows(
     wait_for(lambda: 0 <= shown() < number / 2, "an early moment was shown")
     expect(page.locator(f"{MACHINE} .current")).to_have_count(1)
     expect(page.locator("#link")).to_have_text("recording")
+    # The values of its guards are known without its code.
+    expect(page.locator(f"{MACHINE} .why [data-is]").first).to_be_attached()
 
     early = shown()
     page.locator("#play").click()

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
+import pytest
+from msgspec.structs import replace
+
 from growth import growth_of
+from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.live_source import LiveSource
 from llfsm.bridges.view.page_requests import decode, perform
 from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
+from llfsm.whiteboard.messages.llfsm import (
+    MachineRequest,
+    MachineStatus,
+    request_slot,
+    status_slot,
+)
 from llfsm.whiteboard.messages.std_msgs import Bool
 
 
@@ -20,6 +32,28 @@ class Shown(LiveSource):
 
     def board(self) -> Whiteboard:
         return self._given
+
+
+def test_what_a_page_asks_of_a_debugger_reaches_the_machine(tmp_path: Path) -> None:
+    ask = '{"type": "ask", "id": 1, "machine": "Stays", "action": "%s", "argument": "%s"}'
+    pid = os.getpid()
+    status = MachineStatus(
+        "a", pid=pid, born=born(pid), host=host_name(), namespace=pid_namespace()
+    )
+    with Whiteboard("board", directory=tmp_path) as board:
+        board.add_message(status_slot("Stays"), status)
+        source, slot = Shown(board), board[request_slot("Stays")]
+        perform(decode(ask % ("break", "Stays:a")), source, control=True)
+        assert slot.get() == MachineRequest("break", "Stays:a", 6.0)
+        perform(decode(ask % ("renew", "")), source, control=True)  # the other is not obeyed yet
+        assert slot.count == 1
+        board.add_message(status_slot("Stays"), replace(status, obeyed=1))
+        perform(decode(ask % ("renew", "")), source, control=True)
+        assert slot.get() == MachineRequest("renew", lease_s=6.0)
+        with pytest.raises(RequestError, match="capacity"):
+            perform(decode(ask % ("break", "x" * 5000)), source, control=True)
+        with pytest.raises(RequestError, match="--control"):
+            perform(decode(ask % ("pause", "")), source, control=False)
 
 
 def test_posts_need_no_memory(tmp_path: Path) -> None:

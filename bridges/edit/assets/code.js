@@ -1,0 +1,166 @@
+// An editor of one text: CodeMirror, which sends what was typed after a pause.
+
+import {
+  Annotation, EditorState, EditorView, HighlightStyle, autocompletion, bracketMatching, closeBrackets,
+  closeBracketsKeymap, completionKeymap, defaultKeymap, drawSelection, indentOnInput, indentUnit,
+  indentWithTab, keymap, lineNumbers, lintGutter, placeholder, python, setDiagnostics,
+  syntaxHighlighting, tags,
+} from "./codemirror.js";
+import { make } from "./dom.js";
+
+const PAUSE_MS = 250; // after the last key, before a text is written
+
+const fromServer = Annotation.define();
+
+const colors = HighlightStyle.define([
+  { tag: [tags.keyword, tags.operatorKeyword, tags.controlKeyword], color: "var(--focus)" },
+  { tag: [tags.string, tags.special(tags.string)], color: "var(--lit)" },
+  { tag: [tags.number, tags.bool, tags.null], color: "var(--late)" },
+  { tag: tags.comment, color: "var(--faint)", fontStyle: "italic" },
+  { tag: tags.function(tags.variableName), color: "var(--label)" },
+]);
+
+const look = EditorView.theme({
+  "&": { backgroundColor: "var(--raised)", color: "var(--ink)", fontSize: "12.5px", borderRadius: "6px" },
+  "&.cm-focused": { outline: "2px solid var(--focus)" },
+  ".cm-scroller": { fontFamily: "var(--mono)", lineHeight: "1.5" },
+  ".cm-content": { caretColor: "var(--ink)" },
+  ".cm-cursor": { borderLeftColor: "var(--ink)" },
+  ".cm-gutters": { backgroundColor: "transparent", border: "none", color: "var(--faint)" },
+  "&.cm-focused > .cm-scroller > .cm-selectionLayer .cm-selectionBackground, .cm-selectionBackground": {
+    backgroundColor: "color-mix(in srgb, var(--focus) 28%, transparent)",
+  },
+  ".cm-tooltip": { backgroundColor: "var(--surface)", border: "1px solid var(--line)", color: "var(--ink)" },
+  ".cm-tooltip-autocomplete ul li[aria-selected]": { backgroundColor: "var(--focus)", color: "var(--surface)" },
+  ".cm-diagnostic": { fontFamily: "var(--sans)" },
+});
+
+// `ask(edit)` writes; `machine` has the texts, the findings and the names to complete.
+export class Code {
+  constructor(place, { machine, write, hint = "", isLine = false }) {
+    this.place = place;
+    this.machine = machine;
+    this.write = write;
+    this.was = machine.text(place); // what the server has, as far as this editor knows
+    this.isSending = false;
+    this.note = make("p", { class: "problem", role: "alert", hidden: true });
+    const complete = (context) => {
+      const word = context.matchBefore(/[A-Za-z_]\w*/);
+      if (!word && !context.explicit) return null;
+      return { from: word?.from ?? context.pos, options: machine.data.names.map((label) => ({ label, type: "variable" })), validFor: /^\w*$/ };
+    };
+    this.view = new EditorView({
+      state: EditorState.create({
+        doc: this.was.replace(/\n$/, ""),
+        extensions: [
+          ...(isLine ? [] : [lineNumbers(), lintGutter()]),
+          drawSelection(), indentOnInput(), bracketMatching(), closeBrackets(), indentUnit.of("    "),
+          python(), autocompletion({ override: [complete] }), placeholder(hint), look, syntaxHighlighting(colors),
+          keymap.of([...closeBracketsKeymap, ...completionKeymap, ...defaultKeymap, indentWithTab]),
+          EditorView.cspNonce.of(machine.styles),
+          EditorState.readOnly.of(!machine.data.editable),
+          EditorView.contentAttributes.of({ "aria-label": place.replace("|", " ") }),
+          EditorView.updateListener.of((update) => this.changed(update)),
+        ],
+      }),
+    });
+    this.element = make("div", { class: isLine ? "code line" : "code", "data-place": place }, this.view.dom, this.note);
+    this.show();
+  }
+
+  // The text as it is written: a last line that is not empty gets an end.
+  get text() {
+    const typed = this.view.state.doc.toString();
+    return typed.trim() ? `${typed}\n` : "";
+  }
+
+  get isUnsent() {
+    return this.text.trimEnd() !== this.was.trimEnd();
+  }
+
+  changed(update) {
+    if (!update.docChanged || update.transactions.some((each) => each.annotation(fromServer))) return;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.send(), PAUSE_MS);
+  }
+
+  // Writes what was typed; returns when the server has it.
+  async send() {
+    clearTimeout(this.timer);
+    if (this.isSending || !this.isUnsent) return;
+    const { text, was } = this;
+    this.isSending = true;
+    try {
+      await this.write(this.place, text, was);
+      this.was = text;
+      this.note.hidden = true;
+    } catch (error) {
+      this.note.hidden = false;
+      this.note.replaceChildren(
+        `${error.message} `,
+        make("button", { type: "button", onclick: () => this.take() }, "Take theirs"),
+        make("button", { type: "button", onclick: () => this.keep() }, "Keep mine"),
+      );
+      return;
+    } finally {
+      this.isSending = false;
+    }
+    if (this.isUnsent) this.send();
+  }
+
+  take() {
+    this.was = this.machine.text(this.place);
+    this.replace(this.was);
+    this.note.hidden = true;
+  }
+
+  keep() {
+    this.was = this.machine.text(this.place);
+    this.send();
+  }
+
+  // Shows what the server has, unless something is being typed.
+  show() {
+    const text = this.machine.text(this.place);
+    if (text !== this.was && !this.isSending) {
+      if (!this.isUnsent) {
+        this.was = text;
+        this.replace(text);
+      } else if (this.text.trimEnd() === text.trimEnd()) this.was = text;
+    }
+    const { doc } = this.view.state;
+    const found = this.machine.findings(this.place).map(({ line, severity, text: message }) => {
+      const { from, to } = doc.line(Math.min(Math.max(line, 1), doc.lines));
+      return { from, to, severity, message };
+    });
+    const key = JSON.stringify(found);
+    if (key === this.shown) return;
+    this.shown = key;
+    this.view.dispatch(setDiagnostics(this.view.state, found));
+  }
+
+  replace(text) {
+    const now = this.view.state.doc.toString();
+    const next = text.replace(/\n$/, "");
+    let from = 0;
+    while (from < now.length && now[from] === next[from]) from += 1;
+    let end = 0;
+    while (end < Math.min(now.length, next.length) - from && now.at(-1 - end) === next.at(-1 - end)) end += 1;
+    this.view.dispatch({
+      changes: { from, to: now.length - end, insert: next.slice(from, next.length - end) },
+      annotations: fromServer.of(true),
+    });
+  }
+
+  focus(line = 0) {
+    this.view.focus();
+    if (!line) return;
+    const { doc } = this.view.state;
+    this.view.dispatch({ selection: { anchor: doc.line(Math.min(line, doc.lines)).from }, scrollIntoView: true });
+  }
+
+  close() {
+    this.send();
+    this.view.destroy();
+  }
+}

@@ -1,0 +1,142 @@
+// The drawing of the machine: updated where it has changed, with marks for what is selected or wrong.
+
+import { Diagram, box, lines, path, point, rect, start } from "./diagram.js";
+import { makeSvg } from "./dom.js";
+
+export class Drawing extends Diagram {
+  constructor(data) {
+    super({ title: data.name, frame: data.frame, start: data.start, boxes: [], edges: [] });
+    this.svg.replaceChildren();
+    this.layers = {};
+    for (const name of ["start", "arrows", "boxes", "labels", "handles"]) {
+      this.layers[name] = makeSvg("g", { class: `layer-${name}` });
+      this.svg.append(this.layers[name]);
+    }
+    this.arrows = new Map();
+    this.drawn = { boxes: {}, edges: {} };
+    this.update(data);
+  }
+
+  update(data) {
+    const { boxes: oldBoxes, edges: oldEdges } = this.drawn;
+    this.drawn = { boxes: data.boxes, edges: data.edges };
+    this.frame = data.frame;
+    for (const name of this.states.keys()) {
+      if (data.boxes[name]) continue;
+      this.states.get(name).remove();
+      this.states.delete(name);
+      this.places.delete(name);
+    }
+    for (const [name, each] of Object.entries(data.boxes)) {
+      if (each === oldBoxes[name]) continue;
+      const element = box(each);
+      this.states.get(name)?.remove();
+      this.states.set(name, element);
+      this.places.set(name, each.frame);
+      this.layers.boxes.append(element);
+    }
+    for (const [key, elements] of this.arrows) {
+      if (data.edges[key] === oldEdges[key] && data.edges[key]) continue;
+      for (const element of elements) element.remove();
+      this.arrows.delete(key);
+    }
+    for (const [key, edge] of Object.entries(data.edges)) {
+      if (!this.arrows.has(key)) this.arrows.set(key, this.arrow(key, edge));
+    }
+    this.layers.start.replaceChildren(...start(data.start));
+  }
+
+  arrow(key, edge) {
+    const mark = { "data-transition": key };
+    const arrow = makeSvg("g", { ...mark, class: "transition" },
+      makeSvg("path", { class: "wide", d: path(edge.curve) }),
+      makeSvg("path", { d: path(edge.curve) }),
+      makeSvg("polygon", { points: edge.head.map(point).join(" ") }));
+    const label = makeSvg("g", { ...mark, class: "transition label" },
+      rect(edge.label.frame, { rx: 4 }), ...lines(edge.label.lines));
+    this.layers.arrows.append(arrow);
+    this.layers.labels.append(label);
+    return [arrow, label];
+  }
+
+  // Shows what is selected, unreachable, never taken, and what `llfsm check` found.
+  mark({ selected, transition, unreachable, dead, wrong }) {
+    for (const [name, element] of this.states) {
+      element.classList.toggle("selected", selected.has(name));
+      element.classList.toggle("unreachable", unreachable.includes(name));
+      element.classList.toggle("wrong", wrong.has(name));
+    }
+    for (const [key, elements] of this.arrows) {
+      for (const element of elements) {
+        element.classList.toggle("selected", key === transition);
+        element.classList.toggle("dead", dead.includes(key));
+        element.classList.toggle("wrong", wrong.has(key));
+      }
+    }
+    this.handles(selected, transition);
+  }
+
+  // Shows the transition that a simulation took last.
+  markTaken(key) {
+    for (const [each, elements] of this.arrows) {
+      for (const element of elements) element.classList.toggle("taken", each === key);
+    }
+  }
+
+  // The points by which arrows are drawn, led elsewhere and bent.
+  handles(selected, transition) {
+    const [only] = selected;
+    const edge = this.drawn.edges[transition];
+    const key = JSON.stringify([transition, edge?.curve, [...selected], this.places.get(only)]);
+    if (key === this.handled) return; // what the pointer may be about to press
+    this.handled = key;
+    const made = [];
+    const handle = (kind, [cx, cy], title) =>
+      made.push(makeSvg("circle", { class: "handle", "data-handle": kind, cx, cy, r: 6 }, makeSvg("title", {}, title)));
+    if (edge && edge.curve.length === 4) {
+      for (const i of [1, 2]) {
+        const end = edge.curve[i === 1 ? 0 : 3];
+        made.push(makeSvg("path", { class: "lever", d: `M${point(end)} L${point(edge.curve[i])}` }));
+      }
+      handle("bend:1", edge.curve[1], "Drag to bend the arrow");
+      handle("bend:2", edge.curve[2], "Drag to bend the arrow");
+      handle("target", edge.curve[3], "Drag to another state");
+    } else if (selected.size === 1 && this.places.has(only)) {
+      const [x, y, width, height] = this.places.get(only);
+      handle("new", [x + width + 12, y + height / 2], "Drag to a state: a new transition");
+      handle("size", [x + width, y + height], "Drag to resize");
+    }
+    this.layers.handles.replaceChildren(...made);
+  }
+
+  // Moves the box of a state on the screen, before the server has its new place.
+  shift(state, dx, dy) {
+    this.states.get(state)?.setAttribute("transform", `translate(${dx} ${dy})`);
+  }
+
+  // Shows the line that is being drawn from a point to another; none without points.
+  sketch(from = null, to = null) {
+    this.line?.remove();
+    this.line = from && makeSvg("path", { class: "sketch", d: `M${point(from)} L${point(to)}` });
+    if (this.line) this.layers.handles.append(this.line);
+  }
+
+  // The place in the drawing that is under the pointer.
+  at({ clientX, clientY }) {
+    const screen = this.svg.getScreenCTM();
+    const { x, y } = new DOMPoint(clientX, clientY).matrixTransform(screen.inverse());
+    return [x, y];
+  }
+
+  stateAt([x, y]) {
+    for (const [name, [left, top, width, height]] of this.places) {
+      if (x >= left && x <= left + width && y >= top && y <= top + height) return name;
+    }
+    return null;
+  }
+
+  centreOf(state) {
+    const [x, y, width, height] = this.places.get(state);
+    return [x + width / 2, y + height / 2];
+  }
+}

@@ -1,0 +1,211 @@
+// The page of the editor: frames update the machine, its drawing and its texts.
+
+import { $, make, setData, setText } from "./dom.js";
+import { Drawing } from "./drawing.js";
+import { Editor } from "./editor.js";
+import { listen as listenToPointer } from "./gestures.js";
+import { Inspector } from "./inspector.js";
+import { Link } from "./link.js";
+import { Live } from "./live.js";
+import { Machine } from "./machine.js";
+import { takeToken, useTheme } from "./page.js";
+import { listen as listenToKeys } from "./shortcuts.js";
+import { Simulation } from "./simulate.js";
+import { showTabs } from "./tabs.js";
+
+const LINKS = { connecting: "connecting", live: "saved", stalled: "no answer", lost: "reconnecting", refused: "refused" };
+
+const machine = new Machine();
+const link = new Link(takeToken(), { onframe: take, onstate: showLink });
+const editor = new Editor(machine, (request) => link.ask(request));
+const inspector = new Inspector(machine, editor);
+const simulation = new Simulation(machine, (request) => link.ask(request));
+const live = new Live((request) => link.ask(request), () => inspector.flush());
+let drawing = null;
+
+function take(frame) {
+  machine.apply(frame);
+  const { data } = machine;
+  showTrouble(data.trouble ?? "");
+  if (!data.shape) return;
+  if (!drawing) {
+    drawing = new Drawing(data);
+    editor.drawing = drawing;
+    $("drawing").replaceChildren(drawing.element);
+    listenToPointer(drawing, editor);
+    drawing.fit();
+  } else drawing.update(data);
+  editor.update();
+  editor.arrived();
+  $("undo").disabled = !data.undo;
+  $("redo").disabled = !data.redo;
+  if ("findings" in frame) showFindings();
+  if ("live" in frame) live.show(frame.live);
+  simulation.update(frame);
+  show();
+}
+
+function show() {
+  if (!drawing) return;
+  mark();
+  inspector.show();
+}
+
+function mark() {
+  const { data } = machine;
+  const wrong = new Set();
+  for (const finding of data.findings) {
+    const [state, part] = machine.placeOf(finding).split("|");
+    if (finding.severity === "error") wrong.add(/^\d+$/.test(part) ? `${state}:${part}` : state);
+  }
+  light();
+  drawing.mark({ selected: editor.selected, transition: editor.transition, unreachable: data.unreachable, dead: data.dead, wrong });
+}
+
+// Lights the state of the simulation, or else of the live machine, also in elements that are new.
+function light() {
+  const stands = machine.data.live;
+  if (simulation.isOn || !stands) return simulation.light(drawing);
+  drawing.light(stands.state, stands.condition, null, stands.failed ?? null);
+  drawing.markTaken(null);
+}
+
+editor.onselect = show;
+editor.onmark = () => {
+  mark();
+  inspector.mark();
+};
+editor.focusText = () => inspector.focus();
+
+function showFindings() {
+  const { findings } = machine.data;
+  const rows = findings.map((finding) => {
+    const place = machine.placeOf(finding);
+    return make("button", { class: "finding", type: "button", "data-severity": finding.severity, onclick: () => goTo(place, finding.line) },
+      make("span", { class: "where" }, `${finding.file}:${finding.line}`), ` ${finding.text}`);
+  });
+  $("findings").replaceChildren(...(rows.length ? rows : [make("p", { class: "facts" }, "No findings.")]));
+}
+
+function goTo(place, line) {
+  const [state, part] = place.split("|");
+  if (!state) editor.selectNothing();
+  else if (/^\d+$/.test(part)) editor.selectTransition(`${state}:${part}`);
+  else editor.select(state);
+  inspector.focus(place, line);
+}
+
+function showTrouble(text) {
+  setText($("trouble"), text ? text[0].toUpperCase() + text.slice(1) : "");
+  $("trouble").hidden = !text;
+}
+
+function showLink(state, problem = "", about = null) {
+  setText($("link"), LINKS[state]);
+  setData($("link"), "is", state);
+  if (problem) showTrouble(problem);
+  else if (state === "lost") showTrouble("The server does not answer; reconnecting. What you type now is not written.");
+  if (about?.tabs) {
+    showTabs(about.tabs, link.token);
+    setText($("title"), about.title);
+    $("title").title = about.path ?? "";
+    document.title = `${about.title} · llfsm edit`;
+  }
+  if (state === "connecting" && about) {
+    machine.styles = about.styles;
+    live.mayReload = about.control;
+    machine.apply({ boxes: {}, edges: {}, texts: {} });
+  }
+}
+
+async function goBack(type) {
+  await inspector.flush();
+  await editor.request(type);
+}
+
+function step(by) {
+  const { states } = machine.data;
+  const i = states.indexOf(editor.state);
+  editor.select(states[(i + by + states.length) % states.length]);
+}
+
+function stepTransition(by) {
+  const count = editor.state ? machine.transitions(editor.state).length : 0;
+  if (!count) return;
+  const number = editor.number === null ? (by > 0 ? 0 : count - 1) : (editor.number + by + count) % count;
+  editor.selectTransition(`${editor.state}:${number}`);
+}
+
+function escape() {
+  const field = document.activeElement.closest?.("input, select, .cm-editor");
+  if (!field) return editor.selectNothing();
+  document.activeElement.blur();
+  drawing.element.focus({ preventScroll: true });
+}
+
+function addState() {
+  const [x, y, width, height] = drawing.view;
+  let at = [x + width / 2, y + height / 2].map((value) => Math.round(value / 10) * 10);
+  while (drawing.stateAt(at)) at = at.map((value) => value + 30);
+  editor.addState(at);
+}
+
+const toggleTheme = useTheme();
+const drawn = (act) => () => (drawing ? act() : false); // a machine may not be open
+const arrow = (dx, dy) => () => (editor.selected.size ? editor.nudge(dx, dy) : false);
+listenToKeys({
+  n: drawn(addState),
+  Tab: (event) => (document.activeElement === drawing?.element ? step(event.shiftKey ? -1 : 1) : false),
+  ArrowLeft: arrow(-1, 0),
+  ArrowRight: arrow(1, 0),
+  ArrowUp: arrow(0, -1),
+  ArrowDown: arrow(0, 1),
+  "Alt+ArrowUp": () => (editor.transition ? editor.reorder(editor.state, editor.number, editor.number - 1) : false),
+  "Alt+ArrowDown": () => (editor.transition ? editor.reorder(editor.state, editor.number, editor.number + 1) : false),
+  c: () => $("connect")?.focus(),
+  "[": () => stepTransition(-1),
+  "]": () => stepTransition(1),
+  Enter: (event) => (event.target.closest("button") ? false : inspector.focus()),
+  F2: () => {
+    $("name")?.focus();
+    $("name")?.select();
+  },
+  i: () => editor.makeInitial(),
+  s: () => editor.toggleSuspend(),
+  e: () => editor.expand(),
+  Delete: () => editor.remove(),
+  Backspace: () => editor.remove(),
+  "Ctrl+z": () => goBack("undo"),
+  "Ctrl+Shift+z": () => goBack("redo"),
+  "Ctrl+y": () => goBack("redo"),
+  "Ctrl+a": () => {
+    editor.selected = new Set(machine.data.states);
+    editor.transition = null;
+    show();
+  },
+  "+": drawn(() => drawing.zoom(1.25)),
+  "-": drawn(() => drawing.zoom(0.8)),
+  0: drawn(() => drawing.fit()),
+  a: () => editor.arrange(),
+  r: () => simulation.start(),
+  " ": (event) => (event.target.closest("button") ? false : simulation.toggle()),
+  ".": () => simulation.step(),
+  l: () => live.reload(),
+  d: toggleTheme,
+  "?": () => $("keys").showModal(),
+  Escape: escape,
+});
+document.addEventListener("copy", (event) => {
+  if (event.target.closest?.("input, .cm-editor")) return;
+  const text = editor.copy();
+  if (!text) return;
+  event.clipboardData.setData("text/plain", text);
+  event.preventDefault();
+});
+document.addEventListener("paste", (event) => {
+  if (!event.target.closest?.("input, .cm-editor")) editor.paste(event.clipboardData.getData("text/plain"));
+});
+$("undo").addEventListener("click", () => goBack("undo"));
+$("redo").addEventListener("click", () => goBack("redo"));
+$("arrange").addEventListener("click", () => editor.arrange());
+link.start();

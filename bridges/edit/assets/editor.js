@@ -1,0 +1,248 @@
+// The editor: what is selected, and every edit, which the server makes and sends back to all windows.
+
+import { toast } from "./dom.js";
+
+const STEP = 10; // by which arrow keys move a state
+
+export class Editor {
+  constructor(machine, ask) {
+    this.machine = machine;
+    this.ask = ask;
+    this.selected = new Set();
+    this.transition = null; // the key of the selected one, as STATE:NUMBER
+    this.onselect = () => {};
+    this.focusText = () => {};
+    this.drawing = null;
+    this.copied = null;
+  }
+
+  // Whether states and arrows can be moved; `editable`: whether anything else can be.
+  get canDraw() {
+    return Boolean(this.machine.data.shape);
+  }
+
+  get editable() {
+    return this.machine.data.editable;
+  }
+
+  get state() {
+    return this.transition ? this.transition.slice(0, this.transition.lastIndexOf(":")) : ([...this.selected][0] ?? null);
+  }
+
+  get number() {
+    return this.transition ? Number(this.transition.slice(this.transition.lastIndexOf(":") + 1)) : null;
+  }
+
+  select(state, isMore = false) {
+    this.selected = new Set(isMore ? [...this.selected, state] : [state]);
+    this.transition = null;
+    this.onselect();
+  }
+
+  selectTransition(key) {
+    this.selected = new Set();
+    this.transition = key;
+    this.onselect();
+  }
+
+  selectNothing() {
+    this.selected = new Set();
+    this.transition = null;
+    this.onselect();
+  }
+
+  // Forgets what is selected and has gone.
+  update() {
+    const { boxes, edges } = this.machine.data;
+    const kept = [...this.selected].filter((state) => boxes[state]);
+    const isGone = this.transition && !edges[this.transition];
+    if (kept.length === this.selected.size && !isGone) return;
+    this.selected = new Set(kept);
+    if (isGone) this.transition = null;
+    this.onselect();
+  }
+
+  // Makes edits; problems are shown, and false is returned.
+  async apply(...edits) {
+    try {
+      await this.ask({ type: "apply", shape: this.machine.data.shape ?? "", edits });
+      return true;
+    } catch (error) {
+      toast(error.message, "problem");
+      return false;
+    }
+  }
+
+  // Writes a text; the editor of the text shows a problem.
+  write(place, text, was) {
+    const [state, part] = place.split("|");
+    const isNumber = /^\d+$/.test(part);
+    const where = { part: isNumber ? "" : part, state: state || null, number: isNumber ? Number(part) : null };
+    return this.ask({ type: "apply", shape: "", edits: [{ edit: "set text", place: where, text, was }] });
+  }
+
+  // Makes a class of a bundle, or a bundle of a class, beside it.
+  convert() {
+    return this.request("convert");
+  }
+
+  // Asks for what needs no more than its name: undo, redo, convert.
+  async request(type) {
+    try {
+      toast(await this.ask({ type }));
+    } catch (error) {
+      toast(error.message, "problem");
+    }
+  }
+
+  async addState([x, y]) {
+    if (!this.editable) return;
+    const state = this.machine.freeName();
+    if (await this.apply({ edit: "add state", state, x, y })) this.later(() => this.select(state), () => this.machine.has(state));
+  }
+
+  // Acts when the machine has come back with an edit.
+  later(act, isThere) {
+    if (isThere()) act();
+    else this.waiting = { act, isThere };
+  }
+
+  arrived() {
+    if (!this.waiting?.isThere()) return;
+    const { act } = this.waiting;
+    this.waiting = null;
+    act();
+  }
+
+  async rename(state, to) {
+    if (state === to || !(await this.apply({ edit: "rename state", state, to }))) return false;
+    this.later(() => this.select(to), () => this.machine.has(to));
+    return true;
+  }
+
+  async remove() {
+    const { transition, state, number } = this;
+    if (transition) await this.apply({ edit: "delete transition", source: state, number });
+    else if (this.selected.size) await this.apply(...[...this.selected].map((each) => ({ edit: "delete state", state: each })));
+  }
+
+  async connect(source, target) {
+    const key = `${source}:${this.machine.transitions(source).length}`;
+    if (await this.apply({ edit: "add transition", source, target })) {
+      this.later(() => {
+        this.selectTransition(key);
+        this.focusText();
+      }, () => this.machine.data.edges[key]);
+    }
+  }
+
+  retarget(target) {
+    return this.apply({ edit: "retarget transition", source: this.state, number: this.number, target });
+  }
+
+  async reorder(source, number, to) {
+    if (to < 0 || to >= this.machine.transitions(source).length) return;
+    if (await this.apply({ edit: "order transition", source, number, to })) this.selectTransition(`${source}:${to}`);
+  }
+
+  bend(which, [x, y]) {
+    const { curve } = this.machine.data.edges[this.transition];
+    const [a, b, c, d] = curve.map((each, i) => (i === which ? [x, y] : each));
+    return this.apply({ edit: "bend transition", source: this.state, number: this.number, path: [a, d, b, c] });
+  }
+
+  place(places) {
+    return this.apply({ edit: "place states", places });
+  }
+
+  nudge(dx, dy) {
+    const places = {};
+    for (const state of this.selected) {
+      const [x, y] = this.drawing.centreOf(state);
+      places[state] = [x + dx * STEP, y + dy * STEP];
+    }
+    if (this.selected.size) this.place(places);
+  }
+
+  resize(state, w, h) {
+    return this.apply({ edit: "resize state", state, w: Math.max(w, 20), h: Math.max(h, 20) });
+  }
+
+  expand() {
+    const { expanded } = this.machine.data;
+    const edits = [...this.selected].map((state) => ({ edit: "expand state", state, expanded: !expanded.includes(state) }));
+    if (edits.length) this.apply(...edits);
+  }
+
+  makeInitial() {
+    if (this.state) this.apply({ edit: "order state", state: this.state, to: 0 });
+  }
+
+  toggleSuspend() {
+    const { state } = this;
+    if (state) this.apply({ edit: "set suspend state", state: this.machine.data.suspend === state ? null : state });
+  }
+
+  arrange() {
+    this.apply({ edit: "arrange again" });
+  }
+
+  // The selected states with their texts and the transitions between them, as text for any window.
+  copy() {
+    const { data } = this.machine;
+    const states = [...this.selected].map((state) => {
+      const texts = {};
+      for (const place of Object.keys(data.texts)) {
+        const [owner, part] = place.split("|");
+        if (owner === state && !/^\d+$/.test(part)) texts[part] = this.machine.text(place);
+      }
+      const transitions = this.machine.transitions(state).filter(({ target }) => this.selected.has(target));
+      return {
+        state,
+        at: this.drawing.centreOf(state),
+        texts,
+        transitions: transitions.map(({ number, target }) => ({ target, expression: this.machine.text(`${state}|${number}`) })),
+      };
+    });
+    return states.length ? JSON.stringify({ llfsm: "states", states }) : "";
+  }
+
+  async paste(text) {
+    if (!this.editable) return;
+    let pasted = null;
+    try {
+      pasted = this.pasted(JSON.parse(text));
+    } catch {
+      return; // some other text
+    }
+    const { names, edits } = pasted;
+    if (await this.apply(...edits)) {
+      this.later(() => {
+        this.selected = new Set(names);
+        this.transition = null;
+        this.onselect();
+      }, () => this.machine.has(names.at(-1)));
+    }
+  }
+
+  // The names of the states that `copy` wrote, new here, and the edits that add them; an error for other data.
+  pasted({ llfsm, states }) {
+    if (llfsm !== "states") throw new TypeError("these are no states");
+    const names = new Map();
+    for (const { state } of states) {
+      let name = state;
+      for (let i = 2; this.machine.has(name) || [...names.values()].includes(name); i += 1) name = `${state}_${i}`;
+      names.set(state, name);
+    }
+    const edits = states.map(({ state, at: [x, y] }) => ({ edit: "add state", state: names.get(state), x: x + 30, y: y + 30 }));
+    for (const { state, texts, transitions } of states) {
+      for (const [part, each] of Object.entries(texts)) {
+        edits.push({ edit: "set text", place: { part, state: names.get(state) }, text: each, was: "" });
+      }
+      for (const { target, expression } of transitions) {
+        edits.push({ edit: "add transition", source: names.get(state), target: names.get(target), expression });
+      }
+    }
+    return { names: [...names.values()], edits };
+  }
+}

@@ -1,0 +1,88 @@
+// What the pointer does in the drawing: select, move, draw arrows, lead them elsewhere, bend them.
+
+const GRID = 10; // boxes snap to it, unless Alt is held
+const STILL = 4; // pixels that a click may move
+
+const snap = (value, event) => (event.altKey ? Math.round(value * 10) / 10 : Math.round(value / GRID) * GRID);
+
+export function listen(drawing, editor) {
+  // Once pressed, the pointer belongs to the element, which moves the drawing if nothing is hit here.
+  const { element } = drawing;
+  let held = null;
+
+  element.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    const handle = event.target.closest("[data-handle]")?.dataset.handle;
+    const state = event.target.closest("[data-state]")?.dataset.state;
+    const transition = event.target.closest("[data-transition]")?.dataset.transition;
+    held = { handle, state, transition, from: drawing.at(event), x: event.clientX, y: event.clientY, hasMoved: false };
+    if (!handle && !state && !transition) return; // the drawing itself is moved
+    event.stopPropagation();
+    element.focus({ preventScroll: true });
+    element.setPointerCapture(event.pointerId);
+    if (state && event.shiftKey) held.handle = "new";
+    if (state && !handle && !editor.selected.has(state)) editor.select(state, event.ctrlKey || event.metaKey);
+    else if (transition && !handle) editor.selectTransition(transition);
+  }, { capture: true });
+
+  element.addEventListener("pointermove", (event) => {
+    if (!held) return;
+    held.hasMoved ||= Math.hypot(event.clientX - held.x, event.clientY - held.y) > STILL;
+    if (!held.hasMoved || !editor.canDraw) return;
+    const to = drawing.at(event);
+    const [dx, dy] = [to[0] - held.from[0], to[1] - held.from[1]];
+    if (held.handle === "new") drawing.sketch(drawing.centreOf(held.state ?? [...editor.selected][0]), to);
+    else if (held.handle === "target") drawing.sketch(drawing.drawn.edges[editor.transition].curve[0], to);
+    else if (held.handle) drawing.sketch(held.from, to);
+    else if (held.state) for (const state of editor.selected) drawing.shift(state, dx, dy);
+  });
+
+  const release = async (event) => {
+    const done = held;
+    held = null;
+    drawing.sketch();
+    if (!done) return;
+    if (!done.hasMoved) {
+      if (!done.handle && !done.state && !done.transition) editor.selectNothing();
+      return;
+    }
+    if (!editor.canDraw) return;
+    const to = drawing.at(event);
+    await finish(done, to, event);
+    for (const state of drawing.states.keys()) drawing.states.get(state).removeAttribute("transform");
+  };
+
+  async function finish({ handle, state, from }, to, event) {
+    const target = drawing.stateAt(to);
+    const [only] = editor.selected;
+    if (handle === "new") {
+      if (target) await editor.connect(state ?? only, target);
+    } else if (handle === "target") {
+      if (target) await editor.retarget(target);
+    } else if (handle === "size") {
+      const [x, y] = drawing.centreOf(only);
+      await editor.resize(only, 2 * snap(Math.abs(to[0] - x), event), 2 * snap(Math.abs(to[1] - y), event));
+    } else if (handle) {
+      await editor.bend(Number(handle.split(":")[1]), to.map((value) => Math.round(value)));
+    } else if (state) {
+      const places = {};
+      for (const each of editor.selected) {
+        const [x, y] = drawing.centreOf(each);
+        places[each] = [snap(x + to[0] - from[0], event), snap(y + to[1] - from[1], event)];
+      }
+      await editor.place(places);
+    }
+  }
+
+  element.addEventListener("pointerup", release);
+  element.addEventListener("pointercancel", () => {
+    held = null;
+    drawing.sketch();
+  });
+  element.addEventListener("dblclick", (event) => {
+    event.stopImmediatePropagation();
+    const hit = document.elementFromPoint(event.clientX, event.clientY);
+    if (hit.closest("[data-state], [data-transition]")) editor.focusText();
+    else editor.addState(drawing.at(event).map((value) => snap(value, event)));
+  }, { capture: true });
+}

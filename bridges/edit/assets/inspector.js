@@ -1,0 +1,217 @@
+// The texts of what is selected: a state's sections and transitions, or the machine's declarations.
+
+import { Code } from "./code.js";
+import { $, make, setText } from "./dom.js";
+
+const SHOWN = ["OnEntry", "OnExit", "Internal"]; // sections that are shown also if they are empty
+const SECTIONS = [...SHOWN, "OnSuspend", "OnResume"];
+const PARTS = [...SECTIONS, "Variables", "Includes", "Methods"];
+const HINTS = {
+  OnEntry: "runs when the state is entered",
+  OnExit: "runs when a transition leaves the state",
+  Internal: "runs in each turn in which no transition fires",
+  OnSuspend: "runs when the machine is suspended here",
+  OnResume: "runs when the machine is resumed here",
+  Includes: "from llfsm.runtime import Actuator, Sensor",
+  Methods: "def far(x: float) -> bool: ...",
+};
+
+export class Inspector {
+  constructor(machine, editor) {
+    this.machine = machine;
+    this.editor = editor;
+    this.codes = new Map();
+    this.opened = new Set(); // parts that are shown although they are empty
+    this.key = null;
+  }
+
+  // Shows what is selected; the editors of texts that are still shown are kept.
+  show() {
+    const { state } = this.editor;
+    const key = this.describe();
+    if (key !== this.key) {
+      this.key = key;
+      const kept = this.codes;
+      const focused = [...kept.values()].find((code) => code.view.hasFocus);
+      this.codes = new Map();
+      this.kept = kept;
+      const several = this.editor.selected.size > 1;
+      const parts = several ? this.several() : state ? this.ofState(state) : this.ofMachine();
+      $("inspector").replaceChildren(...parts);
+      for (const [place, code] of kept) if (!this.codes.has(place)) code.close();
+      if (focused && this.codes.has(focused.place)) focused.focus(); // it was moved with its row
+    }
+    this.mark();
+    for (const code of this.codes.values()) code.show();
+  }
+
+  // What decides which elements there are; texts and findings change inside them.
+  describe() {
+    const { data } = this.machine;
+    const { state, selected } = this.editor;
+    const targets = state ? this.machine.transitions(state).map((edge) => edge.target) : [];
+    const others = PARTS.filter((part) => !SHOWN.includes(part) && data.texts[`${state}|${part}`]);
+    return JSON.stringify([state, [...selected].slice(1), data.states, targets, others, data.suspend, data.editable, [...this.opened]]);
+  }
+
+  // Shows which transition is selected.
+  mark() {
+    const { state, transition, number } = this.editor;
+    if (state && this.editor.selected.size < 2) setText($("place"), transition ? `${state}, transition ${number + 1}` : state);
+    for (const row of document.querySelectorAll("[data-row]")) row.classList.toggle("selected", row.dataset.row === transition);
+  }
+
+  code(place, options = {}) {
+    const write = (...change) => this.editor.write(...change);
+    const code = this.kept?.get(place) ?? new Code(place, { machine: this.machine, write, ...options });
+    this.codes.set(place, code);
+    return code.element;
+  }
+
+  tools(...buttons) {
+    $("tools").replaceChildren(...buttons.map(([text, act, isOn = null]) =>
+      make("button", { class: "quiet", type: "button", onclick: act, "aria-pressed": isOn === null ? null : String(isOn) }, text)));
+  }
+
+  several() {
+    setText($("place"), `${this.editor.selected.size} states`);
+    this.tools(["Delete", () => this.editor.remove()]);
+    return [make("p", { class: "empty" }, [...this.editor.selected].join(", "))];
+  }
+
+  ofMachine() {
+    const { data } = this.machine;
+    setText($("place"), data.name ?? "");
+    this.tools(...(data.converts ? [[`Make a ${data.converts} of it`, () => this.editor.convert()]] : []));
+    const hint = `count: int = 0\npose = Sensor(POSE)`;
+    return [
+      ...(data.editable === false ? [make("p", { class: "facts" }, this.note(data.language))] : []),
+      ...this.part("", "Variables", { hint, name: "Variables and slots" }),
+      ...["Includes", "Methods"].filter((part) => data.editable !== false || data.texts[`|${part}`]).flatMap((part) => this.part("", part)),
+      ...(data.editable ? [make("p", { class: "facts" }, "Double-click in the drawing, or press n, for a new state.")] : []),
+    ];
+  }
+
+  // Why nothing but the layout can be edited.
+  note(language) {
+    if (language === "class") return "A class: its file is edited elsewhere and shown as it is there. Its layout, which can be edited, is kept beside it.";
+    return `A bundle of ${language}: its layout can be edited. llfsm import makes a Python bundle of it.`;
+  }
+
+  part(state, part, { hint = HINTS[part], name = part } = {}) {
+    return [make("h3", {}, name), this.code(`${state}|${part}`, { hint })];
+  }
+
+  ofState(state) {
+    const { data } = this.machine;
+    const { editor } = this;
+    const isInitial = data.states[0] === state;
+    if (data.editable) {
+      this.tools(
+        ["Initial", () => editor.makeInitial(), isInitial],
+        ["Suspend", () => editor.toggleSuspend(), data.suspend === state],
+        ["Delete", () => editor.remove()],
+      );
+    } else this.tools();
+    const shows = (part) => SHOWN.includes(part) || this.opened.has(part) || data.texts[`${state}|${part}`];
+    const parts = PARTS.filter((part) => data.editable ? shows(part) : data.texts[`${state}|${part}`]);
+    const others = PARTS.filter((part) => data.editable && !parts.includes(part));
+    return [
+      this.name(state),
+      make("h3", {}, "Transitions, in the order in which they are evaluated"),
+      make("ol", { class: "transitions" }, ...this.machine.transitions(state).map((edge) => this.row(edge))),
+      ...(data.editable ? [this.adder(state)] : []),
+      ...parts.flatMap((part) => this.part(state, part)),
+      make("p", { class: "actions more" }, ...others.map((part) =>
+        make("button", { class: "quiet", type: "button", onclick: () => this.open(part) }, `+ ${part}`))),
+    ];
+  }
+
+  open(part) {
+    this.opened.add(part);
+    this.show();
+    this.codes.get(`${this.editor.state}|${part}`)?.focus();
+  }
+
+  name(state) {
+    const input = make("input", { id: "name", value: state, "aria-label": "Name of the state", spellcheck: "false", autocomplete: "off" });
+    input.disabled = !this.machine.data.editable;
+    input.addEventListener("change", async () => {
+      if (!(await this.editor.rename(state, input.value.trim()))) input.value = state;
+    });
+    input.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") input.value = state;
+      if (event.key === "Escape" || event.key === "Enter") input.blur();
+    });
+    return input;
+  }
+
+  row({ source, number, target }) {
+    const { editor } = this;
+    const key = `${source}:${number}`;
+    const can = this.machine.data.editable;
+    const button = (text, title, act) => make("button", { class: "quiet", type: "button", title, "aria-label": title, onclick: act }, text);
+    const row = make("li", { "data-row": key },
+      make("div", { class: "row" },
+        this.code(`${source}|${number}`, { hint: "true", isLine: true }),
+        make("span", { class: "arrow" }, "→"),
+        this.targets(target, (to) => {
+          editor.selectTransition(key);
+          editor.retarget(to);
+        }),
+        ...(can ? [
+          button("↑", "Evaluate earlier (Alt+↑)", () => editor.reorder(source, number, number - 1)),
+          button("↓", "Evaluate later (Alt+↓)", () => editor.reorder(source, number, number + 1)),
+          button("✕", "Delete the transition", () => {
+            editor.selectTransition(key);
+            editor.remove();
+          }),
+        ] : [])));
+    row.addEventListener("pointerdown", ({ target }) => {
+      row.draggable = can && !target.closest(".cm-editor, select"); // in which text is selected
+    });
+    row.addEventListener("focusin", () => {
+      if (editor.transition === key) return;
+      editor.transition = key;
+      editor.selected = new Set();
+      editor.onmark();
+    });
+    row.addEventListener("dragstart", (event) => {
+      if (event.target === row) event.dataTransfer.setData("text/x-transition", key);
+    });
+    row.addEventListener("dragover", (event) => event.preventDefault());
+    row.addEventListener("drop", (event) => {
+      const from = event.dataTransfer.getData("text/x-transition");
+      if (!from.startsWith(`${source}:`)) return;
+      event.preventDefault();
+      editor.reorder(source, Number(from.slice(source.length + 1)), number);
+    });
+    return row;
+  }
+
+  targets(target, act, first = null) {
+    const options = this.machine.data.states.map((state) => make("option", { value: state, selected: state === target }, state));
+    const select = make("select", { "aria-label": "Target" }, ...(first ? [make("option", { value: "" }, first)] : []), ...options);
+    select.disabled = !this.machine.data.editable;
+    select.addEventListener("change", () => select.value && act(select.value));
+    return select;
+  }
+
+  adder(state) {
+    const select = this.targets(null, (target) => this.editor.connect(state, target), "new transition to …");
+    select.id = "connect";
+    return make("p", { class: "actions" }, select);
+  }
+
+  // Puts the cursor into the expression that is selected, or the first section.
+  focus(place = null, line = 0) {
+    const { state, number } = this.editor;
+    const code = this.codes.get(place ?? (number === null ? `${state ?? ""}|${state ? "OnEntry" : "Variables"}` : `${state}|${number}`));
+    code?.focus(line);
+  }
+
+  // Writes everything that was typed, before an undo.
+  async flush() {
+    await Promise.all([...this.codes.values()].map((code) => code.send()));
+  }
+}

@@ -1,0 +1,166 @@
+// The simulation: the machine's code is run by a clock of its own, and fed by the fields shown here.
+
+import { $, copy, make, setText, toast } from "./dom.js";
+import { fieldOf } from "./form.js";
+
+const SPEEDS = [0.1, 0.5, 1, 2, 5, 10, 100];
+const SPAN = 10; // of a slider for a number without limits
+
+// Puts a slider beside a field of a number; it widens when a number beyond its ends is typed.
+function addSlider(input) {
+  const whole = input.step === "1";
+  const slider = make("input", { type: "range", "aria-label": "Slider", step: whole ? "1" : "any" });
+  const follow = () => {
+    const value = Number(input.value);
+    slider.min = input.min || Math.min(-SPAN, value);
+    slider.max = input.max || Math.max(SPAN, value);
+    slider.value = input.value;
+  };
+  follow();
+  input.addEventListener("input", follow);
+  slider.addEventListener("input", (event) => {
+    event.stopPropagation();
+    input.value = String(whole ? slider.value : Number(Number(slider.value).toPrecision(4)));
+    input.dispatchEvent(new Event("input", { bubbles: true }));
+  });
+  input.after(slider);
+}
+
+const button = (text, act, title = null) => make("button", { class: "quiet", type: "button", onclick: act, title }, text);
+
+export class Simulation {
+  constructor(machine, ask) {
+    this.machine = machine;
+    this.ask = ask;
+    this.waiting = new Map(); // slot -> what reads its fields, to be posted
+    this.posting = null; // ends when all of that is posted
+    this.speed = make("select", { "aria-label": "Speed" },
+      ...SPEEDS.map((speed) => make("option", { value: speed, selected: speed === 1 }, `${speed} ×`)));
+    this.speed.addEventListener("change", () => this.data.speed && this.run(Number(this.speed.value)));
+    this.play = button("Run", () => this.run(this.data.speed ? 0 : Number(this.speed.value)), "Run or pause (Space)");
+    this.steps = [
+      button("Step", () => this.request({ type: "step", until: "round" }), "One round, which is a turn of the machine (.)"),
+      button("Next state", () => this.request({ type: "step", until: "state" }), "Until it is in another state, for at most a minute"),
+      this.play,
+    ];
+    this.where = make("output", { id: "simulated" });
+    this.problem = make("p", { class: "problem", role: "alert", hidden: true });
+    this.sensors = make("div", { class: "sensors", "aria-label": "Sensors" });
+    this.values = make("dl", { class: "values" });
+    $("simulation").append(
+      make("p", { class: "actions" },
+        ...this.steps,
+        this.speed,
+        button("Reset", () => this.start(), "Run the machine from its beginning, as it is written now (r)"),
+        button("Save as a test", () => this.save()),
+        button("End", () => this.request({ type: "end" })),
+        this.where),
+      this.problem,
+      make("div", { class: "simulated" }, this.sensors, this.values),
+      make("p", { class: "facts" }, "The machine's code is run on this host, with the rights of llfsm edit."),
+    );
+    $("simulate").addEventListener("click", () => this.start());
+  }
+
+  get data() {
+    return this.machine.data.simulation ?? {};
+  }
+
+  get isOn() {
+    return Boolean(this.machine.data.simulation);
+  }
+
+  async request(request) {
+    if (request.type !== "end") await this.posting; // what was set before is read by the next round
+    try {
+      return await this.ask(request);
+    } catch (error) {
+      toast(error.message, "problem");
+      return null;
+    }
+  }
+
+  start() {
+    return this.request({ type: "simulate" });
+  }
+
+  run(speed) {
+    return this.request({ type: "run", speed });
+  }
+
+  // By a key: false if there is nothing to run or step.
+  toggle() {
+    return this.isOn && this.play.click();
+  }
+
+  step() {
+    return this.isOn && this.steps[0].click();
+  }
+
+  async save() {
+    const text = await this.request({ type: "save" });
+    if (text === null) return;
+    const { name } = this.machine.data;
+    const link = make("a", { href: URL.createObjectURL(new Blob([text])), download: `test_${name}.py` });
+    link.click();
+    URL.revokeObjectURL(link.href);
+    await copy(text);
+    toast(`test_${name}.py is downloaded and copied; keep it beside ${name}.machine`);
+  }
+
+  // Shows what a frame has changed.
+  update(frame) {
+    if ("sensors" in frame) this.showSensors(frame.sensors);
+    if (!("simulation" in frame)) return;
+    const { data } = this;
+    $("simulation").hidden = !this.isOn;
+    setText(this.play, data.speed ? "Pause" : "Run");
+    for (const each of this.steps) each.disabled = Boolean(data.over);
+    const stands = `${((data.time_ms ?? 0) / 1000).toFixed(3)} s, in ${data.state}${data.over ? ", over" : ""}`;
+    setText(this.where, data.state ? stands : "");
+    this.problem.hidden = !data.error;
+    setText(this.problem, data.error ?? "");
+    const variables = (data.variables ?? []).map(([name, value]) => [name, JSON.stringify(value)]);
+    this.values.replaceChildren(
+      ...[...variables, ...Object.entries(data.posted ?? {})].flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]),
+    );
+  }
+
+  // Lights the state in the drawing, and the transition that was taken last.
+  light(drawing) {
+    const { state, fired, error } = this.data;
+    drawing.light(state ?? null, "", null, error ? state : null);
+    drawing.markTaken(fired ? fired.join(":") : null);
+  }
+
+  showSensors(sensors) {
+    this.sensors.replaceChildren(...sensors.map(({ name, slot, schema, value }) => {
+      const [element, read] = fieldOf(name, schema, value);
+      for (const input of element.querySelectorAll("input[type=number]")) addSlider(input);
+      for (const input of element.querySelectorAll("input[type=checkbox]")) input.setAttribute("role", "switch");
+      element.title = slot;
+      element.addEventListener("input", () => {
+        this.waiting.set(slot, read);
+        this.post();
+      });
+      return element;
+    }));
+    if (!sensors.length) this.sensors.append(make("p", { class: "facts" }, "The machine reads no slots."));
+  }
+
+  // Posts what was set last; what is set meanwhile is posted next.
+  post() {
+    this.posting ??= this.postAll().finally(() => { this.posting = null; });
+  }
+
+  async postAll() {
+    for (const [slot, read] of this.waiting) {
+      this.waiting.delete(slot);
+      try {
+        await this.ask({ type: "post", slot, message: read() });
+      } catch (error) {
+        toast(error.message, "problem");
+      }
+    }
+  }
+}

@@ -1,0 +1,20 @@
+// The tabs of an arrangement: a link to the page of each machine, and to the overview.
+
+import { $, make } from "./dom.js";
+
+// The address of a page; with the token, so that it can also be opened beside this one.
+export function withToken(address, token) {
+  return token ? `${address}?token=${encodeURIComponent(token)}` : address;
+}
+
+export function showTabs(tabs, token) {
+  const links = tabs.map(({ title, address, problem }) =>
+    make("a", {
+      href: withToken(address, token),
+      title: problem,
+      "data-is": problem && "refused",
+      "aria-current": address === location.pathname && "page",
+    }, title));
+  $("tabs").replaceChildren(...links);
+  $("tabs").hidden = !links.length;
+}

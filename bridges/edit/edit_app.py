@@ -1,0 +1,157 @@
+"""The web application of the editor: pages of machines, a socket for each window, an overview."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request as HttpRequest
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket
+
+from llfsm.bridges.view import page_files
+from llfsm.bridges.view.access import AccessMiddleware
+from llfsm.bridges.view.connections import log_exhaustion_once
+from llfsm.bridges.view.page_files import ASSETS, PageFiles, json_response
+from llfsm.bridges.view.page_socket import serve_page
+from llfsm.bridges.view.page_source import PageSource
+from llfsm.runtime.editing.document import Document
+
+from .edit_session import EditSession, decode_request
+from .opened_plan import OpenedPlan, overview_data
+
+__all__ = ["make_edit_app"]
+
+_OWN_ASSETS: Final = Path(__file__).with_name("assets")
+_CODEMIRROR: Final = Path(__file__).with_name("codemirror")
+_MACHINES: Final = "/machine/"
+
+
+def make_edit_app(
+    opened: Document | OpenedPlan,
+    *,
+    host: str,
+    token: str,
+    source: PageSource | None = None,
+    control: bool = False,
+) -> AccessMiddleware:
+    """Return the application that edits a document, or each of a plan's, behind its access control.
+
+    The machines of the same names are watched on the board of `source`, and with `control` also
+    reloaded there.
+    """
+    files = PageFiles(ASSETS, _OWN_ASSETS, _CODEMIRROR)
+    styles = secrets.token_urlsafe(16)  # CodeMirror has its styles in its script
+    shared = {"styles": styles, "tabs": [], "control": control}
+    if isinstance(opened, OpenedPlan):
+        documents = {name: each.document or each.problem for name, each in opened.machines.items()}
+        pages = _MachinePages(documents, source, shared | {"tabs": _tabs(opened)})
+        routes = pages.routes(files, f"{_MACHINES}{{machine:path}}") + _overview(opened, files)
+    else:
+        pages = _MachinePages({"": opened}, source, shared)
+        routes = pages.routes(files, "")
+    routes.append(Route("/assets/{name}", files.respond))
+    app = Starlette(routes=routes, lifespan=pages.life)
+    app.router.redirect_slashes = False
+    return AccessMiddleware(app, host=host, token=token, is_open=_is_open, styles=styles)
+
+
+def _is_open(path: str) -> bool:
+    """Return whether a path is that of a page, the same for all machines, or one of its files."""
+    return page_files.is_open(path) or (path.startswith(_MACHINES) and path.endswith("/"))
+
+
+class _MachinePages:
+    """The pages of machines by their names; `shared` is what each is sent about all.
+
+    In place of a document may be the reason why there is none.
+    """
+
+    def __init__(
+        self,
+        documents: Mapping[str, Document | str],
+        source: PageSource | None,
+        shared: dict[str, Any],
+    ):
+        self._documents = documents
+        self._source = source
+        self._shared = shared
+        self._sessions: dict[str, EditSession] = {}
+
+    def routes(self, files: PageFiles, at: str) -> list[BaseRoute]:
+        """Return the routes of a machine's page, whose name is in the address if that has one."""
+        return [
+            Route(f"{at}/", files.respond),
+            Route(f"{at}/about", self._about),
+            WebSocketRoute(f"{at}/live", self._live),
+        ]
+
+    @asynccontextmanager
+    async def life(self, _: Starlette) -> AsyncIterator[None]:
+        """Make the sessions, which belong to the running loop."""
+        for name, each in self._documents.items():
+            if isinstance(each, Document):
+                self._sessions[name] = EditSession(
+                    each, self._source, name, control=self._shared["control"]
+                )
+        log_exhaustion_once(asyncio.get_running_loop())
+        yield
+        if self._source is not None:
+            self._source.close()
+
+    async def _about(self, request: HttpRequest) -> Response:
+        name = request.path_params.get("machine", "")
+        document = self._documents.get(name, f"the arrangement has no machine {name!r}")
+        if isinstance(document, str):
+            return json_response(self._shared | {"title": name, "problem": document})
+        title, path = name or document.folder.name, str(document.path)
+        return json_response(self._shared | {"title": title, "path": path})
+
+    async def _live(self, socket: WebSocket) -> None:
+        session = self._sessions.get(socket.path_params.get("machine", ""))
+        if session is None:
+            await socket.close()
+            return
+        await socket.accept()
+        window = await session.open()
+        try:
+            await serve_page(socket, window.frame, decode_request, session.perform)
+        finally:
+            await session.close()
+
+
+def _overview(plan: OpenedPlan, files: PageFiles) -> list[BaseRoute]:
+    """Return the routes of the overview's page."""
+
+    async def page(_: HttpRequest) -> Response:
+        return files.response("overview.html")
+
+    async def about(_: HttpRequest) -> Response:
+        path, tabs = str(plan.path), _tabs(plan)
+        machines = [
+            {"name": name, "definition": each.planned.definition, "problem": each.problem}
+            for name, each in plan.machines.items()
+        ]
+        title = plan.path.name
+        return json_response({"title": title, "path": path, "tabs": tabs, "machines": machines})
+
+    async def links(_: HttpRequest) -> Response:
+        return json_response(await run_in_threadpool(overview_data, plan))
+
+    return [Route("/", page), Route("/about", about), Route("/overview", links)]
+
+
+def _tabs(plan: OpenedPlan) -> list[dict[str, str]]:
+    tabs = [{"title": "Overview", "address": "/", "problem": ""}]
+    for name, each in plan.machines.items():
+        address = f"{_MACHINES}{quote(name, safe='')}/"
+        tabs.append({"title": name, "address": address, "problem": each.problem})
+    return tabs

@@ -1,0 +1,242 @@
+"""One open bundle, for all windows that show it: what they ask, and what each must be sent."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from contextlib import suppress
+from typing import Any, TypeAlias
+
+import msgspec
+from starlette.concurrency import run_in_threadpool
+
+from llfsm.bridges.view.errors import RequestError
+from llfsm.bridges.view.page_requests import AskMachine, FrameShown, perform
+from llfsm.bridges.view.page_source import PageSource
+from llfsm.runtime.editing.document import Document, Edit
+from llfsm.runtime.editing.text_edits import SetText
+from llfsm.runtime.engine.errors import FsmError
+
+from .machine_page import findings_data, live_data, machine_data
+from .simulating import Simulating, SimulationRequest
+
+__all__ = ["EditSession", "Window", "decode_request"]
+
+_LOOK_S = 0.25  # between two looks at what other programs change
+_WATCH_S = 0.1  # between two looks at the live machine
+_BEAT_S = 1.0  # between frames to an idle page, by which it notices a server that is gone
+_KEYED = ("boxes", "edges", "texts")
+
+_log = logging.getLogger(__name__)
+
+
+class ApplyEdits(msgspec.Struct, tag="apply"):
+    """Make edits of the machine whose shape the page shows."""
+
+    id: int
+    shape: str
+    edits: list[Edit]
+
+
+class UndoEdits(msgspec.Struct, tag="undo"):
+    """Take the last edit back."""
+
+    id: int
+
+
+class ConvertMachine(msgspec.Struct, tag="convert"):
+    """Make a class of a bundle, or a bundle of a class, beside it."""
+
+    id: int
+
+
+class RedoEdits(msgspec.Struct, tag="redo"):
+    """Make the edit again that was undone last."""
+
+    id: int
+
+
+class ReloadMachine(msgspec.Struct, tag="reload"):
+    """Let the live machine begin again as its bundle is now."""
+
+    id: int
+
+
+ChangeRequest: TypeAlias = ApplyEdits | UndoEdits | RedoEdits | ConvertMachine
+_decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(
+    ChangeRequest | ReloadMachine | SimulationRequest | FrameShown
+)
+
+
+def decode_request(text: str) -> Any:
+    """Return a request of a page, or raise `RequestError`."""
+    try:
+        return _decoder.decode(text)
+    except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
+        raise RequestError(f"invalid request: {error}") from error
+
+
+class EditSession:
+    """A document, and what its windows show; made in the event loop that serves them."""
+
+    def __init__(
+        self,
+        document: Document,
+        source: PageSource | None = None,
+        name: str = "",
+        *,
+        control: bool = False,
+    ):
+        self._document = document
+        self._source = source
+        self._control = control  # of the live machine
+        self._name = name or document.folder.name  # of the live machine
+        self._turn = asyncio.Lock()  # of whoever reads or changes the document
+        self._changed = asyncio.Condition()
+        self._data: dict[str, Any] = {}
+        self._serial = 0
+        self._windows = 0
+        self._tasks: list[asyncio.Task[None]] = []
+        self._simulating = Simulating(document.found_by, self._publish)
+
+    async def open(self) -> Window:
+        """Add a window; with the first one, looking at the files begins."""
+        self._windows += 1
+        if self._windows == 1:
+            await self._show()
+            loops = [self._look(), self._check()]
+            if self._source is not None:
+                loops.append(self._watch(self._source))
+            self._tasks = [asyncio.create_task(loop) for loop in loops]
+        return Window(self)
+
+    async def close(self) -> None:
+        """Remove a window; with the last one, looking at the files ends, and a simulation."""
+        self._windows -= 1
+        if not self._windows:
+            for task in self._tasks:
+                task.cancel()
+            self._data.pop("simulation", None)
+            await self._simulating.end()
+
+    async def perform(self, request: ChangeRequest | ReloadMachine | SimulationRequest) -> str:
+        """Carry out a request and return what was done, or raise `RequestError`."""
+        if isinstance(request, ReloadMachine):
+            if self._source is None:
+                raise RequestError("no live machine is watched; start the page with --board")
+            ask = AskMachine(request.id, self._name, "reload")
+            return await run_in_threadpool(perform, ask, self._source, control=self._control)
+        if not isinstance(request, ChangeRequest):
+            return await self._simulating.perform(request)
+        async with self._turn:
+            try:
+                done = await run_in_threadpool(self._perform, request)
+            except FsmError as error:
+                raise RequestError(str(error)) from error
+            finally:
+                await self._show()
+        return done
+
+    def _perform(self, request: ChangeRequest) -> str:
+        document = self._document
+        if isinstance(request, ConvertMachine):
+            return f"wrote {document.convert()}"
+        if isinstance(request, ApplyEdits):
+            is_text = all(isinstance(edit, SetText) for edit in request.edits)
+            shape = None if is_text else request.shape
+            return f"wrote {_files(document.apply(request.edits, shape))}"
+        if isinstance(request, UndoEdits):
+            return f"undone: {_files(document.undo())}"
+        return f"done again: {_files(document.redo())}"
+
+    async def _look(self) -> None:
+        """See what other programs change."""
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            async with self._turn:
+                try:
+                    changed = await run_in_threadpool(self._document.refresh)
+                except FsmError as error:
+                    await self._publish({"trouble": str(error)})
+                else:
+                    if changed or self._data["trouble"]:
+                        await self._show()
+
+    async def _check(self) -> None:
+        """Check the machine after each change; meanwhile, more changes may come."""
+        checked = -1
+        while True:
+            async with self._changed:
+                while self._document.revision == checked:
+                    await self._changed.wait()
+            checked = self._document.revision
+            try:
+                found = await run_in_threadpool(findings_data, self._document)
+            except (FsmError, OSError) as error:  # its files may change while they are read
+                _log.warning("not checked: %s", error)
+            else:
+                await self._publish(found)
+
+    async def _watch(self, source: PageSource) -> None:
+        """Show where the live machine stands."""
+        while True:
+            live = live_data(source, self._name)
+            if live != self._data.get("live"):
+                await self._publish({"live": live})
+            await asyncio.sleep(_WATCH_S)
+
+    async def _show(self) -> None:
+        """Publish the machine as it is now; what cannot be read any more keeps its last drawing."""
+        try:
+            data = await run_in_threadpool(machine_data, self._document)
+        except FsmError as error:
+            await self._publish({"trouble": str(error), "undo": self._document.can_undo})
+        else:
+            await self._publish(data | {"trouble": ""})
+
+    async def _publish(self, data: dict[str, Any]) -> None:
+        async with self._changed:
+            self._data = {"findings": [], "names": [], "simulation": None, **self._data, **data}
+            self._serial += 1
+            self._changed.notify_all()
+
+    async def next(self, serial: int) -> tuple[int, dict[str, Any]]:
+        """Wait for data newer than number `serial`, but not for long; return it and its number."""
+        async with self._changed:
+            waiting = self._changed.wait_for(lambda: self._serial > serial)
+            with suppress(TimeoutError):
+                await asyncio.wait_for(waiting, _BEAT_S)
+            return self._serial, self._data
+
+
+class Window:
+    """One page: it is sent only what has changed since its last frame."""
+
+    def __init__(self, session: EditSession):
+        self._session = session
+        self._serial = 0
+        self._shown: dict[str, Any] = {}
+
+    async def frame(self) -> bytes:
+        """Wait for the next frame; one without changes shows that the server is alive."""
+        self._serial, data = await self._session.next(self._serial)
+        frame: dict[str, Any] = {}
+        for key, value in data.items():
+            if key in self._shown and value == self._shown[key]:
+                continue
+            shown = self._shown.get(key, {})
+            frame[key] = _difference(shown, value) if key in _KEYED else value
+        self._shown = data
+        return msgspec.json.encode(frame)
+
+
+def _difference(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries that are new or other than before; null for those that are gone."""
+    gone = dict.fromkeys(old.keys() - new.keys())
+    return gone | {key: value for key, value in new.items() if old.get(key) != value}
+
+
+def _files(names: list[str]) -> str:
+    if not names:
+        return "nothing: it is so already"
+    return names[0] if len(names) == 1 else f"{len(names)} files"

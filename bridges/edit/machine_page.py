@@ -1,0 +1,132 @@
+"""What the page of the editor shows of a bundle, as plain data in parts that change apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, cast
+
+from llfsm.bridges.view.diagram_data import plain_diagram
+from llfsm.bridges.view.page_source import PageSource
+from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, Fragment
+from llfsm.runtime.checking import Finding
+from llfsm.runtime.editing.document import Document
+from llfsm.runtime.editing.sketch import sketch
+from llfsm.runtime.engine.table import dead_transitions, unreachable_states
+from llfsm.runtime.presence.remote import condition_of
+from llfsm.whiteboard import Sample
+from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
+
+__all__ = ["findings_data", "live_data", "machine_data"]
+
+
+def machine_data(document: Document) -> dict[str, Any]:
+    """Return the machine of a document; raise `BundleError` if it cannot be read.
+
+    `boxes`, `edges` and `texts` have keys, by which only what has changed is sent.
+    """
+    bundle = document.bundle
+    drawn = plain_diagram(sketch(bundle))
+    layout = bundle.layout.states if bundle.layout else {}
+    return {
+        "name": bundle.name,
+        "language": bundle.language,
+        "editable": bundle.language == PYTHON,
+        "converts": _CONVERTS.get(bundle.language),
+        "shape": document.shape,
+        "states": [state.name for state in bundle.states],
+        "suspend": bundle.suspend,
+        "expanded": [name for name, box in layout.items() if box.expanded],
+        "frame": drawn["frame"],
+        "start": drawn["start"],
+        "boxes": {box["state"]: box for box in drawn["boxes"]},
+        "edges": {f"{edge['source']}:{edge['number']}": edge for edge in drawn["edges"]},
+        "texts": {place: [_name(text), text.text] for place, text in _texts(bundle)},
+        "unreachable": _unreachable(bundle),
+        "dead": _dead(bundle),
+        "undo": document.can_undo,
+        "redo": document.can_redo,
+    }
+
+
+def findings_data(document: Document) -> dict[str, Any]:
+    """Return what `llfsm check` finds in the texts, and the names that code can use."""
+    found, names = document.findings()
+    return {"findings": [_finding(each) for each in found], "names": names}
+
+
+def live_data(source: PageSource, name: str) -> dict[str, Any]:
+    """Return where the machine of a name stands on a board; without a state if none is live."""
+    snapshot = source.snapshot()
+    sample = snapshot.samples.get(MACHINES + name)
+    live: dict[str, Any] = {"board": source.title, "state": None, "condition": "ended"}
+    live |= {"pending": "", "refusal": ""}
+    if sample is None or not isinstance(sample.message, MachineStatus):
+        return live
+    status = cast("Sample[MachineStatus]", sample)
+    if source.is_live(status):
+        silent_s = (snapshot.now_ns - sample.stamp_ns) / 1e9
+        failed = sample.message.error_state if sample.message.failed else None
+        live |= {"state": sample.message.state, "condition": condition_of(sample.message, silent_s)}
+        live |= {"failed": failed, "pending": sample.message.pending}
+        live["refusal"] = sample.message.refusal
+    return live
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    file = finding.file.rpartition("/")[2]
+    return {
+        "file": file,
+        "line": finding.line,
+        "severity": finding.severity,
+        "text": finding.text,
+    }
+
+
+def _texts(bundle: Bundle) -> Iterator[tuple[str, Fragment]]:
+    """Give the texts by their places: STATE|PART, with the number of a transition as part."""
+    yield from _declarations("", bundle)
+    for state in bundle.states:
+        yield from _declarations(state.name, state)
+        for part, text in state.sections.items():
+            yield f"{state.name}|{part}", text
+        for number, transition in enumerate(state.transitions):
+            if transition.expression is not None:
+                yield f"{state.name}|{number}", transition.expression
+
+
+def _declarations(name: str, source: Bundle | BundleState) -> Iterator[tuple[str, Fragment]]:
+    parts = (
+        ("Includes", source.includes),
+        ("Variables", source.variables),
+        ("Methods", source.methods),
+    )
+    for part, text in parts:
+        if text is not None:
+            yield f"{name}|{part}", text
+
+
+def _name(text: Fragment) -> str:
+    return "" if text.file is None else text.file.name
+
+
+def _unreachable(bundle: Bundle) -> list[str]:
+    first = bundle.states[0].name
+    targets = {each.name: [t.target for t in each.transitions] for each in bundle.states}
+    starts = [first, bundle.suspend or first]
+    return [name for name, _ in unreachable_states(starts, targets)]
+
+
+def _dead(bundle: Bundle) -> list[str]:
+    """Return the transitions that can never fire, because one before them always does."""
+    dead = []
+    for state in bundle.states:
+        leads = [
+            (each.target, each.expression is None or each.expression.text.strip() in _TRUE)
+            for each in state.transitions
+        ]
+        dead += [f"{state.name}:{number}" for number, _ in dead_transitions(state.name, leads)]
+    return dead
+
+
+_TRUE = ("true", "True")
+_CONVERTS = {PYTHON: "class", CLASS: "bundle"}
