@@ -14,8 +14,9 @@ from math import inf
 from typing import Final
 
 from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.presence.shown import Shown
 from llfsm.whiteboard import BoardClosedError, Whiteboard, WhiteboardError
-from llfsm.whiteboard.messages.llfsm import RECORDER, VARIABLES, VIEWER, Viewer
+from llfsm.whiteboard.messages.llfsm import RECORDER, VARIABLES, Viewer
 from llfsm.whiteboard.poller import BoardPoller, is_data
 
 from .journal_recorder import JournalRecorder
@@ -29,10 +30,20 @@ _VIEW_NS: Final = 500_000_000  # between two messages that ask for the machines'
 
 
 class BoardRecorder:
-    """Write what is new in the slots of a board whose names match one of `patterns`, if any."""
+    """Write what is new in the slots of a board whose names match one of `patterns`, if any.
 
-    def __init__(self, board: Whiteboard, writer: RecordingWriter, patterns: Sequence[str] = ()):
+    Of these only what is `shown`; by default all.
+    """
+
+    def __init__(
+        self,
+        board: Whiteboard,
+        writer: RecordingWriter,
+        patterns: Sequence[str] = (),
+        shown: Shown | None = None,
+    ):
         self._board = board
+        self._shown = shown or Shown(board)
         self._writer = writer
         self._patterns = patterns
         self._view_ns = 0  # when that is due
@@ -49,6 +60,7 @@ class BoardRecorder:
     def poll(self, *, last: bool = False) -> None:
         """Write each message that is new since the last poll and was not replaced yet."""
         now_ns = time.monotonic_ns()
+        self._shown.look()
         if last:
             self._poller.discover()
         if now_ns >= self._view_ns and self.wants(VARIABLES):
@@ -66,11 +78,12 @@ class BoardRecorder:
         return not self._patterns or any(fnmatchcase(name, each) for each in self._patterns)
 
     def _is_recorded(self, name: str) -> bool:
-        return is_data(name) and name != RECORDER.name and self.wants(name)
+        is_wanted = is_data(name) and name != RECORDER.name and self.wants(name)
+        return is_wanted and self._shown.has(name)
 
     def _ask_for_variables(self) -> None:
         try:
-            self._board.add_message(VIEWER, Viewer(os.getpid()))
+            self._shown.ask(Viewer(os.getpid()), self._poller.slots)
         except BoardClosedError:
             raise
         except WhiteboardError as error:  # a board that is full can be recorded all the same

@@ -8,15 +8,15 @@ from typing import Any, Final, NamedTuple
 
 from llfsm.runtime import Clock, MonotonicClock
 from llfsm.whiteboard import Board, BoundSlot, Message
+from llfsm.whiteboard.messages.fleet import viewer_slot
 from llfsm.whiteboard.messages.llfsm import BELL, COMMANDERS, VIEWER, WILLS, request_slot
 
-from .errors import RecordingFileError
 from .reader import RecordedMessage, RecordedSlot, Recording
 
 __all__ = ["BoardReplay", "Posted", "ReplayStep"]
 
 _SLICE_NS: Final = 50_000_000  # a wait is cut into these, to notice a request to end
-_REQUESTS: Final = (BELL.name, VIEWER.name, request_slot("*").name)
+_REQUESTS: Final = (BELL.name, VIEWER.name, viewer_slot("*").name, request_slot("*").name)
 
 
 class Posted(NamedTuple):
@@ -32,8 +32,10 @@ class ReplayStep(NamedTuple):
     now_ns: int
     """Time since the beginning of the recording."""
     text: str
-    """The ringlet's machine, round and state; empty in a recording without events."""
+    """The ringlet's machine, round, state and transition; empty in a recording without events."""
     posted: Sequence[Posted]
+    moved: bool = False
+    """Whether the machine entered its state, or a transition fired."""
 
 
 class BoardReplay:
@@ -82,6 +84,7 @@ class BoardReplay:
         self._catch_up(first_ns)
         turn: ReplayStep | None = None  # the one in progress
         posted: list[Posted] = []  # in it
+        states: dict[str, str] = {}
         for item in self._recording.timeline(self._slots.keys(), first_ns):
             since_ns = item.now_ns - self._begin_ns
             if item.slot is not None and item.recorded is not None:
@@ -96,8 +99,15 @@ class BoardReplay:
                     yield turn._replace(posted=posted)
                     turn, posted = None, []
                 if entry["event"] == "Turn":
-                    text = f"round {entry['round']}: {entry['machine']} in {entry['state']}"
-                    turn = ReplayStep(since_ns, text, ())
+                    machine, state = entry["machine"], entry["state"]
+                    moved = states.get(machine) != state
+                    states[machine] = state
+                    text = f"round {entry['round']}: {machine} in {state}"
+                    turn = ReplayStep(since_ns, text, (), moved)
+                elif entry["event"] == "Eval" and entry["value"] and turn is not None:
+                    text = f"{turn.text}, {entry['label']}: to {entry['target']}"
+                    turn = turn._replace(text=text, moved=True)
+                    states[entry["machine"]] = entry["target"]
         if turn is not None:
             yield turn._replace(posted=posted)
 
@@ -111,12 +121,7 @@ class BoardReplay:
 
     def _post(self, slot: RecordedSlot, recorded: RecordedMessage) -> Posted:
         name = slot.slot.name
-        try:
-            message = slot.sample(recorded).message
-        except ValueError as error:
-            raise RecordingFileError(
-                f"{self._recording.path}: message {recorded.count} of {name!r} is invalid: {error}"
-            ) from error
+        message = self._recording.message(slot, recorded)
         self._slots[name].add(message)
         return Posted(name, message)
 

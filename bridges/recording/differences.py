@@ -15,14 +15,15 @@ Comparison: TypeAlias = Literal["all", "states", "posts"]
 """What is compared: every event and posted message, the states and those, or those alone."""
 
 _TIMES: Final = {"reads", "time_ns", "duration_ns"}
-_INPUTS: Final = {"Sensed", "Aged", "Answered", "Asked", "Loaded", "Plan", "Lost"}
+_MARKS: Final = {"Overridden", "Released", "Plan", "Lost"}
+_INPUTS: Final = {"Sensed", "Aged", "Answered", "Asked", "Loaded"}
 
 
 def _without_times(kind: str) -> tuple[str, ...]:
     return tuple(name for name in FIELDS[kind] if name not in _TIMES)
 
 
-_ALL: Final = {kind: _without_times(kind) for kind in FIELDS if kind not in _INPUTS}
+_ALL: Final = {kind: _without_times(kind) for kind in FIELDS if kind not in _INPUTS | _MARKS}
 
 COMPARISONS: Final[dict[Comparison, Mapping[str, tuple[str, ...]]]] = {
     "all": _ALL,

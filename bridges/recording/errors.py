@@ -7,7 +7,9 @@
         ├── RecordingFileError         the file cannot be read or written, or is not a recording
         ├── McapMissingError           the library is not installed (also an ImportError)
         ├── NoEventsError              it has no events from the machines' start: nothing to rerun
-        └── OtherMachinesError         the machines given are not those recorded
+        ├── OtherMachinesError         the machines given are not those recorded, or read
+        │                              what a bag does not have
+        └── MomentError                there is no such moment to go to, or nothing to look at
 
     AssertionError
     └── RerunError                 machines act differently from the recording
@@ -19,6 +21,7 @@ from llfsm.errors import LlfsmError
 
 __all__ = [
     "McapMissingError",
+    "MomentError",
     "NoEventsError",
     "OtherMachinesError",
     "RecordingError",
@@ -44,7 +47,11 @@ class NoEventsError(RecordingError):
 
 
 class OtherMachinesError(RecordingError):
-    """The machines given are not those that were recorded."""
+    """The machines given are not those that were recorded, or read what a bag does not have."""
+
+
+class MomentError(RecordingError):
+    """There is no such moment in a recording, or nothing to look at there."""
 
 
 class RerunError(AssertionError):

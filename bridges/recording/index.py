@@ -51,6 +51,11 @@ class Index:
         return range(len(self._entries))
 
     @property
+    def start_ns(self) -> int:
+        """When the first message was logged; 0 without any."""
+        return self._since[0] if self._since else 0
+
+    @property
     def end_ns(self) -> int:
         """When the last message was logged; 0 without any."""
         return max((entry.end_ns for entry in self._entries), default=0)
@@ -96,6 +101,14 @@ class Index:
         if found is None or not found.from_ns <= now_ns < found.until_ns:
             self._found[channel] = found = self._find(channel, now_ns, found)
         return found.record
+
+    def backwards(self, channel: int, now_ns: int) -> Iterator[MessageRecord]:
+        """Return a channel's messages logged at a moment or before, the last one first."""
+        chunks: Sequence[int] = self._of.get(channel, array("I"))
+        for place in reversed(range(bisect_left(chunks, bisect_right(self._since, now_ns)))):
+            records = self.chunk(chunks[place]).get(channel, [])
+            for number in reversed(range(bisect_left(records, (now_ns + 1,)))):
+                yield records[number]
 
     def _find(self, channel: int, now_ns: int, before: _Found | None) -> _Found:
         chunks: Sequence[int] = self._of.get(channel, array("I"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 
@@ -21,7 +21,8 @@ from llfsm.whiteboard.messages.llfsm import (
     journal_slot,
 )
 
-from .writer import ARRANGEMENT, RecordingWriter
+from .journal_writer import JournalWriter
+from .writer import RecordingWriter
 
 __all__ = ["JournalRecorder"]
 
@@ -136,20 +137,12 @@ class _IncomingJournal:
 
     def __init__(self, first: JournalPart, writer: RecordingWriter):
         self._first = first
-        self._writer = writer
         self._next = first.number
         self._left = bytearray()
         self._ended = False
-        self._machines: list[str] = []
-        self._made: dict[str, str] = {}
-        self._is_described = False
-        about = {
-            "session": f"{first.pid}-{first.session}",
-            "writer": str(first.pid),
-            "whole": "yes" if first.whole else "no",
-        }
-        self._about: Final = about
-        self._channel = writer.add_journal(about)
+        self._journal = JournalWriter(
+            writer, pid=first.pid, session=first.session, whole=first.whole
+        )
 
     def is_of(self, part: JournalPart) -> bool:
         """Return whether a part belongs to it."""
@@ -166,12 +159,14 @@ class _IncomingJournal:
             return
         if part.number != self._next:
             self._left.clear()
-            self._writer.add_lost(self._channel)
+            self._journal.add_lost()
         self._next = part.number + 1
         self._left += part.data
         try:
             for entry in self._entries():
-                self._write(entry)
+                if "reads" in entry:
+                    self._describe()
+                self._journal.add(entry)
         except (ValueError, LookupError, TypeError) as error:  # also msgspec's
             logger().warning("process %d writes an invalid journal: %s", self._first.pid, error)
             self._ended = True
@@ -194,31 +189,12 @@ class _IncomingJournal:
             del self._left[:end]
             yield from entries_of(data)
 
-    def _write(self, entry: Entry) -> None:
-        kind: Any = entry["event"]
-        if kind == "Plan":
-            self._made = {
-                "plan": msgspec.json.encode(entry["plan"]).decode(),
-                "folder": str(entry["folder"]),
-            }
-            return
-        if kind == "Loaded":
-            self._machines.append(str(entry["machine"]))
-        elif "reads" in entry:
-            self._describe()
-        self._writer.add_entry(self._channel, entry)
-
     def _describe(self) -> None:
-        """Write the metadata of the arrangement, once its machines are loaded."""
-        if self._is_described:
-            return
-        self._is_described = True
-        machines = ", ".join(self._machines)
-        self._writer.add_metadata(ARRANGEMENT, {**self._about, "machines": machines, **self._made})
-        if not self._first.whole:
+        """Describe its arrangement in the file, and log, once, if its beginning is missing."""
+        if not self._journal.describe() and not self._first.whole:
             logger().warning(
                 "%s (process %d) was running before the recording: its events are recorded from "
                 "now on and cannot be rerun",
-                machines or "an arrangement",
+                ", ".join(self._journal.machines) or "an arrangement",
                 self._first.pid,
             )

@@ -9,16 +9,31 @@ message as on the whiteboard, MessagePack in base64. No field's name can begin w
 from __future__ import annotations
 
 from binascii import a2b_base64, b2a_base64
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import msgspec
 
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.schema import from_plain, to_plain
 
-__all__ = ["EXACT", "JsonCodec"]
+__all__ = ["EXACT", "Codec", "JsonCodec"]
 
 EXACT = "$msgpack"
+
+
+class Codec(Protocol):
+    """Encodes and decodes the messages of one slot."""
+
+    @property
+    def encode(self) -> Callable[[Any], bytes]:
+        """Return a message's bytes."""
+        ...
+
+    @property
+    def decode(self) -> Callable[[bytes], Any]:
+        """Return the message of bytes; raise ``ValueError`` if they are none."""
+        ...
 
 
 class JsonCodec:

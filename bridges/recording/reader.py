@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
-from mcap.records import Attachment, Channel
+from mcap.records import Attachment, Channel, Schema
 
 from llfsm.runtime.journal.entries import FIELDS, Entry
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
@@ -21,9 +21,13 @@ from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, definition_slot
 from llfsm.whiteboard.poller import class_of
 
+from ..ros2.errors import RosTypeError
+from .bag_writer import CDR
+from .bags import BagTopics, as_mcap
 from .errors import RecordingFileError
 from .index import Index
-from .json_codec import JsonCodec
+from .json_codec import Codec, JsonCodec
+from .keyed_bag import split_by_key
 from .mcap_file import McapFile, MessageRecord
 from .writer import ABOUT, ARRANGEMENT, COUNT, EVENTS, WRAP, WRITER
 
@@ -45,15 +49,15 @@ class RecordedMessage(NamedTuple):
 class RecordedSlot:
     """A slot with recorded messages."""
 
-    def __init__(self, slot: Slot[Any]):
+    def __init__(self, slot: Slot[Any], codec: Codec | None = None):
         self.slot = slot
         self.channels: list[int] = []
         self.attached: list[RecordedMessage] = []  # instead of channels
-        self._codec = JsonCodec(slot)
+        self.codec = codec or JsonCodec(slot)
 
     def sample(self, recorded: RecordedMessage) -> Sample[Message]:
         """Return a message as it was on the whiteboard; raise ``ValueError`` if it is invalid."""
-        message = self._codec.decode(recorded.data)
+        message: Message = self.codec.decode(recorded.data)
         return Sample(message, recorded.count, recorded.stamp_ns, recorded.writer)
 
 
@@ -81,26 +85,28 @@ class TimelineItem(NamedTuple):
 
 
 class Recording:
-    """Read a recording; raise :class:`.RecordingFileError` if the file is not a valid one."""
+    """Read a recording, or a bag of rosbag2, whose topics are slots as `topics` names them.
 
-    def __init__(self, path: Path):
+    Raise :class:`.RecordingFileError` if the file is not a valid one.
+    """
+
+    def __init__(self, path: Path, topics: BagTopics | None = None):
         self.path = path
         self.slots: dict[str, RecordedSlot] = {}
         self.journals: list[RecordedJournal] = []
-        self._file = McapFile(path)
+        self._topics = topics or BagTopics()
+        self._file = McapFile(split_by_key(as_mcap(path, self), self._topics.keyed, self))
         self._index = Index(self._file)
         about = [each.metadata for each in self._file.metadata if each.name == ABOUT]
-        try:
-            self.about: Mapping[str, str] = about[0]
-            """The recorder's board, host and version."""
-        except LookupError as error:
-            raise self._wrong("is not a recording of llfsm") from error
+        self.about: Mapping[str, str] = about[0] if about else self._about_bag()
+        """The recorder's board, host and version."""
         try:
             self._offset_ns = _number(self.about["offset_ns"])
             self._begin_ns = _number(self.about["begin_ns"])
         except (LookupError, ValueError) as error:
             raise self._wrong(f"has invalid metadata: {error}") from error
-        self._of: dict[int, tuple[RecordedSlot, int, int]] = {}  # channel -> slot, writer, wraps
+        # channel -> slot, writer, wraps; None: its sequences are no counts
+        self._of: dict[int, tuple[RecordedSlot, int, int | None]] = {}
         self._arrangements = {
             each.metadata.get("session", ""): each.metadata
             for each in self._file.metadata
@@ -111,13 +117,18 @@ class Recording:
                 self._attach(attachment)
             for channel in self._file.channels.values():
                 self._add(channel)
-        except (LookupError, ValueError, RecursionError, WhiteboardError) as error:
+        except (LookupError, ValueError, RecursionError, WhiteboardError, RosTypeError) as error:
             raise self._wrong(f"has an invalid channel or attachment: {error}") from error
 
     @property
     def complete(self) -> bool:
         """False for a file that was cut short or is damaged: the rest is missing here."""
         return self._file.complete
+
+    @property
+    def is_bag(self) -> bool:
+        """Whether its messages are those of ROS topics, without events of machines."""
+        return any(each.message_encoding == CDR for each in self._file.channels.values())
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -166,6 +177,14 @@ class Recording:
                     after = record.sequence + 1
                     yield self.entry(record)
 
+    def message(self, slot: RecordedSlot, recorded: RecordedMessage) -> Message:
+        """Return a message of a slot, or raise :class:`.RecordingFileError` for an invalid one."""
+        try:
+            return slot.sample(recorded).message
+        except ValueError as error:
+            what = f"message {recorded.count} of {slot.slot.name!r}"
+            raise self._wrong(f"{what} is invalid: {error}") from error
+
     def latest(self, slot: RecordedSlot, now_ns: int) -> RecordedMessage | None:
         """Return the message that a slot held at a moment; None before its first."""
         found = [recorded for recorded in slot.attached if recorded.seen_ns <= now_ns]
@@ -174,6 +193,10 @@ class Recording:
             if record is not None:
                 found.append(self._recorded(record))
         return max(found, key=attrgetter("count"), default=None)
+
+    def backwards(self, journal: RecordedJournal, now_ns: int) -> Iterator[MessageRecord]:
+        """Return a journal's entries from a moment back to its beginning, undecoded."""
+        return self._index.backwards(journal.channel, now_ns + self._offset_ns)
 
     def history(self, number: int, slots: Collection[str]) -> Iterator[TimelineItem]:
         """Return the messages of these slots, and all entries, of one of the `chunks`."""
@@ -200,6 +223,9 @@ class Recording:
             self.journals.append(journal)
             return
         schema = self._file.schemas[channel.schema_id]
+        if channel.message_encoding == CDR:
+            self._add_topic(channel, schema)
+            return
         slot = self.slots.get(channel.topic)
         if slot is None:
             plain = msgspec.json.decode(schema.data, type=dict[str, Any])
@@ -208,6 +234,24 @@ class Recording:
             slot = self.slots[channel.topic] = RecordedSlot(Slot(channel.topic, cls, capacity))
         slot.channels.append(channel.id)
         self._of[channel.id] = slot, _number(about["writer"]), _number(about["wraps"])
+
+    def _about_bag(self) -> Mapping[str, str]:
+        """Return metadata for a bag: its time begins with its first message."""
+        cdr = [each for each in self._file.channels.values() if each.message_encoding == CDR]
+        if not cdr:
+            raise self._wrong("is not a recording of llfsm, nor a bag of ROS 2")
+        if not self._index.chunks:
+            raise self._wrong("has no chunks; `mcap compress` makes a file that has them")
+        return {"offset_ns": str(self._index.start_ns), "begin_ns": "0"}
+
+    def _add_topic(self, channel: Channel, schema: Schema) -> None:
+        slot, codec = self._topics.slot(channel, schema)
+        known = self.slots.setdefault(slot.name, RecordedSlot(slot, codec))
+        if known.slot.fingerprint != slot.fingerprint:
+            raise ValueError(f"{slot.name} has messages of two types")
+        known.channels.append(channel.id)
+        wraps = channel.metadata.get("wraps")
+        self._of[channel.id] = known, 0, None if wraps is None else _number(wraps)
 
     def _attach(self, attachment: Attachment) -> None:
         if not attachment.name.startswith(DEFINITIONS):
@@ -225,10 +269,11 @@ class Recording:
 
     def _recorded(self, record: MessageRecord) -> RecordedMessage:
         _, writer, wraps = self._of[record.channel]
+        seen_ns = record.log_ns - self._offset_ns
         return RecordedMessage(
             record.published_ns - self._offset_ns,
-            record.log_ns - self._offset_ns,
-            wraps * WRAP + record.sequence,
+            seen_ns,
+            seen_ns + 1 if wraps is None else wraps * WRAP + record.sequence,  # both only grow
             writer,
             record.data,
         )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.runtime.engine.environment import BoardEnvironment, Post, Read
-from llfsm.runtime.engine.errors import UnknownMachineError
+from llfsm.runtime.engine.errors import OptionError, UnknownMachineError
 from llfsm.runtime.engine.events import Status
 from llfsm.runtime.engine.freshness import AgedRead
 from llfsm.runtime.journal.entries import Entry
@@ -155,6 +155,7 @@ class RecalledEnvironment(BoardEnvironment):
     def __init__(self, whiteboard: Board, memory: Memory):
         super().__init__(whiteboard, memory.clock)
         self._memory = memory
+        self._latest: dict[tuple[str, str], object] = {}  # also if a sensor is connected again
 
     def enter(self, arrangement: Arrangement) -> None:
         """Have the arrangement obey the requests that were recorded."""
@@ -162,24 +163,24 @@ class RecalledEnvironment(BoardEnvironment):
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return a function that returns what the sensor found then."""
-        memory, latest = self._memory, None
+        memory, latest = self._memory, self._latest
+        key = machine, name
 
         def recall() -> object:
-            nonlocal latest
             sensed = memory.sensed(machine, name)
             if sensed is None:
-                return latest
+                return latest.get(key)
             if sensed["error"] is not None:
                 raise WhiteboardError(sensed["error"])
             try:
                 data = sensed["message"]
-                latest = None if data is None else slot.decoder.decode(data)
+                latest[key] = None if data is None else slot.decoder.decode(data)
             except ValueError as error:
                 memory.error = RecordingFileError(
                     f"{machine} cannot read what its sensor {name!r} found then: {error}"
                 )
                 raise
-            return latest
+            return latest[key]
 
         return recall
 
@@ -198,6 +199,16 @@ class RecalledEnvironment(BoardEnvironment):
         """Return a function that posts and returns the count that the message got then."""
         memory, add = self._memory, super().post(machine, name, actuator, slot)
         return lambda message: memory.counted(add(message))
+
+    def override(self, machine: str, slot: Slot[Any], message: Any) -> None:
+        """Raise `OptionError`: machines learn what they learnt then."""
+        raise OptionError(f"{machine} reads {slot.name!r} as it was recorded, always")
+
+    def unloaded(self, machine: str) -> None:
+        """Forget what a machine has found, as another one may get its name."""
+        super().unloaded(machine)
+        for key in [key for key in self._latest if key[0] == machine]:
+            del self._latest[key]
 
     def elsewhere(self, name: str, known: Iterable[str]) -> _RecalledMachine:
         """Return a machine of another process, if it was there then."""

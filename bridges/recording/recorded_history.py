@@ -9,12 +9,19 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Final, cast
+from typing import Any, Final
 
 from llfsm.runtime.presence.remote import SILENT_S
 from llfsm.whiteboard import Sample
-from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import (
+    MACHINES,
+    REQUESTS,
+    MachineRequest,
+    MachineStatus,
+    status_slot,
+)
 
+from ..view.notes import Notes
 from ..view.page_source import Change
 from ..view.state_history import Track
 from .errors import RecordingFileError
@@ -83,9 +90,12 @@ class RecordedHistory:
         self._journals = {journal.channel: journal for journal in recording.journals}
         # The time from which the events of a process are recorded.
         self._events_ns = {each.process: each.begin_ns for each in reversed(recording.journals)}
-        self._slots = [n for n, each in recording.slots.items() if each.slot.type is MachineStatus]
+        kinds = MachineStatus, MachineRequest
+        self._slots = [n for n, each in recording.slots.items() if each.slot.type in kinds]
         self._found: dict[tuple[int, str], _RecordedTrack] = {}
         self._next = 0
+        self.notes = Notes()
+        """What else has happened to the machines, as far as it is read."""
         self.known_ns = recording.span_ns[0]
         """The time up to which the states are known."""
 
@@ -119,11 +129,17 @@ class RecordedHistory:
                     self._take_entry(journal, item.now_ns, self._recording.entry(item.entry))
         elif item.slot is not None and item.recorded is not None:
             with suppress(ValueError):
-                sample = cast("Sample[MachineStatus]", item.slot.sample(item.recorded))
-                begun_ns = self._events_ns.get(sample.message.pid)
-                track = self._track(item.slot.slot.name.removeprefix(MACHINES))
-                by_events = begun_ns is not None and begun_ns <= sample.stamp_ns
-                track.add_status(sample, by_events=by_events)
+                self._take_sample(item.slot.slot.name, item.slot.sample(item.recorded))
+
+    def _take_sample(self, slot: str, sample: Sample[Any]) -> None:
+        if isinstance(sample.message, MachineRequest):
+            self.notes.take_request(slot.removeprefix(REQUESTS), sample)
+            return
+        name = slot.removeprefix(MACHINES)
+        self.notes.take_status(name, sample)
+        begun_ns = self._events_ns.get(sample.message.pid)
+        by_events = begun_ns is not None and begun_ns <= sample.stamp_ns
+        self._track(name).add_status(sample, by_events=by_events)
 
     def _take_entry(self, journal: RecordedJournal, now_ns: int, entry: Mapping[str, Any]) -> None:
         match entry:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import cast
 
 from llfsm.runtime import Clock, MonotonicClock
 from llfsm.whiteboard import Message, Sample
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import MachineStatus
 
+from ..view.notes import Note
 from ..view.page_source import Change, PageSource, Player, Snapshot
+from .bags import BagTopics
+from .explaining import Explainer
 from .reader import Recording
 from .recorded_history import SILENT_NS, RecordedHistory
+from .shown_causes import ShownCauses
 
 __all__ = ["RecordedPlayer", "RecordedSource"]
 
@@ -56,12 +62,22 @@ class RecordedPlayer(Player):
 
 
 class RecordedSource(PageSource):
-    """Show a recording; raise `RecordingFileError` if the file is not a valid one."""
+    """Show a recording; raise `RecordingFileError` if the file is not a valid one.
 
-    def __init__(self, path: Path, clock: Clock | None = None):
-        self._recording = recording = Recording(path)
+    Why machines are in their states it knows from their journals, and better by an `explainer`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        clock: Clock | None = None,
+        topics: BagTopics | None = None,
+        explainer: Explainer | None = None,
+    ):
+        self._recording = recording = Recording(path, topics)
         self.title = path.name
         self.player: RecordedPlayer = RecordedPlayer(recording.span_ns, clock or MonotonicClock())
+        self.player.seek(_first_sight_ns(recording))
         self._samples: dict[str, Sample[Message]] = {}  # of the latest snapshot
         self._now_ns = recording.span_ns[0]
         self._past = RecordedHistory(recording)
@@ -69,6 +85,8 @@ class RecordedSource(PageSource):
             name: SlotInfo(name, each.slot.type_name, each.slot.schema, each.slot.capacity)
             for name, each in recording.slots.items()
         }
+        self._causes = ShownCauses(recording, explainer)
+        self._slots |= self._causes.slots
 
     def snapshot(self) -> Snapshot:
         """Return the state of everything at the moment shown."""
@@ -87,7 +105,8 @@ class RecordedSource(PageSource):
             except ValueError as error:
                 problems[name] = f"message {recorded.count} in the file is invalid: {error}"
         self._samples = samples
-        return Snapshot(now_ns, self.player.epoch, self._slots, samples, problems)
+        causes = self._causes.at(now_ns, samples, self.is_live)
+        return Snapshot(now_ns, self.player.epoch, self._slots, samples | causes, problems)
 
     def is_live(self, sample: Sample[MachineStatus]) -> bool:
         """Return whether a machine was loaded and its latest status was recent."""
@@ -99,5 +118,21 @@ class RecordedSource(PageSource):
         self.player.known_ns = self._past.known_ns
         return changes
 
+    def notes(self) -> Sequence[Note]:
+        """Return what else has happened to machines, as far as it is read."""
+        return self._past.notes.all
+
     def close(self) -> None:
-        """Do nothing: the file is open only while it is read."""
+        """End the explainer; the file is open only while it is read."""
+        self._causes.close()
+
+
+def _first_sight_ns(recording: Recording) -> int:
+    """Return when there is something to see: a machine that runs, else a message."""
+    statuses = [name for name, each in recording.slots.items() if each.slot.type is MachineStatus]
+    for slot, recorded in recording.messages(statuses):
+        with suppress(ValueError):
+            status = cast("Sample[MachineStatus]", slot.sample(recorded)).message
+            if status.loaded and recorded.seen_ns - recorded.stamp_ns <= SILENT_NS:
+                return recorded.seen_ns
+    return next((recorded.seen_ns for _, recorded in recording.messages()), recording.span_ns[0])

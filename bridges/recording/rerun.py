@@ -53,7 +53,8 @@ class Rerun:
                 f"{source} holds no events of machines: record them with llfsm run --record"
             )
         self._begin_ns = first["time_ns"]
-        self._difference: Difference | None = None
+        self.difference: Difference | None = None
+        """The first one, as soon as it is found."""
         self._over = False  # whether a recording that was cut short has ended
         self._number = 0
 
@@ -67,15 +68,14 @@ class Rerun:
         Raise `OtherMachinesError` if these are not the machines that were recorded, and
         `RecordingFileError` if the messages recorded are not of their sensors' types.
         """
-        memory, arrangement = self._memory, self._memory.arrangement
-        assert arrangement is not None, "arrange() first"
+        memory, arrangement = self._memory, self.arrangement
         names = [machine.name for machine in arrangement.machines]
         if names != self._machines:
             raise OtherMachinesError(
                 f"{self._source}: its machines are {', '.join(self._machines)}, "
                 f"not {', '.join(names) or 'none'}; another one must have the name of the first"
             )
-        while self._difference is None and not self._over:
+        while self.difference is None and not self._over:
             segment = memory.segment
             if segment.event is None:
                 break
@@ -85,7 +85,13 @@ class Rerun:
                 raise RecordingFileError(f"{self._source}: {memory.error}")
             if memory.segment is segment:
                 self._differ(segment.event, None)
-        return self._difference
+        return self.difference
+
+    @property
+    def arrangement(self) -> Arrangement:
+        """The arrangement that learns from the journal."""
+        assert self._memory.arrangement is not None, "arrange() first"
+        return self._memory.arrangement
 
     @property
     def lost(self) -> bool:
@@ -119,7 +125,7 @@ class Rerun:
     def _take(self, found: Entry) -> None:
         """Compare what a machine does with what is next in the journal."""
         segment = self._memory.segment
-        if self._difference is not None or self._over:
+        if self.difference is not None or self._over:
             return
         if found["event"] not in COMPARISONS[self._how]:
             return
@@ -131,6 +137,9 @@ class Rerun:
             self._differ(segment.event, found)
         elif self._check(segment.event, found):
             self._memory.advance(segment.event["time_ns"])
+            if found["event"] == "Turn":
+                with self._journal.asking():
+                    self._memory.ask()
 
     def _check(self, recorded: Entry, found: Entry) -> bool:
         if compared(recorded, self._how) != compared(found, self._how):
@@ -140,11 +149,11 @@ class Rerun:
         return True
 
     def _differ(self, recorded: Entry, found: Entry | None) -> None:
-        if self._difference is None:
+        if self.difference is None:
             now_ns = recorded.get("time_ns", self._memory.clock.now_ns())
             after_s = (now_ns - self._begin_ns) / 1e9
             saw = self._seen_by(recorded.get("machine"))
-            self._difference = Difference(self._number + 1, after_s, recorded, found, saw)
+            self.difference = Difference(self._number + 1, after_s, recorded, found, saw)
 
     def _seen_by(self, machine: str | None) -> dict[str, object]:
         """Return what the sensors of a machine have found, by their names."""

@@ -30,7 +30,7 @@ from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
 
 from .errors import RecordingFileError
-from .json_codec import JsonCodec
+from .json_codec import Codec, JsonCodec
 
 __all__ = [
     "ABOUT",
@@ -55,7 +55,7 @@ WRAP = 1 << 32
 """Sequences in a file are counts modulo this."""
 _FLUSH_NS = 1_000_000_000
 _CHUNK = 1 << 20  # bytes, before compression
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)  # as on Windows
 _EVENT_SCHEMA = {
     "title": "llfsm/Event",
     "type": "object",
@@ -70,6 +70,8 @@ class RecordingWriter:
     Raise :class:`.RecordingFileError` if the file cannot be made or written to.
     """
 
+    profile = "llfsm"
+
     def __init__(self, path: Path, about: Mapping[str, str]):
         self.path = path
         self._file = _File(path)
@@ -79,14 +81,14 @@ class RecordingWriter:
         self._writer = Writer(cast("IO[bytes]", self._file), chunk_size=_CHUNK)
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._channels: dict[tuple[str, int, int], int] = {}
-        self._codecs: dict[str, JsonCodec] = {}
+        self._codecs: dict[str, Codec] = {}
         self._seen: dict[str, tuple[int, int, int]] = {}  # first count, last count, number
         self._journals: dict[int, tuple[int, int]] = {}  # latest time, number of entries
         self.events = 0
         """The number of events of machines that were written."""
         self.lost = 0
         """The number of gaps where events were lost."""
-        self._writer.start(profile="llfsm")
+        self._writer.start(profile=self.profile)
         times = {"offset_ns": str(self._offset_ns), "begin_ns": str(self.begin_ns)}
         self.add_metadata(ABOUT, {**about, **times})
 
@@ -187,7 +189,7 @@ class RecordingWriter:
     def _attach(
         self, slot: Slot[Any], sample: Sample[Message], published_ns: int, logged_ns: int
     ) -> None:
-        codec = self._codecs.setdefault(slot.name, JsonCodec(slot))
+        codec = JsonCodec(slot)
         plain = msgspec.json.decode(codec.encode(sample.message))
         data = msgspec.json.encode({**plain, COUNT: sample.count, WRITER: sample.writer})
         self._writer.add_attachment(published_ns, logged_ns, slot.name, "application/json", data)
@@ -201,10 +203,10 @@ class RecordingWriter:
         self._channels[slot.name, writer, wraps] = channel
         return channel
 
-    def _schema(self, name: str, data: bytes) -> int:
+    def _schema(self, name: str, data: bytes, encoding: str = SchemaEncoding.JSONSchema) -> int:
         known = self._schemas.get((name, data))
         if known is None:
-            known = self._writer.register_schema(name, SchemaEncoding.JSONSchema, data)
+            known = self._writer.register_schema(name, encoding, data)
             self._schemas[name, data] = known
         return known
 

@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 from mcap.writer import Writer
 
+from calling import call
+from forked import Forked
 from llfsm.bridges.recording.reader import RecordedMessage, Recording
 from llfsm.bridges.recording.writer import ABOUT, RecordingWriter
 from llfsm.runtime.journal.entries import Entry
@@ -52,12 +54,12 @@ Start = Callable[..., "subprocess.Popen[str]"]
 
 
 @pytest.fixture
-def llfsm(tmp_path: Path) -> Iterator[Start]:
-    """Start `llfsm` processes in a folder of their own; none outlives the test."""
+def llfsm(tmp_path: Path, board: Whiteboard) -> Iterator[Start]:
+    """Start `llfsm` processes in a folder of their own; none outlives the test's board."""
     started: list[subprocess.Popen[str]] = []
 
     def start(*arguments: object, **options: Any) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
+        process = Forked(
             [sys.executable, "-m", "llfsm.cli", *map(str, arguments)],
             cwd=tmp_path,
             text=True,
@@ -73,6 +75,17 @@ def llfsm(tmp_path: Path) -> Iterator[Start]:
     for process in started:
         process.kill()
         rest_of(process)
+
+
+@pytest.fixture
+def llfsm_here(tmp_path: Path) -> Callable[..., tuple[int, str]]:
+    """Call `llfsm` in that folder and this process; return its exit status and what it prints."""
+
+    def run(*arguments: object) -> tuple[int, str]:
+        done = call(*map(str, arguments), cwd=tmp_path)
+        return done.returncode, done.stdout + done.stderr
+
+    return run
 
 
 def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:

@@ -192,32 +192,43 @@ def test_a_full_disk_ends_it_and_what_was_written_can_be_read(
     ],
 )
 def test_wrong_use_is_one_line(
-    llfsm: Any, board: Whiteboard, arguments: list[str], status: int, why: str
+    llfsm_here: Any, board: Whiteboard, arguments: list[str], status: int, why: str
 ) -> None:
     on = [] if "-b" in arguments else ["-b", board.name]
-    found, said = end_of(llfsm("record", *arguments, *on))
+    found, said = llfsm_here("record", *arguments, *on)
     assert (found, said.count("Error: ")) == (status, 1)
     assert why in said
 
 
-def test_a_file_is_never_overwritten(llfsm: Any, board: Whiteboard, file: Path) -> None:
+def test_a_file_is_never_overwritten(llfsm_here: Any, board: Whiteboard, file: Path) -> None:
     file.write_text("precious")
-    status, said = end_of(llfsm("record", "-o", "run.mcap", "-b", board.name))
+    status, said = llfsm_here("record", "-o", "run.mcap", "-b", board.name)
     assert (status, file.read_text()) == (1, "precious")
     assert "run.mcap is there already" in said
 
 
-def test_a_board_is_not_made_for_a_file_that_cannot_be(llfsm: Any, file: Path) -> None:
+def test_neither_is_a_file_made_of_a_host_that_cannot_be_reached(
+    llfsm_here: Any, board: Whiteboard, file: Path
+) -> None:
+    status, said = llfsm_here("record", "-o", "run.mcap", "--host", "robot7", "-b", board.name)
+    assert (status, "no daemon mirrors this whiteboard" in said) == (1, True)
+    assert not file.exists()
+    assert llfsm_here("record", "-o", "run.mcap", "--host", "robot7", "-b", "none")[0] == 1
+    with pytest.raises(BoardNotFoundError):
+        Whiteboard("none", create=False)
+
+
+def test_a_board_is_not_made_for_a_file_that_cannot_be(llfsm_here: Any, file: Path) -> None:
     file.write_text("precious")
     name = f"test-vain-{os.getpid()}"
-    assert end_of(llfsm("record", "-o", "run.mcap", "-b", name))[0] == 1
+    assert llfsm_here("record", "-o", "run.mcap", "-b", name)[0] == 1
     with pytest.raises(BoardNotFoundError):
         Whiteboard(name, create=False)
 
 
 def test_a_board_that_was_there_stays_when_the_file_cannot_be(
-    llfsm: Any, board: Whiteboard, file: Path
+    llfsm_here: Any, board: Whiteboard, file: Path
 ) -> None:
     file.write_text("precious")
-    assert end_of(llfsm("record", "-o", "run.mcap", "-b", board.name))[0] == 1
+    assert llfsm_here("record", "-o", "run.mcap", "-b", board.name)[0] == 1
     assert board.alive

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +18,20 @@ from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.journal.entries import Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.whiteboard import Message, Sample, Slot, SlotTypeError, Whiteboard
+from llfsm.whiteboard.messages.fleet import viewer_slot
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
     Bell,
     Commanders,
     MachineRequest,
+    Viewer,
     commanders_slot,
     request_slot,
 )
 from llfsm.whiteboard.messages.std_msgs import Bool
+from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.shared import boards
+from thoroughness import examples
 
 from .conftest import OTHER, READING, Reading, Spy, end_of, keep_journal
 
@@ -110,7 +115,7 @@ def test_it_ends_when_asked(file: Path) -> None:
         max_size=20,
     )
 )
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(10))
 def test_whatever_was_recorded_comes_back_equal(
     tmp_path_factory: pytest.TempPathFactory, messages: list[tuple[Slot[Reading], Reading]]
 ) -> None:
@@ -124,15 +129,19 @@ def test_whatever_was_recorded_comes_back_equal(
 
 
 def test_live_machines_are_asked_for_nothing_unless_that_is_named(file: Path) -> None:
-    suspend = request_slot("Patrol")
-    asking = [(BELL, Bell("Patrol"), 1), (suspend, MachineRequest("suspend"), 2)]
+    suspend, theirs = request_slot("Patrol"), viewer_slot("robot7")
+    asking: list[tuple[Slot[Any], Message, int]] = [
+        (BELL, Bell("Patrol"), 1),
+        (suspend, MachineRequest("suspend"), 2),
+        (theirs, Viewer(1), 2),
+    ]
     recording = record(file, [*asking, (READING, Reading(), 3)])
     spy = Spy()
     BoardReplay(recording, spy).play(never, clock=ManualClock())
     assert [slot for _, slot, _ in spy.added] == [READING.name]
     spy = Spy()
     BoardReplay(recording, spy, ["llfsm/*"]).play(never, clock=ManualClock())
-    assert [slot for _, slot, _ in spy.added] == [BELL.name, suspend.name]
+    assert [slot for _, slot, _ in spy.added] == [BELL.name, suspend.name, theirs.name]
 
 
 def test_claims_to_slots_are_not_made_again(file: Path) -> None:
@@ -192,6 +201,38 @@ def test_a_step_posts_what_belongs_to_one_ringlet(file: Path) -> None:
     ]
 
 
+class Walk(Machine):
+    here = State()
+    there = State()
+    here.to(there, when=lambda m: m.after_ms(20))
+
+
+def test_the_command_steps_to_where_something_happens(
+    llfsm: Any, file: Path, board: Whiteboard
+) -> None:
+    written: list[bytes] = []
+    clock = ManualClock()
+    environment = JournalledEnvironment(Environment(clock), Journal(written.append))
+    arrangement = Arrangement([Walk], environment=environment)
+    with RecordingWriter(file, {}) as writer:
+        clock.advance(ns=writer.begin_ns)
+        with arrangement:
+            for number in range(6):
+                clock.advance(ms=10)
+                arrangement.round()
+                if number == 1:
+                    writer.add(READING, Sample(Reading(1), 1, clock.now_ns() + MS, 1))
+        keep_journal(writer, (entry for data in written for entry in entries_of(data)))
+    said, _ = llfsm("replay", file, "-b", board.name, "--step").communicate("\n" * 9)
+    lines = [line.partition(" s  ")[2] or line for line in said.splitlines()]
+    assert lines == [
+        "round 1: Walk in here",
+        "round 2: Walk in here",
+        f"  {READING.name} {json.dumps(to_plain(Reading(1)))}",
+        "round 4: Walk in here, m.after_ms(20): to there",
+    ]
+
+
 def test_without_events_a_step_is_a_message(file: Path) -> None:
     spy = Spy()
     steps = BoardReplay(record(file, MESSAGES), spy).steps()
@@ -201,10 +242,10 @@ def test_without_events_a_step_is_a_message(file: Path) -> None:
 
 
 def test_the_command_brings_a_recording_onto_a_board(
-    llfsm: Any, file: Path, board: Whiteboard
+    llfsm_here: Any, file: Path, board: Whiteboard
 ) -> None:
     record(file, MESSAGES)
-    assert end_of(llfsm("replay", file, "-b", board.name, "--speed", 100)) == (0, "")
+    assert llfsm_here("replay", file, "-b", board.name, "--speed", 100) == (0, "")
     assert fields(board.get_message(board.find(READING.name))) == fields(Reading(7, 0.1 * 7))
     assert board[board.find(OTHER.name)].count == 8
 
@@ -241,9 +282,9 @@ def test_it_loops_until_the_board_is_gone(llfsm: Any, file: Path, board: Whitebo
         (["run.mcap", "--speed", "0"], "0.0 is not in the range"),
     ],
 )
-def test_wrong_use_is_one_line(llfsm: Any, file: Path, arguments: list[str], why: str) -> None:
+def test_wrong_use_is_one_line(llfsm_here: Any, file: Path, arguments: list[str], why: str) -> None:
     record(file, MESSAGES)
-    status, said = end_of(llfsm("replay", *arguments, "-b", "test-none"))
+    status, said = llfsm_here("replay", *arguments, "-b", "test-none")
     assert status in (1, 2)
     assert why in said
     assert "Traceback" not in said

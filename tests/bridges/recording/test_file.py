@@ -34,6 +34,7 @@ from llfsm.whiteboard.messages.llfsm import (
     definition_slot,
 )
 from llfsm.whiteboard.schema import describe
+from thoroughness import examples
 
 from .conftest import OTHER, READING, Reading, foreign_writer, messages_of, samples_of, write
 
@@ -121,7 +122,7 @@ def test_wherever_it_is_cut_all_flushed_before_is_there(file: Path) -> None:
         assert len(found) >= 20 * sum(size <= length for size in flushed)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(25))
 @given(st.lists(st.sampled_from(["reading", "other", "journal", "entry", "flush"]), max_size=16))
 @example(["reading", "flush", "reading", "journal", "flush", "entry"])
 def test_whatever_was_flushed_is_there_in_whichever_chunk_its_channel_was_defined(
@@ -181,10 +182,13 @@ def other_tool(path: Path) -> None:
     ("make", "why"),
     [
         (lambda path: None, "cannot be read: No such file or directory"),
-        (Path.mkdir, "cannot be read: Is a directory"),
-        (Path.touch, "is not a recording of llfsm"),
-        (lambda path: path.write_text("hello\n" * 100), "is not a recording of llfsm"),
-        (other_tool, "is not a recording of llfsm"),
+        (Path.mkdir, "is a folder without metadata.yaml, so it is not a bag"),
+        (Path.touch, "is not a recording of llfsm, nor a bag of ROS 2"),
+        (
+            lambda path: path.write_text("hello\n" * 100),
+            "is not a recording of llfsm, nor a bag of ROS 2",
+        ),
+        (other_tool, "is not a recording of llfsm, nor a bag of ROS 2"),
     ],
 )
 def test_a_file_that_is_not_a_recording_is_an_error_that_names_it(

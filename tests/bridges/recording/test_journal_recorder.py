@@ -63,7 +63,9 @@ def end(process: Any) -> str:
     return said
 
 
-def test_it_may_be_there_before_the_board(llfsm: Any, board: Whiteboard, file: Path) -> None:
+def test_it_may_be_there_before_the_board(
+    llfsm: Any, llfsm_here: Any, board: Whiteboard, file: Path
+) -> None:
     board.remove()
     recorder = start(llfsm, board)
     machine = run(llfsm, board, "RosPingPong")
@@ -71,10 +73,12 @@ def test_it_may_be_there_before_the_board(llfsm: Any, board: Whiteboard, file: P
     end(machine)
     assert "running before" not in end(recorder)
     remove_board(board.name)
-    assert end_of(llfsm("rerun", file, "--trust"))[0] == 0
+    assert llfsm_here("rerun", file, "--trust")[0] == 0
 
 
-def test_machines_that_start_later_run_again(llfsm: Any, board: Whiteboard, file: Path) -> None:
+def test_machines_that_start_later_run_again(
+    llfsm: Any, llfsm_here: Any, board: Whiteboard, file: Path
+) -> None:
     recorder = start(llfsm, board)
     both = ["RosPingPong", "TurtleSuspendResume"]
     first = run(llfsm, board, *both, "TurtleSuspendResume:target=RosPingPong")
@@ -96,18 +100,18 @@ def test_machines_that_start_later_run_again(llfsm: Any, board: Whiteboard, file
         "RosPingPong",
     ]
     assert sum(entry["event"] == "End" for entry in entries_in(Recording(file))) == 3
-    status, said = end_of(llfsm("rerun", file, "--trust"))
+    status, said = llfsm_here("rerun", file, "--trust")
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
-    status, said = end_of(llfsm("rerun", file, "RosPingPong"))
+    status, said = llfsm_here("rerun", file, "RosPingPong")
     assert status == 2
     assert "has these machines: RosPingPong, TurtleSuspendResume, a, RosPingPong" in said
     others = ["RosPingPong", "TurtleSuspendResume", "RosWallTurttleBot", "RosPingPong"]
-    status, said = end_of(llfsm("rerun", file, *others))
+    status, said = llfsm_here("rerun", file, *others)
     assert (status, said.count(" differs, after ")) == (1, 1)
 
 
 def test_of_machines_that_ran_before_the_events_are_there_and_it_says_what_is_missing(
-    llfsm: Any, board: Whiteboard, file: Path
+    llfsm: Any, llfsm_here: Any, board: Whiteboard, file: Path
 ) -> None:
     machine = run(llfsm, board, "RosPingPong")
     board_has_events(board)
@@ -117,7 +121,7 @@ def test_of_machines_that_ran_before_the_events_are_there_and_it_says_what_is_mi
     assert f"RosPingPong (process {machine.pid}) was running before the recording: its" in said
     (journal,) = Recording(file).journals
     assert not journal.whole
-    status, said = end_of(llfsm("rerun", file, "--trust"))
+    status, said = llfsm_here("rerun", file, "--trust")
     assert (status, said.count("\n")) == (1, 1)
     assert f"RosPingPong (process {machine.pid}) ran before they were recorded, so what" in said
     again = llfsm("record", "-o", "again.mcap", "-b", board.name)  # and another one, later
@@ -133,14 +137,14 @@ def board_has_events(board: Whiteboard) -> None:
 
 
 def test_one_process_at_a_time_records_the_machines(
-    llfsm: Any, board: Whiteboard, file: Path
+    llfsm: Any, llfsm_here: Any, board: Whiteboard, file: Path
 ) -> None:
     first = start(llfsm, board)
     second = llfsm("record", "-o", "other.mcap", "-b", board.name, "--max-time", 0.1)
     status, said = end_of(second)
     assert status == 0
     assert f"process {first.pid} records the machines already, this one only slots" in said
-    status, said = end_of(llfsm("run", "RosPingPong", "-b", board.name, "--record", "x.mcap"))
+    status, said = llfsm_here("run", "RosPingPong", "-b", board.name, "--record", "x.mcap")
     assert status == 1
     assert f"process {first.pid} records the machines of {board.name!r} already" in said
     assert not file.with_name("x.mcap").exists()
@@ -161,7 +165,7 @@ def test_events_are_left_out_unless_they_match(llfsm: Any, board: Whiteboard) ->
 
 
 def test_machines_that_are_killed_leave_all_that_was_handed_over(
-    llfsm: Any, board: Whiteboard, file: Path
+    llfsm: Any, llfsm_here: Any, board: Whiteboard, file: Path
 ) -> None:
     recorder = start(llfsm, board)
     machine = run(llfsm, board, "RosPingPong")
@@ -171,7 +175,7 @@ def test_machines_that_are_killed_leave_all_that_was_handed_over(
     board.remove()
     assert end_of(recorder)[0] == 0  # though that journal never ended
     assert Recording(file).complete
-    status, said = end_of(llfsm("rerun", file, "--trust"))
+    status, said = llfsm_here("rerun", file, "--trust")
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
 
 
@@ -289,6 +293,7 @@ def test_arrangements_and_definitions_are_metadata_and_attachments(
     recorder = start(llfsm, board)
     machine = run(llfsm, board, "a=RosPingPong")
     wait_for(lambda: has_events(file, "Turn", 5), "events")
+    wait_for(lambda: b"llfsm/definition/a" in file.read_bytes(), "the definition")
     recorder.kill()  # as soon as they are known they are there
     recorder.wait()
     end(machine)

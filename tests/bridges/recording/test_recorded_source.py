@@ -68,6 +68,21 @@ def test_it_is_paused_at_the_beginning(source: RecordedSource, clock: ManualCloc
     assert source.board() is None
 
 
+@pytest.mark.parametrize("machine", [True, False])
+def test_it_opens_where_there_is_something_to_see(file: Path, machine: bool) -> None:
+    """A machine that runs; without one, a message. What had ended before is no such machine."""
+    with RecordingWriter(file, {}) as writer:
+        begin_ns = writer.begin_ns
+        writer.add(OTHER, Sample(Reading(1), 1, begin_ns + 200 * MS, 8))
+        if machine:
+            ended = MachineStatus(loaded=False)
+            writer.add(status_slot("Ended"), Sample(ended, 1, begin_ns + 100 * MS, 9))
+            writer.add(STATUS, Sample(MachineStatus(state="wait"), 1, begin_ns + 900 * MS, 9))
+    seen = RecordedSource(file).snapshot()
+    assert seen.now_ns == begin_ns + (900 if machine else 200) * MS
+    assert (STATUS.name in seen.samples) == machine
+
+
 def test_a_leap_shows_that_moment_and_a_new_epoch(source: RecordedSource) -> None:
     first_ns, last_ns = source.player.span_ns
     assert last_ns - first_ns == 3000 * MS
@@ -120,7 +135,7 @@ def test_the_states_of_machines_are_known_from_the_beginning(source: RecordedSou
         "Patrol": [
             Change(first_ns, "wait", False),
             Change(first_ns + 700 * MS, "go", False),
-            Change(first_ns + 700 * MS + 1, "go", True),
+            Change(first_ns + 2000 * MS, "go", True),
         ]
     }
 
@@ -184,11 +199,11 @@ def test_the_command_shows_a_recording(llfsm: Any, source: RecordedSource, file:
     assert end_of(process)[0] == 0
 
 
-def test_the_command_says_what_is_no_recording(llfsm: Any, file: Path) -> None:
+def test_the_command_says_what_is_no_recording(llfsm_here: Any, file: Path) -> None:
     file.write_text("?")
-    assert end_of(llfsm("view", file.name, "--no-open")) == (
+    assert llfsm_here("view", file.name, "--no-open") == (
         1,
-        "Error: run.mcap: is not a recording of llfsm\n",
+        "Error: run.mcap: is not a recording of llfsm, nor a bag of ROS 2\n",
     )
 
 

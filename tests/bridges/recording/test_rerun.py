@@ -21,6 +21,7 @@ from llfsm.runtime.journal import entries as journal
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
+from thoroughness import examples
 
 from . import machines
 from .journalled_run import JumpingClock, Run, keep
@@ -61,7 +62,7 @@ def status(state: str) -> MachineStatus:
 
 
 @given(steps)
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=examples(40))
 def test_whatever_happens_it_happens_again(script: list[tuple[str, Any]]) -> None:
     run = Run(MACHINES, clock=JumpingClock())
     for what, value in script:
@@ -104,7 +105,10 @@ def test_a_run_whose_sleeps_were_ended_by_messages_happens_again() -> None:
 
     def feed(event: object) -> None:
         if isinstance(event, IdleSleep):
-            run.board.add_message(COMMAND, Number(run.arrangement.rounds // 3))
+            number = run.arrangement.rounds // 3
+            if number % 8 == 6:
+                number += 1  # else the keeper would ask in each round, and never sleep again
+            run.board.add_message(COMMAND, Number(number))
             if run.arrangement.rounds >= 60:
                 run.arrangement.stop()
 

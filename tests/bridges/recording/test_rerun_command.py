@@ -27,7 +27,9 @@ def turns_in(file: Path) -> int:
     return 0
 
 
-def test_a_demo_that_was_recorded_runs_again(llfsm: Any, board: Whiteboard, file: Path) -> None:
+def test_a_demo_that_was_recorded_runs_again(
+    llfsm: Any, llfsm_here: Any, board: Whiteboard, file: Path
+) -> None:
     llfsm("turtlesim", "-b", board.name)
     machine = llfsm("run", "RosWallTurttleBot", "-q", "-b", board.name, "--record", file)
     bound = board[Slot("turtle1/cmd_vel", Twist)]
@@ -38,17 +40,17 @@ def test_a_demo_that_was_recorded_runs_again(llfsm: Any, board: Whiteboard, file
     recording = Recording(file)
     assert recording.complete
     assert {"turtle1/pose", "turtle1/cmd_vel"} <= {*recording.slots}
-    status, said = end_of(llfsm("rerun", file, "--trust"))
+    status, said = llfsm_here("rerun", file, "--trust")
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
-    status, said = end_of(llfsm("rerun", file, "RosWallTurttleBot=RosBlindTurttleBot"))
+    status, said = llfsm_here("rerun", file, "RosWallTurttleBot=RosBlindTurttleBot")
     assert status == 1
     assert said.startswith(f"Error: {file}: event ")
-    status, said = end_of(llfsm("rerun", file, "RosBlindTurttleBot"))
+    status, said = llfsm_here("rerun", file, "RosBlindTurttleBot")
     assert (status, said.count("\n")) == (1, 1)
     assert "its machines are RosWallTurttleBot, not RosBlindTurttleBot" in said
 
 
-def test_llfsm_demo_records_what_runs_again(llfsm: Any, file: Path) -> None:
+def test_llfsm_demo_records_what_runs_again(llfsm: Any, llfsm_here: Any, file: Path) -> None:
     name = f"test-demo-{os.getpid()}"
     demo = llfsm("demo", "wall", "-b", name, "--record", file)
 
@@ -61,7 +63,7 @@ def test_llfsm_demo_records_what_runs_again(llfsm: Any, file: Path) -> None:
     demo.send_signal(signal.SIGINT)
     assert end_of(demo)[0] == 0
     assert Recording(file).about["board"] == name
-    status, said = end_of(llfsm("rerun", file, "RosWallTurttleBot"))
+    status, said = llfsm_here("rerun", file, "RosWallTurttleBot")
     assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
 
 
@@ -73,7 +75,7 @@ def planned(file: Path, plan: str, folder: Path) -> None:
         keep_journal(writer, patrol().entries)
 
 
-def test_no_code_runs_that_only_the_file_names(llfsm: Any, file: Path, tmp_path: Path) -> None:
+def test_no_code_runs_that_only_the_file_names(llfsm_here: Any, file: Path, tmp_path: Path) -> None:
     folder = tmp_path / "theirs"
     folder.mkdir()
     (folder / "evil.py").write_text(
@@ -81,25 +83,27 @@ def test_no_code_runs_that_only_the_file_names(llfsm: Any, file: Path, tmp_path:
     )
     ran = folder / "ran"
     planned(file, '{"machine": [{"definition": "evil:Patrol"}]}', folder)
-    status, said = end_of(llfsm("rerun", file))
+    status, said = llfsm_here("rerun", file)
     assert status == 2, said
     assert f"names evil:Patrol in {folder}" in said
     assert "--trust" in said
-    status, said = end_of(llfsm("rerun", file, "RosPingPong"))
+    status, said = llfsm_here("rerun", file, "RosPingPong")
     assert (status, ran.exists()) == (1, False)
-    status, said = end_of(llfsm("rerun", file, "evil:Patrol"))
+    status, said = llfsm_here("rerun", file, "evil:Patrol")
     assert (status, ran.exists()) == (2, False)
     assert "'evil'" in said
-    end_of(llfsm("rerun", file, "--trust"))
+    llfsm_here("rerun", file, "--trust")
     assert ran.exists()
 
 
 @pytest.mark.parametrize(
     "plan", ["", "[]", '{"machine": 1}', '{"a":' * 9999, '{"machines": [{"x": 1}]}']
 )
-def test_an_invalid_plan_is_an_error(llfsm: Any, file: Path, tmp_path: Path, plan: str) -> None:
+def test_an_invalid_plan_is_an_error(
+    llfsm_here: Any, file: Path, tmp_path: Path, plan: str
+) -> None:
     planned(file, plan, tmp_path)
-    status, said = end_of(llfsm("rerun", file, "--trust"))
+    status, said = llfsm_here("rerun", file, "--trust")
     assert (status, said.count("\n")) == (1, 1)
     assert "its plan of machines is invalid" in said
 
@@ -113,9 +117,9 @@ def test_an_invalid_plan_is_an_error(llfsm: Any, file: Path, tmp_path: Path, pla
     ],
 )
 def test_wrong_use_is_one_line(
-    llfsm: Any, file: Path, make: Any, arguments: list[str], why: str
+    llfsm_here: Any, file: Path, make: Any, arguments: list[str], why: str
 ) -> None:
     make(file)
-    status, said = end_of(llfsm("rerun", file, "--trust", *arguments))
+    status, said = llfsm_here("rerun", file, "--trust", *arguments)
     assert (status, said.count("\n")) == (1, 1)
     assert why in said

@@ -23,6 +23,7 @@ from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Message, Slot
+from thoroughness import examples
 
 from .conftest import entries_in, keep_journal, write
 from .journalled_run import JumpingClock, Patrol, Run, keep, patrol
@@ -148,7 +149,7 @@ def test_what_is_compared(file: Path, cls: type[Machine], accepted: set[Comparis
 
 
 @given(st.lists(st.integers(0, 12), max_size=30))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(20))
 def test_a_guard_that_means_the_same_may_be_written_in_another_way(values: list[int]) -> None:
     run = Run([Patrol], clock=JumpingClock())
     for value in values:

@@ -1,0 +1,188 @@
+"""Machines on the topics of a bag: a bag as a script, and what they post beside what it holds.
+
+A bag has no events of machines, so nothing of a run can be repeated. But its topics are what
+machines read, and what machines posted when it was recorded.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from llfsm.runtime import ManualClock
+from llfsm.runtime.journal.entries import Journal, entries_of
+from llfsm.runtime.testing.play import Loading
+from llfsm.runtime.testing.playback import Playback
+from llfsm.runtime.testing.scripted import Step
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.schema import to_plain
+
+from .errors import OtherMachinesError
+from .reader import RecordedSlot, Recording
+
+__all__ = ["BagRun", "PostDifference", "bag_script"]
+
+_MOST_ROUNDS = 100
+"""At one time, for machines whose transitions always fire."""
+
+
+class _Post(NamedTuple):
+    """A message that was posted, as it is in a bag."""
+
+    after_s: float
+    data: bytes
+
+
+class PostDifference(NamedTuple):
+    """The first message that machines post otherwise than in the bag; None where there is none."""
+
+    slot: RecordedSlot
+    number: int
+    """Of the slot's messages from 1, those equal to the one before left out."""
+    recorded: _Post | None
+    found: _Post | None
+
+    def __str__(self) -> str:
+        """Return both, one below the other."""
+        return "\n".join(
+            (
+                f"message {self.number} of {self.slot.slot.name} differs:",
+                f"  recorded {self._shown(self.recorded)}",
+                f"  now      {self._shown(self.found)}",
+            )
+        )
+
+    def _shown(self, post: _Post | None) -> str:
+        if post is None:
+            return "nothing"
+        plain = to_plain(self.slot.codec.decode(post.data))
+        return f"after {post.after_s:.3f} s {json.dumps(plain, ensure_ascii=False)}"
+
+
+def bag_script(
+    recording: Recording, reads: Mapping[str, Slot[Any]], *, idle_ms: float, period_ms: float | None
+) -> list[Step]:
+    """Return a script that posts a bag's messages to the slots `reads`, at their times.
+
+    There are rounds at each message, and after `idle_ms` without one: one, and more at once while
+    transitions fire. With `period_ms` single rounds are that far apart instead, and each sees the
+    newest message. Raise
+    :class:`.RecordingFileError` for bytes that are no message, :class:`.OtherMachinesError` for a
+    topic of another type than its slot, or if none of the slots is one.
+    """
+    fed = [name for name in reads if name in recording.slots]
+    if reads and not fed:
+        raise OtherMachinesError(
+            f"{recording.path}: the machines read {', '.join(reads)}, but its topics are "
+            f"{', '.join(recording.slots)}; --config says which slot a topic is"
+        )
+    for name in fed:
+        held = recording.slots[name].slot
+        if held.fingerprint != reads[name].fingerprint:
+            raise OtherMachinesError(f"{recording.path}: {reads[name].clash(held.schema)}")
+    return list(_steps(recording, reads, fed, idle_ms, period_ms))
+
+
+def _steps(
+    recording: Recording,
+    reads: Mapping[str, Slot[Any]],
+    fed: Sequence[str],
+    idle_ms: float,
+    period_ms: float | None,
+) -> Iterator[Step]:
+    begin_ns, end_ns = recording.span_ns
+    rest_ns = round((period_ms or idle_ms) * 1e6)
+    most_rounds = _MOST_ROUNDS if period_ms is None else 1
+    new: dict[Slot[Any], Any] = {}
+    now_ns = begin_ns
+    for slot, recorded in recording.messages(fed):
+        while now_ns + rest_ns < recorded.seen_ns:
+            now_ns += rest_ns
+            yield Step(rest_ns / 1e6, new, most_rounds=most_rounds)
+            new = {}
+        new[reads[slot.slot.name]] = recording.message(slot, recorded)
+        if period_ms is None:
+            yield Step((recorded.seen_ns - now_ns) / 1e6, new, most_rounds=most_rounds)
+            new, now_ns = {}, recorded.seen_ns
+    while new or now_ns < end_ns:  # what is left of it, in which machines may still post
+        now_ns += rest_ns
+        yield Step(rest_ns / 1e6, new, most_rounds=most_rounds)
+        new = {}
+
+
+class BagRun:
+    """Run machines on a script, once, and compare what they post to the slots `posts` with a bag.
+
+    The messages of each slot are compared in their order. Their times are not, and a message that
+    is equal to the one before counts once, as a relay may leave it out. The machines' last
+    messages, `at_end`, need not be in the bag: it may end before the machines did.
+    """
+
+    def __init__(self, recording: Recording, posts: Iterable[str]):
+        self._slots = {name: recording.slots[name] for name in posts if name in recording.slots}
+        self._expected = {name: _distinct(recording, slot) for name, slot in self._slots.items()}
+        self._latest: dict[str, bytes] = {}
+        self._clock = ManualClock()
+        self._ended = False
+        self.rounds = 0
+        """How many rounds the machines have run."""
+        self.compared = dict.fromkeys(self._slots, 0)
+        """How many messages of each slot that is a topic of the bag were as they are there."""
+        self.difference: PostDifference | None = None
+
+    def compare(
+        self, members: Iterable[Loading], script: Iterable[Step], *, unload_accepting: bool = True
+    ) -> PostDifference | None:
+        """Run `members` and return the first difference, or None.
+
+        Raise :class:`.ExecutionError` if code of a machine raises.
+        """
+        journal = Journal(self._take)
+        playback = Playback(members, unload_accepting=unload_accepting, journal=journal)
+        self._clock = playback.scripted.clock
+        for _ in playback.play(script):
+            journal.flush()
+            if self.difference is not None or playback.arrangement.finished:
+                break
+        if playback.error is not None:
+            raise playback.error
+        self._ended = True
+        self.rounds = playback.arrangement.rounds
+        playback.arrangement.end()
+        for name in self._slots:
+            self._check(name, None)
+        return self.difference
+
+    def _take(self, data: bytes) -> None:
+        for entry in entries_of(data):
+            if entry["event"] != "Posted" or entry["slot"] not in self._slots:
+                continue
+            name, slot = entry["slot"], self._slots[entry["slot"]]
+            posted = slot.codec.encode(slot.slot.decoder.decode(entry["message"]))
+            if posted != self._latest.get(name):
+                self._latest[name] = posted
+                self._check(name, _Post(self._clock.now_ns() / 1e9, posted))
+
+    def _check(self, name: str, found: _Post | None) -> None:
+        if self.difference is not None:
+            return
+        recorded = next(self._expected[name], None)
+        if recorded is None and self._ended:
+            return
+        if recorded is not None and found is not None and recorded.data == found.data:
+            self.compared[name] += 1
+            return
+        number = self.compared[name] + 1
+        self.difference = PostDifference(self._slots[name], number, recorded, found)
+
+
+def _distinct(recording: Recording, slot: RecordedSlot) -> Iterator[_Post]:
+    """Return the messages of a slot without those equal to the one before."""
+    latest: bytes | None = None
+    begin_ns = recording.span_ns[0]
+    for _, recorded in recording.messages((slot.slot.name,)):
+        data = slot.codec.encode(recording.message(slot, recorded))
+        if data != latest:
+            latest = data
+            yield _Post((recorded.seen_ns - begin_ns) / 1e9, data)

@@ -1,0 +1,83 @@
+"""Why machines of a recording are where they are, by running them again in a thread."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
+
+from llfsm.errors import LlfsmError
+from llfsm.runtime.debugging.published_causes import why_of
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard.messages.debugging import MachineWhy
+
+    from .travel import Travel
+
+__all__ = ["Explainer"]
+
+
+class Explainer:
+    """Explain the moments that a page shows; `travel` goes through the journal of that `process`.
+
+    The latest moment that was asked for counts: those before it may be left out.
+    """
+
+    def __init__(self, process: int, travel: Callable[[], Travel]):
+        self.process = process
+        self.problem = ""
+        """Why machines cannot be run up to the latest moment; "" if they can."""
+        self._travel = travel
+        self._asked = threading.Condition()
+        self._wanted: int | None = None
+        self._answer: tuple[int, Mapping[str, MachineWhy]] = (-1, {})
+        self._over = False
+        self._thread: threading.Thread | None = None  # from the first question on
+
+    def at(self, now_ns: int) -> Mapping[str, MachineWhy]:
+        """Return the machines at that moment, by name; none as long as they are not there."""
+        with self._asked:
+            known_ns, found = self._answer
+            if known_ns == now_ns:
+                return found
+            self._wanted = now_ns
+            self._asked.notify()
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="explainer")
+                self._thread.start()
+            return {}
+
+    def close(self) -> None:
+        """End the thread; closing twice is fine."""
+        with self._asked:
+            self._over = True
+            self._asked.notify()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            with self._travel() as travel:
+                travel.wait()
+                while (wanted := self._next()) is not None:
+                    self._answer = wanted, self._explain(travel, wanted)
+        except LlfsmError as error:
+            self.problem = str(error)
+
+    def _next(self) -> int | None:
+        with self._asked:
+            self._asked.wait_for(lambda: self._over or self._wanted is not None)
+            wanted, self._wanted = self._wanted, None
+            return None if self._over else wanted
+
+    def _explain(self, travel: Travel, now_ns: int) -> Mapping[str, MachineWhy]:
+        travel.go_past(now_ns)
+        self.problem = travel.difference
+        if self.problem:
+            return {}
+        arrangement = travel.arrangement
+        names = [machine.name for machine in arrangement.machines]
+        # Breakpoints are none of the recording's.
+        return {name: replace(why_of(arrangement, name, now_ns), breakpoints=()) for name in names}

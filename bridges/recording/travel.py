@@ -1,0 +1,263 @@
+"""Forwards and backwards through a recording, with the machines' code in place.
+
+The machines run again in a thread, up to the moment to be looked at. To go back is to run them from
+the beginning to an earlier moment: that is the same each time, as they learn what they learnt then.
+"""
+
+from __future__ import annotations
+
+import threading
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from types import TracebackType
+from typing import TYPE_CHECKING, Final, Literal, Self
+
+from llfsm.runtime.debugging.debugger import Goal, Step
+from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
+from llfsm.runtime.engine.events import Turn
+
+from .errors import MomentError
+from .travel_debugger import Abandoned, SectionPlace, TravelDebugger, section_of
+
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.machine import Machine
+
+    from .rerun import Rerun
+
+__all__ = ["Travel"]
+
+_LOOK_S: Final = 0.05  # between two looks whether the thread has ended
+_NEVER: Final = 1 << 62
+
+
+class Travel:
+    """Debug the machines of a recording, which `make` arranges anew, at any of its moments.
+
+    `library` is as for `Debugger.break_at`; `begin_ns` the time that counts as 0 s. A moment is a
+    turn that is to come; breakpoints count their hits from the beginning. Leaving the ``with``
+    block ends the thread of the machines.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[], Rerun],
+        library: Mapping[str, type[Machine]],
+        begin_ns: int,
+    ):
+        self._make = make
+        self._begin_ns = begin_ns
+        self.library = library
+        self._thread = threading.Thread()
+        self._error: Exception | None = None
+        self.end = ""
+        """Why there is no moment after this one; "" if there is."""
+        self.difference = ""
+        """What the machines do differently at this moment; "" if they act as recorded."""
+        self._begin(Goal("start"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> Literal[False]:
+        self._abandon()
+        return False
+
+    @property
+    def machine(self) -> str:
+        """The name of the machine whose turn is to come; of the first one if that is not known."""
+        turn = self.debugger.turn
+        return turn.machine if turn is not None else next(iter(self.library))
+
+    @property
+    def now_s(self) -> float:
+        """The seconds at this moment."""
+        turn = self.debugger.turn
+        return self._seconds(self.debugger.time_ns if turn is None else turn.time_ns)
+
+    def wait(self) -> str:
+        """Wait until the machines are paused, and return why; "" at the end.
+
+        Raise what `Rerun.compare` raises.
+        """
+        while self._thread.is_alive():
+            with suppress(NotPausedError):
+                try:
+                    return self.debugger.wait(_LOOK_S)
+                except ArrangementEndedError:
+                    self._thread.join()
+        if self._error is not None:
+            raise self._error
+        return ""
+
+    def break_at(self, *texts: str) -> None:
+        """Replace all breakpoints; raise `BreakpointError`."""
+        self.debugger.break_at(*texts, library=self.library)
+
+    # Forwards
+
+    def step(self, until: Step, machine: str | None = None) -> str:
+        """Make a step, and return as `wait` does; raise `MomentError` at the end."""
+        self._require_more()
+        self.debugger.step(until, machine)
+        return self.wait()
+
+    def proceed(self) -> str:
+        """Go on to a breakpoint, and return as `wait` does; raise `MomentError` at the end."""
+        self._require_more()
+        self.debugger.proceed()
+        return self.wait()
+
+    def open_pdb(self, place: SectionPlace) -> str:
+        """Go on until that section runs, open a pdb in it, and return as `wait` does after it.
+
+        A breakpoint before that ends the search for it. Raise `MomentError` for a section without
+        code, and at the end.
+        """
+        self._require_more()
+        if place.section:
+            self._require_code(place)
+        self.debugger.place = place
+        self.debugger.proceed()
+        try:
+            return self.wait()
+        finally:
+            self.debugger.place = None
+
+    def goto(self, seconds: float) -> str:
+        """Go to the first moment at or after that time, and return as `wait` does."""
+        return self.go_past(self._begin_ns + round(seconds * 1e9) - 1)
+
+    def go_past(self, time_ns: int) -> str:
+        """Go to the first moment after that time, and return as `wait` does."""
+        goal, turn = Goal("goto", lambda turn: turn.time_ns > time_ns), self.debugger.turn
+        if self.debugger.begun_ns > time_ns:
+            self._begin(goal, _NEVER)
+        elif not self.end and (turn is None or turn.time_ns <= time_ns):
+            self.debugger.run_to(goal, _NEVER)
+        return self.wait()
+
+    # Backwards
+
+    def back(self, until: Step, machine: str | None = None) -> str:
+        """Go back to where a step like this could have ended, and return as `wait` does.
+
+        With "leave", that is before the turn in which the machine came to its state. Raise
+        `MomentError` if there is no such moment.
+        """
+        name, state, now = machine or self.machine, "", self.debugger.moment
+        match until:
+            case "turn":
+                moment = now - 1
+            case "round":
+                moment = _last_before(now, self.debugger.rounds)
+            case "transition":
+                moment = _last_before(now, self.debugger.arrivals)
+            case "leave":
+                state = self.arrangement.standing(name).state
+                moment = self._last(lambda: not self.debugger.stands(name, state))
+        if not moment:
+            what = {
+                "transition": "no transition has fired before this moment",
+                "leave": f"{name} has been in {state} from the beginning",
+            }
+            raise MomentError(what.get(until, "the recording begins here"))
+        return self._go_to(moment, f"back: {until}")
+
+    def back_to_breakpoint(self) -> str:
+        """Go back to the last hit of a breakpoint before this moment, and return as `wait` does.
+
+        Raise `MomentError` if there is none.
+        """
+        self._last(lambda: False)
+        if not self.debugger.passed:
+            raise MomentError("no breakpoint is reached before this moment")
+        return self._go_to(self.debugger.passed, "back")
+
+    def _last(self, matches: Callable[[], bool]) -> int:
+        """Run from the beginning to this moment; return the last one before it that matches."""
+        before, found = self.debugger.moment, 0
+
+        def look(_: Turn) -> bool:
+            nonlocal found
+            if self.debugger.number >= before:
+                return True
+            if matches():
+                found = self.debugger.number
+            return False
+
+        why = self.debugger.paused or "back"
+        self._begin(Goal(why, look), before)
+        self.wait()
+        return found
+
+    def _go_to(self, moment: int, why: str) -> str:
+        self._begin(Goal(why, lambda _: self.debugger.number >= moment), moment)
+        return self.wait()
+
+    # The machines' thread
+
+    def _begin(self, goal: Goal, since: int = 0) -> None:
+        """Run from the beginning until that."""
+        texts = self._abandon()
+        self._error, self.end, self.difference = None, "", ""
+        rerun = self._make()
+        self.arrangement = rerun.arrangement
+        self.debugger = debugger = TravelDebugger(rerun, since)
+        debugger.break_at(*texts, library=self.library)
+        debugger.run_to(goal, since)
+        self._thread = threading.Thread(target=self._run, args=(rerun,), name="machines")
+        self._thread.start()
+
+    def _abandon(self) -> tuple[str, ...]:
+        """End the thread, if there is one, and return its breakpoints."""
+        if not hasattr(self, "debugger"):
+            return ()
+        self.debugger.abandon()
+        self._thread.join()
+        return self.debugger.breakpoints
+
+    def _run(self, rerun: Rerun) -> None:
+        try:
+            with suppress(Abandoned):  # also after the first difference, before the next turn
+                rerun.compare()
+        except Exception as error:
+            self._error = error
+        if rerun.difference is not None:
+            what = "from here on the machines do not act as recorded"
+            self.end = self.difference = f"{what}: {rerun.difference}"
+        elif rerun.lost:
+            self.end = f"the recorder lost what follows, at {self.now_s:.6f} s"
+        else:
+            self.end = f"the recording ends here, at {self.now_s:.6f} s"
+
+    def _seconds(self, time_ns: int) -> float:
+        return (time_ns - self._begin_ns) / 1e9
+
+    def _require_more(self) -> None:
+        if self.end:
+            raise MomentError(f"{self.end}; go back, or to an earlier time")
+
+    def _require_code(self, place: SectionPlace) -> None:
+        cls = self.library.get(place.machine) or type(self.arrangement.machine(place.machine))
+        if section_of(cls, place.state, place.section) is None:
+            known = [
+                f"{state.name}.{section}"
+                for state in cls.table.states
+                for section in state.sections
+            ]
+            raise MomentError(
+                f"{place.machine} has no code {place.state}.{place.section}; "
+                f"it has: {', '.join(known) or 'none'}"
+            )
+
+
+def _last_before(moment: int, moments: Sequence[int]) -> int:
+    """Return the last of ascending moments that is before that one; 0 if there is none."""
+    found = bisect_left(moments, moment)
+    return moments[found - 1] if found else 0

@@ -1,0 +1,200 @@
+"""Machines run on the topics of a bag, and what they post is compared with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from mcap_ros2.writer import Writer
+
+from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.bridges.ros2.types.definition_text import bundled
+
+from .conftest import entries_in
+
+TYPES = TypeLibrary()
+MS = 1_000_000
+BEGIN_NS = 1_700_000_000_000_000_000
+POSES = (1.0, 2.0, 8.5, 8.5, 9.0, 3.0, 2.0)  # one in 25 ms
+BEYOND = 2  # the first beyond the line
+BACK = 5
+
+CODE = '''
+from llfsm.runtime import Actuator, Machine, Sensor, State
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
+from llfsm.whiteboard.messages.turtlesim import Pose
+
+
+def going(x):
+    return Twist(linear=Vector3(x=x))
+
+
+class Guard(Machine):
+    """Go on up to a line, and back beyond it."""
+
+    pose = Sensor(Slot("pose", Pose))
+    drive = Actuator(Slot("drive", Twist), at_end=going(0.0))
+    line: float = 8.0
+    speed: float = 1.0
+
+    AHEAD = State()
+    BACK = State()
+
+    @AHEAD.on_entry
+    def _(self):
+        self.drive(going(self.speed))
+
+    @BACK.internal
+    def _(self):
+        self.drive(going(-self.speed))
+
+    AHEAD.to(BACK, when=lambda m: m.pose is not None and m.pose.x > m.line)
+    BACK.to(AHEAD, when=lambda m: m.pose is not None and m.pose.x < m.line)
+
+
+class Idler(Machine):
+    pose = Sensor(Slot("pose", Twist))
+    A = State()
+    A.to(A, when=lambda m: False)
+
+
+class Spinner(Machine):
+    pose = Sensor(Slot("pose", Pose))
+    A = State()
+    B = State()
+    A.to(B)
+    B.to(A)
+'''
+
+
+def moving(x):
+    return {"linear": {"x": x, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
+
+
+def standing(x):
+    return {"x": x, "y": 0.0, "theta": 0.0, "linear_velocity": 0.0, "angular_velocity": 0.0}
+
+
+def write_bag(path: Path, drives: list[tuple[int, float]], poses=POSES) -> None:
+    """Write the poses, and commands after so many milliseconds, as rosbag2 does."""
+    sent = [
+        (n * 25, "/turtle1/pose", "turtlesim/msg/Pose", standing(x)) for n, x in enumerate(poses)
+    ]
+    sent += [(ms, "/turtle1/cmd_vel", "geometry_msgs/msg/Twist", moving(x)) for ms, x in drives]
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        schemas = {}
+        for ms, topic, kind, message in sorted(sent, key=lambda each: each[0]):
+            if kind not in schemas:
+                schemas[kind] = writer.register_msgdef(kind, bundled(TYPES.sources(kind)))
+            stamp_ns = BEGIN_NS + ms * MS
+            writer.write_message(topic, schemas[kind], message, stamp_ns, stamp_ns)
+        writer.finish()
+
+
+DROVE = [(0, 1.0), (BEYOND * 25 + 3, -1.0), (BEYOND * 25 + 30, -1.0), (BACK * 25 + 2, 1.0)]
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    (tmp_path / "guards.py").write_text(CODE)
+    (tmp_path / "bridge.toml").write_text(
+        '[[relay]]\nslot = "pose"\ntopic = "turtle1/pose"\ntype = "turtlesim/msg/Pose"\n'
+        'direction = "from_ros"\n'
+        '[[relay]]\nslot = "drive"\ntopic = "turtle1/cmd_vel"\n'
+        'type = "geometry_msgs/msg/Twist"\ndirection = "to_ros"\n'
+    )
+    path = tmp_path / "bag.mcap"
+    write_bag(path, DROVE)
+    return path
+
+
+CONFIG = ("--config", "bridge.toml")
+GUARD = "guards.py:Guard"
+
+
+def test_what_machines_post_is_as_in_the_bag(llfsm_here, bag: Path) -> None:
+    status, said = llfsm_here("rerun", bag, GUARD, *CONFIG)
+    assert (status, said.endswith("as recorded: 3 of drive\n")) == (0, True), said
+    rests = 2 * (len(POSES) - 1)  # of 10 ms, between two poses
+    assert said.startswith(f"{len(POSES) + rests + 2} rounds, ")  # at once after both transitions
+
+
+@pytest.mark.parametrize(
+    ("drives", "number", "recorded", "now"),
+    [
+        ([(0, 1.0), (53, -2.0)], 2, "after 0.053 s", "after 0.050 s"),
+        ([(0, 1.0), (53, -1.0)], 3, "nothing", "after 0.125 s"),
+        ([*DROVE, (149, 0.0), (150, 7.0)], 5, "after 0.150 s", "nothing"),
+    ],
+)
+def test_the_first_other_message_is_shown(llfsm_here, bag, drives, number, recorded, now) -> None:
+    write_bag(bag, drives)
+    status, said = llfsm_here("rerun", bag, GUARD, *CONFIG)
+    assert status == 1
+    head, *both = said.splitlines()
+    assert head.endswith(f"message {number} of drive differs:")
+    assert both[0].startswith(f"  recorded {recorded}")
+    assert both[1].startswith(f"  now      {now}")
+
+
+def test_slots_are_named_by_the_machines_too_and_a_turn_comes_with_each_message(
+    llfsm_here, bag: Path
+) -> None:
+    named = ("Guard:pose:=turtle1/pose", "Guard:drive:=turtle1/cmd_vel")
+    run = bag.with_name("run.mcap")
+    status, said = llfsm_here("rerun", bag, GUARD, *named, "--record", run)
+    assert (status, said.endswith("as recorded: 3 of turtle1/cmd_vel\n")) == (0, True), said
+    recording = Recording(run)
+    sensed = [each for each in entries_in(recording) if each["event"] == "Sensed"]
+    assert len(sensed) == len(POSES)
+    again = llfsm_here("rerun", run, "--trust")
+    assert again[0] == 0, again[1]
+
+
+def test_a_period_is_that_of_the_rounds(llfsm_here, bag: Path) -> None:
+    bag.with_name("all.toml").write_text(
+        f'period_us = 50000\n[[machine]]\ndefinition = "{GUARD}"\n'
+    )
+    write_bag(bag, [(0, 1.0), (53, -1.0), (153, 1.0)])
+    status, said = llfsm_here("rerun", bag, "all.toml", *CONFIG)
+    assert (status, said.startswith("4 rounds, ")) == (0, True), said
+
+
+def test_a_machine_that_never_rests_does_not_stop_the_time(llfsm_here, bag: Path) -> None:
+    status, said = llfsm_here("rerun", bag, "guards.py:Spinner", *CONFIG)
+    assert (status, said.partition(" ")[0][-2:]) == (0, "00"), said
+
+
+def test_what_is_no_topic_is_not_compared(llfsm_here, bag: Path) -> None:
+    status, said = llfsm_here("rerun", bag, GUARD, "Guard:pose:=turtle1/pose")
+    assert status == 0
+    assert "as recorded: none\n" in said
+    assert "not compared, as they are no topics there: drive" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "what"),
+    [
+        ((), 2, "name the machines that are to read its topics"),
+        ((GUARD,), 1, "the machines read pose, but its topics are"),
+        (
+            ("guards.py:Idler", *CONFIG),
+            1,
+            "holds turtlesim/msg/Pose, not our geometry_msgs/msg/Twist",
+        ),
+        ((GUARD, "--trust"), 2, "is a bag, without events of machines: omit --trust"),
+        ((GUARD, "--compare", "posts"), 2, "omit --compare"),
+        (("timed.toml",), 2, "Guard has a period of its own"),
+        ((GUARD, *CONFIG, "Guard:line=oops"), 2, "oops"),
+    ],
+)
+def test_what_cannot_be_run_is_said(llfsm_here, bag: Path, arguments, status, what) -> None:
+    bag.with_name("timed.toml").write_text(
+        f'[[machine]]\ndefinition = "{GUARD}"\nperiod_us = 1000\n'
+    )
+    found, said = llfsm_here("rerun", bag, *arguments)
+    assert found == status, said
+    assert what in said
