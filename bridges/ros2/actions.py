@@ -1,7 +1,7 @@
 """An action's server on a transport: goals, feedback, cancelling, results.
 
 An action is three services and two topics under ``<name>/_action/``. It answers and publishes what
-rclcpp_action does, at the same times:
+rclcpp_action does, in the same order:
 
 * ``send_goal``: a goal is executed immediately or refused. A known id is refused.
 * ``cancel_goal``: by id; by time (all goals accepted until then); by both, either matches; by
@@ -18,23 +18,23 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-from llfsm.runtime.engine.clock import Clock, MonotonicClock
+from llfsm.runtime.goals import GoalStatus
 from llfsm.whiteboard import Message
 
 from .call_queue import Put, through
 from .errors import AlreadyAnsweredError
-from .goals import GoalStatus
 from .qos import DurabilityPolicy, Qos
 from .stamps import from_ns, to_ns
 from .transport import Node, ServiceRequest
 from .types import RosAction, TypeLibrary
 
-__all__ = ["ActionServer", "ServerGoal"]
+__all__ = ["STATUS_QOS", "ActionServer", "ServerGoal"]
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 _KEPT_NS = 10_000_000_000  # rcl_action's default
-_STATUS_QOS = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
+STATUS_QOS = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
+"""Of the topic ``status``, at both ends (rcl_action_qos_profile_status_default)."""
 
 
 class ServerGoal:
@@ -52,6 +52,15 @@ class ServerGoal:
         self.response: Message | None = None
         self.waiting: list[ServiceRequest[Any, Any]] = []
         self._server = server
+        self.request: ServiceRequest[Any, Any] | None = None  # while it is undecided
+
+    def accept(self) -> None:
+        """Accept it, if that was left open."""
+        self._server.decide(self, True)
+
+    def refuse(self) -> None:
+        """Refuse it, if that was left open."""
+        self._server.decide(self, False)
 
     def publish_feedback(self, feedback: Message) -> None:
         """Publish feedback."""
@@ -70,9 +79,10 @@ class ServerGoal:
 class ActionServer:
     """Serves one action of a node until it is closed.
 
-    ``begin`` gets each new goal and returns whether it is accepted. ``cancel`` gets a goal that a
-    client wants to cancel and returns whether it agrees. Both may end goals, but ``cancel`` not the
-    goal that it gets. They are called through ``put``, on the thread that owns the server: call no
+    ``begin`` gets each new goal and returns whether it is accepted; with None that is left open,
+    and decided by the goal's ``accept`` or ``refuse``. ``cancel`` gets a goal that a client wants
+    to cancel and returns whether it agrees. Both may end goals, but ``cancel`` not the goal that it
+    gets. They are called through ``put``, on the thread that owns the server: call no
     method on another.
     """
 
@@ -83,16 +93,18 @@ class ActionServer:
         of: RosAction,
         types: TypeLibrary,
         *,
-        begin: Callable[[ServerGoal], bool],
+        begin: Callable[[ServerGoal], bool | None],
         cancel: Callable[[ServerGoal], bool],
         put: Put,
-        clock: Clock | None = None,
+        now_ns: Callable[[], int] = time.time_ns,
     ) -> None:
+        """``now_ns`` returns the node's time, by which results expire, too."""
         self._name = name
         self._begin = begin
         self._agree_to_cancel = cancel
-        self._clock = clock or MonotonicClock()
+        self._now_ns = now_ns
         self._goals: dict[bytes, ServerGoal] = {}
+        self._undecided: dict[bytes, ServerGoal] = {}
 
         statuses = types.message("action_msgs/msg/GoalStatusArray")
         cancel_goal = types.service("action_msgs/srv/CancelGoal")
@@ -110,7 +122,7 @@ class ActionServer:
             node.publisher(f"{name}/_action/feedback", of.feedback_message)
         ).publish
         self._send_statuses = opened(
-            node.publisher(f"{name}/_action/status", statuses, _STATUS_QOS)
+            node.publisher(f"{name}/_action/status", statuses, STATUS_QOS)
         ).publish
         for service, of_service, take in (
             ("send_goal", of.send_goal, self._take_goal),
@@ -130,29 +142,47 @@ class ActionServer:
     def end(self, goal: ServerGoal, status: GoalStatus, result: Message) -> None:
         """End a goal with a status and a result."""
         goal.status = status
-        goal.ended_ns = self._clock.now_ns()
+        goal.ended_ns = self._now_ns()
         goal.response = self._result(status=int(status), result=result)
-        self._publish_status()
         for request in goal.waiting:
             request.answer(goal.response)
         goal.waiting.clear()
+        self._publish_status()
 
     def _take_goal(self, request: ServiceRequest[Any, Any]) -> None:
         self._forget()
         message = request.message
         key = message.goal_id.uuid
-        info = self._info(goal_id=message.goal_id, stamp=from_ns(time.time_ns()))
-        if key in self._goals:
+        info = self._info(goal_id=message.goal_id, stamp=from_ns(self._now_ns()))
+        goal = ServerGoal(self, info, message.goal)
+        goal.request = request
+        if key in self._goals or key in self._undecided:
             _LOG.warning("%s: refused a goal with a known id: %s", self._name, key.hex())
-            accepted = False
+            accepted: bool | None = False
         else:
-            accepted = self._accept(key, ServerGoal(self, info, message.goal))
-        request.answer(self._accepted(accepted=accepted, stamp=info.stamp))
+            accepted = self._accept(key, goal)
+        if accepted is None:
+            self._undecided[key] = goal
+        else:
+            self._answer(goal, accepted)
+
+    def decide(self, goal: ServerGoal, accepted: bool) -> None:
+        """Answer whether a goal is accepted, if that was left open."""
+        key = goal.info.goal_id.uuid
+        if self._undecided.pop(key, None) is goal:
+            if accepted:
+                self._goals[key] = goal
+            self._answer(goal, accepted)
+
+    def _answer(self, goal: ServerGoal, accepted: bool) -> None:
+        request, goal.request = goal.request, None
+        if request is not None:
+            request.answer(self._accepted(accepted=accepted, stamp=goal.info.stamp))
         if accepted:
             self._publish_status()
 
-    def _accept(self, key: bytes, goal: ServerGoal) -> bool:
-        accepted = False
+    def _accept(self, key: bytes, goal: ServerGoal) -> bool | None:
+        accepted: bool | None = False
         self._goals[key] = goal
         try:
             accepted = self._begin(goal)
@@ -170,10 +200,10 @@ class ActionServer:
             goal.status = GoalStatus.CANCELING
         if meant and not agreed:
             code = self._cancelled.ERROR_REJECTED
-        infos = tuple(goal.info for goal in agreed)
-        request.answer(self._cancelled(return_code=code, goals_canceling=infos))
         if agreed:
             self._publish_status()
+        infos = tuple(goal.info for goal in agreed)
+        request.answer(self._cancelled(return_code=code, goals_canceling=infos))
 
     def _meant(self, key: bytes, until_ns: int) -> tuple[int, list[ServerGoal]]:
         """Return the code of the answer and the goals that a request would cancel."""
@@ -204,7 +234,7 @@ class ActionServer:
 
     def _forget(self) -> None:
         """Drop results older than 10 s."""
-        then = self._clock.now_ns() - _KEPT_NS
+        then = self._now_ns() - _KEPT_NS
         self._goals = {
             key: goal
             for key, goal in self._goals.items()

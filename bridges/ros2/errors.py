@@ -6,7 +6,16 @@ Ros2Error
 │   ├── UnknownTypeError      no definition of that type is found
 │   ├── DefinitionSyntaxError a definition breaks ROS 2's rules
 │   ├── DefinitionPathError  a folder or file to search for definitions is not there
-│   └── TypeMismatchError     a Message class has other fields than the ROS type of its name
+│   ├── TypeMismatchError     a Message class has other fields than the ROS type of its name
+│   ├── KeyPathError          `keyed_by` names no key in the messages of a relay
+│   └── AtLossError           `at_loss` is no message of a relay to ROS
+├── RosArgumentError          an argument after --ros-args, or a file that one names, is wrong
+│   └── ParameterOverrideError    a parameter's value has the wrong type or is out of range
+├── TransformError            a transform between two frames cannot be answered
+│   ├── FrameNameError        a frame's name is empty or begins with a slash
+│   ├── FrameLookupError      a frame is unknown, or the frames form a loop
+│   ├── ConnectivityError     two frames are not in one tree
+│   └── ExtrapolationError    a transform at that time is not known
 ├── CdrError                  bytes do not decode as a type, or a message cannot be encoded
 └── TransportError
     ├── TransportUnavailableError  a transport is not installed, or cannot be opened
@@ -27,18 +36,27 @@ from llfsm.errors import LlfsmError
 
 __all__ = [
     "AlreadyAnsweredError",
+    "AtLossError",
     "CallFailedError",
     "CallTimeoutError",
     "CdrError",
+    "ConnectivityError",
     "DefinitionPathError",
     "DefinitionSyntaxError",
     "DomainIdError",
+    "ExtrapolationError",
+    "FrameLookupError",
+    "FrameNameError",
+    "KeyPathError",
     "NoServerError",
+    "ParameterOverrideError",
     "Ros2Error",
+    "RosArgumentError",
     "RosNameError",
     "RosTypeError",
     "RouterError",
     "ServiceCallError",
+    "TransformError",
     "TransportClosedError",
     "TransportError",
     "TransportUnavailableError",
@@ -73,6 +91,42 @@ class DefinitionPathError(RosTypeError, ValueError):
 
 class TypeMismatchError(RosTypeError, TypeError):
     """A Message class has the name of a ROS type and other fields; the message lists them."""
+
+
+class AtLossError(RosTypeError, ValueError):
+    """``at_loss`` is not a message of its relay, or that does not send to ROS."""
+
+
+class KeyPathError(RosTypeError, LookupError):
+    """``keyed_by`` is not a path to a key in the messages of its relay."""
+
+
+class TransformError(Ros2Error):
+    """A transform between two frames cannot be answered; the words are tf2's."""
+
+
+class FrameNameError(TransformError, ValueError):
+    """A frame's name is empty or begins with a slash (tf2's InvalidArgumentException)."""
+
+
+class FrameLookupError(TransformError, LookupError):
+    """A frame is unknown, or the frames form a loop (tf2's LookupException)."""
+
+
+class ConnectivityError(TransformError):
+    """Two frames are not in one tree (tf2's ConnectivityException)."""
+
+
+class ExtrapolationError(TransformError):
+    """A transform at that time is not known (tf2's ExtrapolationException)."""
+
+
+class RosArgumentError(Ros2Error, ValueError):
+    """An argument after ``--ros-args`` is wrong; the message names it."""
+
+
+class ParameterOverrideError(RosArgumentError):
+    """A value from outside does not fit its parameter; the message names both."""
 
 
 class CdrError(Ros2Error, ValueError):

@@ -101,14 +101,26 @@ def type_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
 
 
 def qos_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
-    """Return why a publisher offers less than a subscription requests, or None."""
+    """Return why a publisher offers less than a subscription requests, or None.
+
+    The words are those that rclcpp logs, which people search for; then who they are.
+    """
     asking, offering = (ours, theirs) if ours.role is Role.SUBSCRIPTION else (theirs, ours)
     if (asking.role, offering.role) != (Role.SUBSCRIPTION, Role.PUBLISHER):
         return None
     if asking.qos is None or offering.qos is None:
         return None
-    refusal = asking.qos.refusal(offering.qos)
-    return refusal and f"the subscription of {asking.node} {refusal} by {offering.node}"
+    refused = asking.qos.refused(offering.qos)
+    if not refused:
+        return None
+    other = "publisher" if ours is asking else "subscription"
+    does = "offering" if ours is asking else "requesting"
+    reasons = "; ".join(reason for _, reason in refused)
+    return (
+        f"New {other} discovered on topic '{ours.name}', {does} incompatible QoS. "
+        f"No messages will be sent to it. Last incompatible policy: {refused[-1][0]} "
+        f"(the subscription of {asking.node} {reasons} by {offering.node})"
+    )
 
 
 def _who(end: Endpoint) -> str:

@@ -6,10 +6,12 @@ reasons are in rclcpp's words, which people search for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import IntEnum
 from types import MappingProxyType
 from typing import Any, NamedTuple
+
+from .errors import ParameterOverrideError
 
 __all__ = ["NodeParameters", "Parameter", "ParameterType", "Value", "type_of"]
 
@@ -63,38 +65,94 @@ class Parameter(NamedTuple):
 
     default: bool | int | float | str
     description: str = ""
-    range: tuple[int, int] | None = None
-    """The least and the greatest integer it may be."""
+    range: tuple[float, float] | None = None
+    """The least and the greatest number it may be."""
+    read_only: bool = False
+    changed: Callable[[Any], None] | None = None
+    """Called with each value that it is set to, also at the start by an override."""
 
 
 class NodeParameters:
-    """The values of the parameters that a node has declared."""
+    """The values of the parameters that a node has declared, sorted by name as by rclcpp."""
 
-    def __init__(self, declared: Mapping[str, Parameter]) -> None:
-        self.declared = MappingProxyType(dict(declared))
-        self._values: dict[str, Any] = {name: one.default for name, one in declared.items()}
+    def __init__(self, declared: Mapping[str, Parameter] = MappingProxyType({})) -> None:
+        self._declared: dict[str, Parameter] = {}
+        self._values: dict[str, Any] = {}
+        self._overrides: Mapping[str, Value] = {}
+        self.declare(declared)
+
+    @property
+    def declared(self) -> Mapping[str, Parameter]:
+        """The declarations by name."""
+        return MappingProxyType(self._declared)
+
+    def declare(self, declared: Mapping[str, Parameter]) -> None:
+        """Declare more parameters; raise as :meth:`override`."""
+        self._declared = dict(sorted((self._declared | dict(declared)).items()))
+        for name, one in declared.items():
+            self._values[name] = one.default
+            self._override(name)
+
+    def override(self, values: Mapping[str, Value]) -> None:
+        """Start with these values instead of the defaults, also of what is declared later.
+
+        Names that are never declared are ignored, as by rclcpp. Raise
+        :class:`.ParameterOverrideError` for a value of another type or outside the range.
+        """
+        self._overrides = values
+        for name in self._declared:
+            self._override(name)
+
+    def _override(self, name: str) -> None:
+        if name in self._overrides:
+            value = self._overrides[name]
+            if reason := self._misfit(name, value):
+                raise ParameterOverrideError(f"parameter {name!r}: {reason}")
+            self.assign(name, value)
 
     def values(self) -> dict[str, Any]:
         """Return a copy of all values by name."""
         return dict(self._values)
 
-    def refusal(self, name: str, value: Value) -> str | None:
-        """Return why a parameter refuses a value, or None if it accepts it."""
-        declared = self.declared.get(name)
+    def refusal(self, *wanted: tuple[str, Value]) -> str | None:
+        """Return why these values, by name, cannot be set together, or None if they can.
+
+        Of several reasons it is the one that rclcpp finds first.
+        """
+        for check in (self._fixed, self._missing, self._misfit):
+            for name, value in wanted:
+                if reason := check(name, value):
+                    return reason
+        return None
+
+    def _fixed(self, name: str, _: Value) -> str | None:
+        declared = self._declared.get(name)
         if declared is None:
             return f"parameter '{name}' cannot be set because it was not declared"
+        if declared.read_only:
+            return f"parameter '{name}' cannot be set because it is read-only"
+        return None
+
+    def _missing(self, _: str, value: Value) -> str | None:
+        return "cannot undeclare a statically typed parameter" if value is None else None
+
+    def _misfit(self, name: str, value: Value) -> str | None:
+        declared = self._declared[name]
         wanted, given = type_of(declared.default), type_of(value)
         if given is not wanted:
             return (
                 f"Wrong parameter type, parameter {{{name}}} is of type {{{wanted}}}, "
                 f"setting it to {{{given}}} is not allowed."
             )
-        if declared.range is not None and isinstance(value, int):
+        if declared.range is not None and isinstance(value, int | float):
             least, greatest = declared.range
             if not least <= value <= greatest:
-                return f"Parameter {{{name}}} doesn't comply with integer range."
+                kind = "integer" if wanted is ParameterType.INTEGER else "floating point"
+                return f"Parameter {{{name}}} doesn't comply with {kind} range."
         return None
 
     def assign(self, name: str, value: Value) -> None:
         """Assign a value that :meth:`refusal` accepts."""
         self._values[name] = value
+        if changed := self._declared[name].changed:
+            changed(value)

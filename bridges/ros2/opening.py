@@ -18,24 +18,26 @@ def open_transport(
     domain: int | None = None,
     *,
     router: Sequence[str] = (),
+    enclave: str = "",
     notify: Callable[[Notice], None] = log_notice,
 ) -> Transport:
     """Open a transport: ``rclpy``, ``zenoh``, or ``auto`` (see :func:`.choose_transport`).
 
     ``domain`` defaults to ``ROS_DOMAIN_ID``. ``router`` names Zenoh endpoints, as
-    ``tcp/localhost:7447``. Raise :class:`.TransportUnavailableError` and :class:`.DomainIdError`.
+    ``tcp/localhost:7447``; ``enclave`` is the security enclave of the nodes. Raise
+    :class:`.TransportUnavailableError` and :class:`.DomainIdError`.
     """
     chosen = choose_transport(name, router=bool(router))
     if chosen == "rclpy":
         with explaining_missing():
             from .rclpy_transport.transport import RclpyTransport
 
-            return RclpyTransport(domain, notify=notify)
+            return RclpyTransport(domain, enclave=enclave, notify=notify)
     if chosen == "zenoh":
         with explaining_missing():
             from .zenoh_transport.transport import ZenohTransport
 
-            return ZenohTransport(domain, router=router or None, notify=notify)
+            return ZenohTransport(domain, router=router or None, enclave=enclave, notify=notify)
     known = ", ".join(TRANSPORTS)
     raise TransportUnavailableError(f"unknown transport {name!r}: not one of {known}")
 

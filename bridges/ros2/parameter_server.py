@@ -6,7 +6,7 @@ As in rclcpp, a request for several parameters returns nothing if one of them is
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from llfsm.whiteboard import Message
@@ -18,11 +18,17 @@ from .stamps import from_ns
 from .transport import Node, ServiceRequest
 from .types import RosService, TypeLibrary
 
-__all__ = ["PARAMETER_QOS", "ParameterServer"]
+__all__ = ["PARAMETER_EVENTS", "PARAMETER_QOS", "ParameterServer"]
+
+PARAMETER_EVENTS = "/parameter_events"
 
 PARAMETER_QOS = Qos(depth=1000)
 """Of the services and of the events (rmw_qos_profile_parameters, _parameter_events)."""
 
+_NOTHING = (
+    "parameter list cannot be empty, this might be due to "
+    "pre_set_parameters_callback modifying the original parameters list."
+)
 _SEPARATOR = "."
 _FIELDS = {kind: f"{kind.name.lower()}_value" for kind in ParameterType if kind}
 
@@ -31,23 +37,32 @@ class ParameterServer:
     """Serves a node's parameters; requests are handled through ``put``, on one thread."""
 
     def __init__(
-        self, node: Node, types: TypeLibrary, parameters: NodeParameters, put: Put
+        self,
+        node: Node,
+        types: TypeLibrary,
+        parameters: NodeParameters,
+        put: Put,
+        now_ns: Callable[[], int] = time.time_ns,
+        events_qos: Qos = PARAMETER_QOS,
     ) -> None:
+        """``now_ns`` returns the node's time, for stamps."""
         self._node = node.name
+        self._now_ns = now_ns
         self._parameters = parameters
         self._parameter: type[Message] = types.message("rcl_interfaces/msg/Parameter").message
         self._value: type[Message] = types.message("rcl_interfaces/msg/ParameterValue").message
         self._descriptor: type[Message] = types.message(
             "rcl_interfaces/msg/ParameterDescriptor"
         ).message
-        self._range = types.message("rcl_interfaces/msg/IntegerRange").message
+        self._integers = types.message("rcl_interfaces/msg/IntegerRange").message
+        self._floats = types.message("rcl_interfaces/msg/FloatingPointRange").message
         self._outcome: type[Message] = types.message(
             "rcl_interfaces/msg/SetParametersResult"
         ).message
         self._found = types.message("rcl_interfaces/msg/ListParametersResult").message
         event = types.message("rcl_interfaces/msg/ParameterEvent")
         self._event = event.message
-        self._publish = node.publisher("/parameter_events", event, PARAMETER_QOS).publish
+        self._publish = node.publisher(PARAMETER_EVENTS, event, events_qos).publish
         for name, type_name, respond in (
             ("get_parameters", "GetParameters", self._get),
             ("get_parameter_types", "GetParameterTypes", self._types),
@@ -89,14 +104,18 @@ class ParameterServer:
         return {"results": tuple(self._set_all([one]) for one in request.parameters)}
 
     def _set_atomically(self, request: Any) -> dict[str, Any]:
+        if not all(one.name in self._parameters.declared for one in request.parameters):
+            reason = "One or more parameters were not declared before setting"
+            return {"result": self._outcome(successful=False, reason=reason)}
         return {"result": self._set_all(request.parameters)}
 
-    def _set_all(self, wanted: Iterable[Any]) -> Message:
+    def _set_all(self, wanted: Sequence[Any]) -> Message:
         """Set all of these or none, and return the outcome."""
+        if not wanted:
+            return self._outcome(successful=False, reason=_NOTHING)
         values = [(one.name, _from_message(one.value)) for one in wanted]
-        for name, value in values:
-            if reason := self._parameters.refusal(name, value):
-                return self._outcome(successful=False, reason=reason)
+        if reason := self._parameters.refusal(*values):
+            return self._outcome(successful=False, reason=reason)
         for name, value in values:
             self._parameters.assign(name, value)
         self._publish_event(changed_parameters=values)
@@ -109,7 +128,7 @@ class ParameterServer:
             )
             for field, values in changes.items()
         }
-        self._publish(self._event(stamp=from_ns(time.time_ns()), node=self._node, **lists))
+        self._publish(self._event(stamp=from_ns(self._now_ns()), node=self._node, **lists))
 
     def _all_known(self, names: tuple[str, ...]) -> tuple[str, ...]:
         return names if all(name in self._parameters.declared for name in names) else ()
@@ -121,15 +140,23 @@ class ParameterServer:
 
     def _description(self, name: str) -> Message:
         declared = self._parameters.declared[name]
-        ranges = [declared.range] if declared.range else []
+        ranges: dict[str, tuple[Message, ...]] = {}
+        if declared.range is not None:
+            least, greatest = declared.range
+            if isinstance(declared.default, float):
+                ranges["floating_point_range"] = (
+                    self._floats(from_value=least, to_value=greatest),
+                )
+            else:
+                ranges["integer_range"] = (
+                    self._integers(from_value=least, to_value=greatest, step=1),
+                )
         return self._descriptor(
             name=name,
             type=int(type_of(declared.default)),
             description=declared.description,
-            integer_range=tuple(
-                self._range(from_value=least, to_value=greatest, step=1)
-                for least, greatest in ranges
-            ),
+            read_only=declared.read_only,
+            **ranges,
         )
 
 

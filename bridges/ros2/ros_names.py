@@ -18,6 +18,7 @@ NO_REMAPPING: Mapping[str, str] = MappingProxyType({})
 
 _NODE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _FULL = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_TOPIC, _SERVICE = "rostopic://", "rosservice://"
 _LONGEST_NODE = 255
 _LONGEST_NAME = 247  # 255 less the prefix that DDS puts before a name ("rq/" and so on)
 
@@ -30,8 +31,9 @@ class Names:
     ) -> None:
         """Name a node.
 
-        ``remap`` maps names of topics and services, as the node uses them, to other names. Raise
-        :class:`.RosNameError` for an invalid name.
+        ``remap`` maps names of topics and services, as the node uses them, to other names; one that
+        begins with ``rostopic://`` or ``rosservice://`` only those. Raise :class:`.RosNameError`
+        for an invalid name.
         """
         if not _NODE.fullmatch(node) or len(node) > _LONGEST_NODE:
             raise RosNameError(
@@ -43,16 +45,29 @@ class Names:
         if self.namespace != "/":
             _check_full(self.namespace, namespace, "namespace")
         self.full_node = f"{self.namespace.rstrip('/')}/{node}"
-        self._remap = {self._expand(name): self._expand(to) for name, to in remap.items()}
+        self.remap = remap
+        self._remap = {
+            (scheme, self._expand(name.removeprefix(scheme))): self._expand(to)
+            for name, to in remap.items()
+            for scheme in (_TOPIC, _SERVICE)
+            if name.startswith(scheme) or "://" not in name
+        }
+
+    def full_service(self, name: str) -> str:
+        """Return a service's full name, remapped; as :meth:`full`."""
+        return self._full(name, _SERVICE)
 
     def full(self, name: str) -> str:
-        """Return a topic's or service's full name, remapped.
+        """Return a topic's full name, remapped.
 
         ``/x`` is full already, ``x`` is in the node's namespace, ``~/x`` is the node's own. Raise
         :class:`.RosNameError` for an invalid name.
         """
+        return self._full(name, _TOPIC)
+
+    def _full(self, name: str, scheme: str) -> str:
         full = self._expand(name)
-        return self._remap.get(full, full)
+        return self._remap.get((scheme, full), full)
 
     def _expand(self, name: str) -> str:
         if name.startswith("/"):

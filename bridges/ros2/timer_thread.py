@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 
+from .threads import join_at_exit
+
 __all__ = ["TimerThread"]
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
@@ -25,7 +27,8 @@ class TimerThread:
     def __init__(self, name: str) -> None:
         self._todo: SimpleQueue[tuple[float, int, Callable[[], object] | None]] = SimpleQueue()
         self._count = itertools.count()  # so that actions are never compared
-        threading.Thread(target=self._run, name=name, daemon=True).start()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
 
     def call_soon(self, do: Callable[[], object]) -> None:
         """Run ``do`` after the actions that were queued before."""
@@ -37,6 +40,7 @@ class TimerThread:
 
     def close(self) -> None:
         """End the thread after the actions queued by :meth:`call_soon`."""
+        join_at_exit(self._thread)  # they may hold objects of the middleware
         self._todo.put((0.0, next(self._count), None))
 
     def _run(self) -> None:

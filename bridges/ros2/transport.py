@@ -68,6 +68,8 @@ class NoticeKind(Enum):
     """Another node uses one of our names with another type, or another version of the type."""
     QOS_MISMATCH = "QoS mismatch"
     """A publisher offers less than a subscription requests."""
+    QOS_BROKEN = "QoS broken"
+    """A publisher has missed a deadline, or has given no sign of life in time."""
     BAD_MESSAGE = "bad message"
     """A message cannot be decoded, or has no attachment."""
     CALLBACK_FAILED = "callback failed"
@@ -149,6 +151,9 @@ class Publisher(Closable, Generic[M]):
     """The topic's full name."""
     gid: bytes
     """The :attr:`MessageInfo.gid` of its messages; empty where that is not known."""
+    broken: int = 0
+    """How often the middleware has reported :attr:`NoticeKind.QOS_BROKEN`. Over Zenoh, as with
+    rmw_zenoh_cpp, it does not."""
 
     @abstractmethod
     def publish(self, message: M) -> None:
@@ -160,12 +165,21 @@ class Publisher(Closable, Generic[M]):
         :class:`.TransportClosedError` after ``close``.
         """
 
+    @abstractmethod
+    def forward(self, arrival: SerializedMessage[M]) -> None:
+        """Send a received message of the topic's type as it came; nothing is encoded.
+
+        As :meth:`publish`, it has this publisher's number and time.
+        """
+
 
 class TopicSubscription(Closable):
     """Receives the messages of a topic until it is closed."""
 
     name: str
     """The topic's full name."""
+    broken: int = 0
+    """As of a publisher."""
 
 
 Req = TypeVar("Req", bound=Message)
@@ -282,7 +296,9 @@ class Node(Closable):
     def _end(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Endpoint:
         """Describe an endpoint of this node."""
         self._check_open()
-        return Endpoint(role, self.name, self._names.full(name), of.name, of.type_hash, qos)
+        topics = role in (Role.PUBLISHER, Role.SUBSCRIPTION)
+        full = self._names.full(name) if topics else self._names.full_service(name)
+        return Endpoint(role, self.name, full, of.name, of.type_hash, qos)
 
     def __str__(self) -> str:
         return f"the node {self.name}"

@@ -17,7 +17,7 @@ __all__ = ["TypeDescriptionServer"]
 class TypeDescriptionServer:
     """Describes every type that its library knows, in use or not.
 
-    It never sends sources, which many types do not have. Requests are handled through ``put``.
+    On request it sends their sources, too. Requests are handled through ``put``.
     """
 
     def __init__(self, node: Node, types: TypeLibrary, put: Put) -> None:
@@ -26,7 +26,13 @@ class TypeDescriptionServer:
         self._response = of.response.message
         self._classes: dict[str, type[Message]] = {
             name: types.message(f"type_description_interfaces/msg/{name}").message
-            for name in ("TypeDescription", "IndividualTypeDescription", "Field", "FieldType")
+            for name in (
+                "TypeDescription",
+                "IndividualTypeDescription",
+                "Field",
+                "FieldType",
+                "TypeSource",
+            )
         }
         node.server("~/get_type_description", of, through(put, self._answer))
 
@@ -47,7 +53,14 @@ class TypeDescriptionServer:
                 map(self._individual, description["referenced_type_descriptions"])
             ),
         )
-        request.answer(self._response(successful=True, type_description=whole))
+        sources = self._types.sources(name) if request.message.include_type_sources else []
+        request.answer(
+            self._response(
+                successful=True,
+                type_description=whole,
+                type_sources=tuple(self._classes["TypeSource"](*source) for source in sources),
+            )
+        )
 
     def _individual(self, description: dict[str, Any]) -> Message:
         field, field_type = self._classes["Field"], self._classes["FieldType"]

@@ -20,17 +20,17 @@ class Parameters(NodeParameters):
     def __init__(self) -> None:
         super().__init__(
             {
-                "background_r": Parameter(69, "How red the background is", _BYTE),
-                "background_g": Parameter(86, "How green the background is", _BYTE),
-                "background_b": Parameter(255, "How blue the background is", _BYTE),
-                "holonomic": Parameter(False, "Whether turtles can move sideways"),
+                "background_r": Parameter(69, "Red channel of the background color", _BYTE),
+                "background_g": Parameter(86, "Green channel of the background color", _BYTE),
+                "background_b": Parameter(255, "Blue channel of the background color", _BYTE),
+                "holonomic": Parameter(False, "If true, then turtles will be holonomic"),
             }
         )
         self._derive()
 
     def set(self, name: str, value: Value) -> None:
         """Set a parameter, or raise ParameterError with the reason in rclcpp's words."""
-        if reason := self.refusal(name, value):
+        if reason := self.refusal((name, value)):
             raise ParameterError(reason)
         self.assign(name, value)
 
@@ -40,6 +40,6 @@ class Parameters(NodeParameters):
         self._derive()
 
     def _derive(self) -> None:
-        r, g, b, holonomic = self.values().values()
-        self.background = Color(r, g, b)
-        self.holonomic = holonomic
+        values = self.values()
+        self.background = Color(*(values[f"background_{channel}"] for channel in "rgb"))
+        self.holonomic = values["holonomic"]

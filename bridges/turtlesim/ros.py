@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 from ..ros2.call_queue import CallQueue, through
-from ..ros2.parameter_server import PARAMETER_QOS, ParameterServer
+from ..ros2.node_time import CLOCK, CLOCK_QOS, CLOCK_TYPE
+from ..ros2.parameter_server import PARAMETER_EVENTS, PARAMETER_QOS
 from ..ros2.qos import Qos, ReliabilityPolicy
-from ..ros2.rosout import Rosout
+from ..ros2.ros_arguments import RosArguments
+from ..ros2.stamps import from_ns
+from ..ros2.standard_node import equip
 from ..ros2.transport import ServiceRequest, Transport
-from ..ros2.type_descriptions import TypeDescriptionServer
 from ..ros2.types import TypeLibrary
+from .parameters import Parameters
 from .ros_turtle import RosTurtle
-from .simulator import Simulator
+from .simulator import STEP_NS, Simulator
 from .turtle import Level, Log
 
 __all__ = ["RosTurtlesim"]
+
+_NEVER = 100  # above every level
 
 
 class RosTurtlesim:
@@ -30,21 +37,36 @@ class RosTurtlesim:
     log: called with each line of the log, which is published on /rosout, too.
     """
 
-    def __init__(self, transport: Transport, log: Log) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        log: Log,
+        arguments: RosArguments = RosArguments(),  # noqa: B008 (immutable)
+        *,
+        clock: bool = False,
+    ) -> None:
+        """Put the node on the graph; raise :class:`.RosArgumentError`.
+
+        ``clock``: publish the simulated time on /clock, 16 ms at the first step.
+        """
         self.queue = CallQueue()
         self._types = types = TypeLibrary()
-        self._node = node = transport.node("turtlesim")
-        self._rosout = Rosout(node, types)
+        names = arguments.names("turtlesim")
+        self._node = node = transport.node(names.node, names.namespace, names.remap)
+        parameters = Parameters()
+        parameters.override(arguments.parameters(names.full_node))
+        self._rosout, self._time = equip(node, types, parameters, self.queue.put)
+        level = arguments.log_level(names.full_node)
+        self._rosout.setLevel(level if arguments.rosout else _NEVER)
         self._log = log
-        self.simulator = simulator = Simulator(self._log_line)
+        self.simulator = Simulator(self._log_line, parameters)
         self._turtles: dict[str, RosTurtle] = {}
-        ParameterServer(node, types, simulator.parameters, self.queue.put)
-        TypeDescriptionServer(node, types, self.queue.put)
         # The real node paints anew on such an event, and its clock looks for a simulated time.
         # Here nothing follows from it, but tools show the same graph.
         event = types.message("rcl_interfaces/msg/ParameterEvent")
         for qos in (PARAMETER_QOS, Qos(ReliabilityPolicy.BEST_EFFORT, depth=100)):
-            node.subscription("/parameter_events", event, lambda _: None, qos)
+            node.subscription(PARAMETER_EVENTS, event, lambda _: None, qos)
+        self._clock = self._clock_publisher() if clock else None
         self._serve("clear", "std_srvs/srv/Empty", self._clear)
         self._serve("reset", "std_srvs/srv/Empty", self._reset)
         self._serve("spawn", "turtlesim/srv/Spawn", self._spawn)
@@ -54,7 +76,11 @@ class RosTurtlesim:
     def step(self) -> None:
         """Handle pending messages, advance by 16 ms of simulated time, publish the results."""
         self.queue.run_pending()
+        for turtle in self._turtles.values():
+            turtle.follow_time()
         self.simulator.step()
+        if self._clock is not None:
+            self._clock()
         for turtle in self._turtles.values():
             turtle.publish()
 
@@ -63,6 +89,12 @@ class RosTurtlesim:
         name = self.simulator.spawn(x, y, theta, name)
         self._follow_turtles()
         return name
+
+    def _clock_publisher(self) -> Callable[[], None]:
+        of = self._types.message(CLOCK_TYPE)
+        publish = self._node.publisher(CLOCK, of, CLOCK_QOS).publish
+        steps = count(1)
+        return lambda: publish(of.message(clock=from_ns(next(steps) * STEP_NS)))
 
     def _serve(self, name: str, type_name: str, do: Callable[[Any], dict[str, str]]) -> None:
         """Have requests of a service answered with the fields that ``do`` returns."""
@@ -100,9 +132,17 @@ class RosTurtlesim:
         for name, turtle in turtles.items():
             if name not in self._turtles:
                 self._turtles[name] = RosTurtle(
-                    turtle, self.simulator, self._node, self._types, self.queue.put
+                    turtle,
+                    self.simulator,
+                    self._node,
+                    self._types,
+                    self.queue.put,
+                    self._time,
                 )
 
     def _log_line(self, level: Level, text: str) -> None:
         self._log(level, text)
-        self._rosout.log(level, text)
+        origin = inspect.currentframe()
+        if origin is not None and (origin := origin.f_back) is not None:
+            code = origin.f_code
+            self._rosout.log(level, text, code.co_filename, code.co_name, origin.f_lineno)

@@ -7,12 +7,13 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
+from llfsm.runtime.goals import GoalStatus
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtlesim import Color, Pose
 
 from ..ros2.actions import ActionServer, ServerGoal
 from ..ros2.call_queue import Put, through
-from ..ros2.goals import GoalStatus
+from ..ros2.node_time import NodeTime
 from ..ros2.qos import Qos
 from ..ros2.transport import Node, SerializedMessage, ServiceRequest
 from ..ros2.types import TypeLibrary
@@ -23,6 +24,7 @@ from .turtle import Turtle
 __all__ = ["RosTurtle"]
 
 _QOS = Qos(depth=7)
+_COMMAND_NS = 1_000_000_000
 
 
 class RosTurtle:
@@ -33,11 +35,19 @@ class RosTurtle:
     """
 
     def __init__(
-        self, turtle: Turtle, simulator: Simulator, node: Node, types: TypeLibrary, put: Put
+        self,
+        turtle: Turtle,
+        simulator: Simulator,
+        node: Node,
+        types: TypeLibrary,
+        put: Put,
+        time: NodeTime,
     ) -> None:
         self.turtle = turtle
         self._simulator = simulator
         self._put_on = put
+        self._time = time
+        self._commanded_ns = time.now_ns()
         self._gone = False
         self._rotation: tuple[ServerGoal, RotateGoal] | None = None
 
@@ -68,8 +78,15 @@ class RosTurtle:
             begin=self._begin,
             cancel=self._cancel,
             put=self._put,
+            now_ns=time.now_ns,
         )
         self._ends.callback(action.close)
+
+    def follow_time(self) -> None:
+        """Let a command last for 1 s of a simulated time, which may stand still."""
+        if self._time.simulated:
+            elapsed_ns = self._time.now_ns() - self._commanded_ns
+            self.turtle.let_command_last(lasts=elapsed_ns <= _COMMAND_NS)
 
     def publish(self) -> None:
         """Publish the turtle's pose and color and its goal's feedback after a step."""
@@ -96,6 +113,7 @@ class RosTurtle:
         )  # here, so that the transport reports bad ones
 
     def _obey(self, twist: Twist) -> None:
+        self._commanded_ns = self._time.now_ns()
         linear = twist.linear
         self._simulator.command(self.turtle.name, linear.x, linear.y, twist.angular.z)
         self._settle()  # a goal, which this has aborted

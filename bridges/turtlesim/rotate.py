@@ -1,6 +1,7 @@
 """A goal of the action rotate_absolute: turn on the spot to a heading."""
 
-from ..ros2.goals import GoalStatus
+from llfsm.runtime.goals import GoalStatus
+
 from .arithmetic import float32, normalize
 
 __all__ = ["RotateGoal"]

@@ -49,12 +49,12 @@ class Simulator:
     """Hold the field, as turtlesim starts with it: turtle1 in the centre, heading right.
 
     log: called with the level and text of each line that turtlesim logs.
-    parameters: the background's colour and `holonomic`.
+    parameters: the background's colour and `holonomic`; None: as turtlesim starts.
     canvas: what the pens have drawn.
     """
 
-    def __init__(self, log: Log = _unlogged) -> None:
-        self.parameters = Parameters()
+    def __init__(self, log: Log = _unlogged, parameters: Parameters | None = None) -> None:
+        self.parameters = parameters or Parameters()
         self.canvas = Canvas()
         self._log = log
         self._turtles: dict[str, Turtle] = {}

@@ -13,7 +13,8 @@ from functools import partial
 from math import cos, sin, sqrt
 from typing import NamedTuple
 
-from ..ros2.goals import GoalStatus
+from llfsm.runtime.goals import GoalStatus
+
 from .arithmetic import DT, FIELD, METER, float32, normalize
 from .canvas import Canvas
 from .parameters import Parameters
@@ -97,6 +98,10 @@ class Turtle:
         if self.goal is not None:
             self._log(Level.WARN, "Velocity command received during rotation goal. Aborting goal")
             self._drop_goal(GoalStatus.ABORTED)
+
+    def let_command_last(self, *, lasts: bool) -> None:
+        """Let the latest command count in the next step, or no more, however many steps it was."""
+        self._steps_left = int(lasts)
 
     def rotate_absolute(self, theta: float) -> RotateGoal:
         """Turn to a heading (float32, rad); a goal that was being followed is aborted."""

@@ -13,6 +13,6 @@ executor   the executor that serves the entities of its nodes
 imports    the modules to be found instead of rclpy's
 """
 
-from .imports import modules
+from .imports import action_module, modules
 
-__all__ = ["modules"]
+__all__ = ["action_module", "modules"]

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from types import ModuleType, SimpleNamespace
 
+from .events import EventCallbacks, UnsupportedEventTypeError
 from .executor import SingleThreadedExecutor
 from .node import Node
-from .qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from .qos import (
+    DurabilityPolicy,
+    Duration,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from .world import (
     Context,
     ExternalShutdownException,
@@ -30,6 +38,18 @@ def service_class(name, type_hash):
     return type("S", (), {**parts, "ros_name": name, "type_hash": type_hash})
 
 
+def action_module(of):
+    """Return the module of an action's package that has this action."""
+    module = ModuleType(of.name.rpartition("/")[0].replace("/", "."))
+    parts = SimpleNamespace(
+        SendGoalService=service_class(of.send_goal.name, of.send_goal.type_hash),
+        GetResultService=service_class(of.get_result.name, of.get_result.type_hash),
+        FeedbackMessage=message_class(of.feedback_message.name, of.feedback_message.type_hash),
+    )
+    setattr(module, of.name.rpartition("/")[2], SimpleNamespace(Impl=parts))
+    return module
+
+
 def modules(types):
     """Return the modules to be found instead of rclpy's, and those of the tests' messages."""
     found = {}
@@ -50,12 +70,23 @@ def modules(types):
     add("rclpy.parameter", Parameter=Parameter)
     add(
         "rclpy.qos",
-        **{c.__name__: c for c in (QoSProfile, ReliabilityPolicy, DurabilityPolicy, HistoryPolicy)},
+        **{
+            c.__name__: c
+            for c in (
+                QoSProfile,
+                ReliabilityPolicy,
+                DurabilityPolicy,
+                HistoryPolicy,
+                LivelinessPolicy,
+            )
+        },
     )
+    add("rclpy.duration", Duration=Duration)
     add(
         "rclpy.event_handler",
-        PublisherEventCallbacks=lambda use_default_callbacks: "PublisherEventCallbacks",
-        SubscriptionEventCallbacks=lambda use_default_callbacks: "SubscriptionEventCallbacks",
+        PublisherEventCallbacks=EventCallbacks,
+        SubscriptionEventCallbacks=EventCallbacks,
+        UnsupportedEventTypeError=UnsupportedEventTypeError,
     )
     add(
         "rclpy.impl.implementation_singleton",
@@ -70,14 +101,39 @@ def modules(types):
         serialize_message=lambda message: message.data,
         deserialize_message=lambda data, of: of(data),
     )
-    messages = {"std_msgs": ["Int64", "String"], "turtlesim": ["Pose"]}
+    messages = {
+        "std_msgs": ["Int64", "String"],
+        "geometry_msgs": ["Twist"],
+        "turtlesim": ["Pose"],
+        "rcl_interfaces": ["Log", "ParameterEvent"],
+        "diagnostic_msgs": ["DiagnosticArray"],
+        "lifecycle_msgs": ["TransitionEvent"],
+        "rosgraph_msgs": ["Clock"],
+        "action_msgs": ["GoalStatusArray"],
+    }
     for package, names in messages.items():
         all_of = [types.message(f"{package}/msg/{name}") for name in names]
         add(
             f"{package}.msg",
             **{of.name.rpartition("/")[2]: message_class(of.name, of.type_hash) for of in all_of},
         )
-    for package, name in (("turtlesim", "Spawn"), ("std_srvs", "Empty")):
-        of = types.service(f"{package}/srv/{name}")
-        add(f"{package}.srv", **{name: service_class(of.name, of.type_hash)})
+    services = {
+        "turtlesim": ["Spawn"],
+        "std_srvs": ["Empty"],
+        "action_msgs": ["CancelGoal"],
+        "lifecycle_msgs": [
+            "ChangeState", "GetAvailableStates", "GetAvailableTransitions", "GetState",
+        ],
+        "type_description_interfaces": ["GetTypeDescription"],
+        "rcl_interfaces": [
+            "DescribeParameters", "GetParameterTypes", "GetParameters", "ListParameters",
+            "SetParameters", "SetParametersAtomically",
+        ],
+    }  # fmt: skip
+    for package, names in services.items():
+        every = [types.service(f"{package}/srv/{name}") for name in names]
+        add(
+            f"{package}.srv",
+            **{of.name.rpartition("/")[2]: service_class(of.name, of.type_hash) for of in every},
+        )
     return found

@@ -34,15 +34,17 @@ class Node:
         return end
 
     def create_publisher(self, msg_type, topic, qos_profile, *, event_callbacks):
-        assert event_callbacks == "PublisherEventCallbacks"
-        return self._make(Publisher, "publisher", msg_type, topic, qos_profile)
+        event_callbacks.check()
+        end = self._make(Publisher, "publisher", msg_type, topic, qos_profile)
+        end.events = event_callbacks
+        return end
 
     def create_subscription(self, msg_type, topic, callback, qos_profile, *, event_callbacks, raw):
-        assert event_callbacks == "SubscriptionEventCallbacks"
+        event_callbacks.check()
         assert raw
         with CHANGED:
             end = self._make(Subscription, "subscription", msg_type, topic, qos_profile)
-            end.callback = callback
+            end.callback, end.events = callback, event_callbacks
             if qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
                 for publisher in end.others("publisher"):
                     end.waiting.extend(publisher.past if reaches(publisher, end) else ())
@@ -72,6 +74,7 @@ class Node:
     def _nodes(self):
         return [node for node in NODES if node.context.domain == self.context.domain]
 
+    publishers = property(lambda self: self._of_kind("publisher"))
     subscriptions = property(lambda self: self._of_kind("subscription"))
     clients = property(lambda self: self._of_kind("client"))
     services = property(lambda self: self._of_kind("server"))

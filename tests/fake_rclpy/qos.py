@@ -18,8 +18,18 @@ class HistoryPolicy(IntEnum):
     SYSTEM_DEFAULT, KEEP_LAST, KEEP_ALL = range(3)
 
 
+class LivelinessPolicy(IntEnum):
+    SYSTEM_DEFAULT, AUTOMATIC, MANUAL_BY_NODE, MANUAL_BY_TOPIC = range(4)
+
+
+class Duration:
+    def __init__(self, *, nanoseconds=0):
+        self.nanoseconds = nanoseconds
+
+
 class QoSProfile(SimpleNamespace):
-    pass
+    deadline = lifespan = liveliness_lease_duration = Duration()
+    liveliness = LivelinessPolicy.AUTOMATIC
 
 
 def reaches(publisher, subscription):

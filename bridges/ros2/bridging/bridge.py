@@ -2,29 +2,47 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from llfsm.whiteboard import Board, WhiteboardError
+from llfsm.whiteboard import Board, BoundSlot, WhiteboardError
 from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
 
+from ..diagnostics import Diagnostics
 from ..errors import TransportUnavailableError
+from ..node_parameters import NodeParameters
+from ..node_time import NodeTime
 from ..notices import log_notice
 from ..qos import DurabilityPolicy
+from ..qos_overrides import overridden
+from ..ros_names import Names
+from ..standard_node import Equipment, equip
 from ..timer_thread import TimerThread
 from ..transport import Node, Notice, Transport
-from .bridge_plan import BridgePlan, PositionPlan, RelayPlan, ServicePlan
+from ..types import TypeLibrary
+from .bridge_plan import ActionPlan, BridgePlan, PositionPlan, RelayPlan, ServicePlan
 from .echo_filter import EchoFilter
+from .health import BridgeHealth
+from .key_path import KeyPath
+from .keyed_relay import KeyedFromRos
 from .link import BridgeLink, LinkFaults
-from .relays import FromRos, ToRos
+from .loss_watch import LossWatch
+from .relay_settings import RelaySettings, declare_settings
+from .relays import FromRos, LatestArrival, ToRos
+from .slot_action import ActionPlace
+from .slot_action_client import SlotActionClient
+from .slot_action_server import SlotActionServer
 from .slot_client import SlotClient
 from .slot_server import SlotServer
 from .turtle_position import NODE, SERVICE, PositionServer
 
 __all__ = ["Bridge"]
+
+_LOG = logging.getLogger("llfsm.bridges.ros2")
 
 _LOOK_S = 0.05  # nothing reports that a process has ended
 
@@ -37,7 +55,12 @@ class _Worker(Protocol):
 class Bridge:
     """Connects a board with a ROS graph until it is closed.
 
-    The board and the transport stay open.
+    The board and the transport stay open. It is a node with parameters for the rate of each relay
+    and its switch.
+
+    node: the node.
+    types: the types that it knows.
+    log: a handler that publishes what is logged on /rosout.
     """
 
     def __init__(
@@ -62,6 +85,7 @@ class Bridge:
         self._timer = TimerThread("bridge rates")
         self._workers: list[_Worker] = []
         self._to_ros: list[ToRos[Any]] = []
+        self._goals: list[BoundSlot[Any]] = []  # and what cancels them
         self._nodes: list[Node] = []
         try:
             self._connect(plan, transport)
@@ -82,60 +106,120 @@ class Bridge:
     def linger(self, at_most: float = 1.5) -> None:
         """Give the programs that command robots through the bridge time to command a stop.
 
-        It waits while a process lives that has added to a slot relayed to ROS, and ``at_most`` so
-        many seconds: machines that are asked to stop have a grace period of one. That their board
-        was removed asks them, too.
+        It waits while a process lives that has added to a slot relayed to ROS, or has sent a goal,
+        and ``at_most`` so many seconds: machines that are asked to stop have a grace period of one.
+        That their board was removed asks them, too.
         """
+        commanded = [*(relay.slot for relay in self._to_ros), *self._goals]
         until = time.monotonic() + at_most
-        while time.monotonic() < until and any(map(_is_commanded, self._to_ros)):
+        while time.monotonic() < until and any(map(_is_commanded, commanded)):
             time.sleep(_LOOK_S)  # nothing signals the end of another user's or parent's process
 
     def _connect(self, plan: BridgePlan, transport: Transport) -> None:
-        node = transport.node(plan.node.node, plan.node.namespace)
-        self._nodes.append(node)
-        for relay in plan.relays:
-            self._relay(node, relay)
+        names = plan.node
+        parameters = NodeParameters()
+        parameters.override(plan.arguments.parameters(names.full_node))
+        settings = declare_settings(plan.relays, parameters)
+        relays = [_overridden(relay, parameters) for relay in plan.relays]
+        node, equipment = self._node(transport, names, plan.types, parameters)
+        self.node, self.types, self.log = node, plan.types, equipment.log
+        self._arrivals = _arrivals(relays)
+        for relay, of_relay in zip(relays, settings, strict=True):
+            self._relay(node, relay, of_relay)
         for client in plan.clients:
             self._client(node, client)
         for server in plan.servers:
             self._server(node, server)
+        for action in plan.actions:
+            self._action(node, action, plan.types, equipment.time)
         if plan.position:
-            self._position(transport, plan.position)
+            names = plan.arguments.names(NODE, only_one=False)
+            parameters = NodeParameters()
+            parameters.override(plan.arguments.parameters(names.full_node))
+            position, _ = self._node(transport, names, plan.types, parameters)
+            self._position(position, plan.position, names.full_service(SERVICE))
+        try:
+            health = BridgeHealth(self.links, self._board)
+            Diagnostics(node, plan.types, health.report, self._timer, equipment.time.now_ns)
+        except TransportUnavailableError as error:  # rclpy without diagnostic_msgs
+            _LOG.warning("no /diagnostics: %s", error)
+
+    def _node(
+        self, transport: Transport, names: Names, types: TypeLibrary, parameters: NodeParameters
+    ) -> tuple[Node, Equipment]:
+        node = transport.node(names.node, names.namespace, names.remap)
+        self._nodes.append(node)
+        return node, equip(node, types, parameters, self._timer.call_soon)
 
     def _link(self, slot: str, arrow: str, name: str, type_name: str) -> BridgeLink:
         link = BridgeLink(slot, arrow, name, type_name)
         self.links.append(link)
         return link
 
-    def _relay(self, node: Node, plan: RelayPlan) -> None:
+    def _relay(self, node: Node, plan: RelayPlan, settings: RelaySettings) -> None:
+        if plan.keys is not None:
+            self._keyed_relay(node, plan, plan.keys, settings)
+            return
         slot, echo, publisher = self._board[plan.slot], None, None
+        arrival = self._arrivals.get(plan.slot.name)
         if plan.to_ros:
-            publisher = node.publisher(plan.topic, plan.of, plan.to_ros)
+            publisher = node.publisher(plan.name, plan.of, plan.to_ros)
             if plan.from_ros:
                 echo = EchoFilter(publisher, plan.of)
         if plan.from_ros:
             link = self._link(plan.slot.name, "<-", plan.topic, plan.of.name)
-            relay = FromRos(slot, link, self._faults, self._timer, period=plan.period, echo=echo)
-            node.subscription(plan.topic, plan.of, relay.arrived, plan.from_ros)
+            relay = FromRos(
+                slot,
+                link,
+                self._faults,
+                self._timer,
+                settings=settings,
+                echo=echo,
+                latest=arrival,
+            )
+            link.end = node.subscription(plan.name, plan.of, relay.arrived, plan.from_ros)
         if publisher is not None and plan.to_ros is not None:
             link = self._link(plan.slot.name, "->", plan.topic, plan.of.name)
+            link.end = publisher
             to_ros = ToRos(
                 slot,
                 publisher,
                 link,
                 self._faults,
-                period=plan.period,
+                settings=settings,
                 latched=plan.to_ros.durability is DurabilityPolicy.TRANSIENT_LOCAL,
                 history=self._history,
                 echo=echo,
+                arrival=arrival if plan.from_ros is None else None,
             )
+            if plan.at_loss is not None:
+                self._workers.append(
+                    LossWatch(
+                        slot,
+                        plan.at_loss,
+                        plan.slot.encoder.encode(plan.at_loss),
+                        link,
+                        self._faults,
+                        self._timer,
+                    )
+                )
             self._to_ros.append(to_ros)
             self._workers.append(to_ros)
+
+    def _keyed_relay(
+        self, node: Node, plan: RelayPlan, keys: KeyPath, settings: RelaySettings
+    ) -> None:
+        assert plan.from_ros is not None  # the only direction
+        link = self._link(f"{plan.slot.name}/*", "<-", plan.topic, plan.of.name)
+        relay = KeyedFromRos(
+            self._board, plan.slot, keys, link, self._faults, self._timer, settings
+        )
+        link.end = node.subscription(plan.name, plan.of, relay.arrived, plan.from_ros)
 
     def _client(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
         link = self._link(slots.request.name, "->", plan.service, slots.of.name)
-        client = node.client(plan.service, slots.of)
+        client = node.client(plan.name, slots.of)
         caller = SlotClient(self._board, slots, client, plan.timeout, link, self._faults)
         self._workers.append(caller)
 
@@ -144,12 +228,30 @@ class Bridge:
         link = self._link(slots.request.name, "<-", plan.service, slots.of.name)
         answerer = SlotServer(self._board, slots, plan.timeout, link, self._faults)
         self._workers.append(answerer)
-        node.server(plan.service, slots.of, answerer.asked)
+        node.server(plan.name, slots.of, answerer.asked)
 
-    def _position(self, transport: Transport, plan: PositionPlan) -> None:
-        node = transport.node(NODE)
-        self._nodes.append(node)
-        in_ros = self._link(plan.pose.name, "->", f"/{SERVICE}", plan.of.name)
+    def _action(self, node: Node, plan: ActionPlan, types: TypeLibrary, time: NodeTime) -> None:
+        slots, arrow = plan.slots, "<-" if plan.serve else "->"
+        link = self._link(slots.goal.name, arrow, plan.action, slots.of.name)
+        place = ActionPlace(
+            self._board,
+            slots,
+            node,
+            plan.name,
+            types,
+            plan.timeout,
+            link,
+            self._faults,
+            self._timer,
+        )
+        if plan.serve:
+            self._workers.append(SlotActionServer(place, time.now_ns))
+        else:
+            self._workers.append(SlotActionClient(place))
+            self._goals += [self._board[slots.goal], self._board[slots.cancel]]
+
+    def _position(self, node: Node, plan: PositionPlan, service: str) -> None:
+        in_ros = self._link(plan.pose.name, "->", service, plan.of.name)
         in_slots = self._link(plan.pose.name, "->", ANSWER.name, plan.of.name)
         position = PositionServer(self._board, plan.pose, plan.of, in_ros, in_slots, self._faults)
         self._workers.append(position)
@@ -159,9 +261,30 @@ class Bridge:
             self._faults.report(in_ros, f"{SERVICE} is not served in ROS: {error}", "unavailable")
 
 
-def _is_commanded(relay: ToRos[Any]) -> bool:
+def _arrivals(relays: Sequence[RelayPlan]) -> dict[str, LatestArrival[Any]]:
+    """Return what is shared by the relays of each slot that passes messages from topic to topic.
+
+    All relays of a slot have one type. Those in both directions share nothing: of what comes from
+    ROS, they send nothing back.
+    """
+    into = {relay.slot.name for relay in relays if relay.from_ros}
+    out = {relay.slot.name for relay in relays if relay.to_ros and not relay.from_ros}
+    return {name: LatestArrival() for name in into & out}
+
+
+def _overridden(relay: RelayPlan, parameters: NodeParameters) -> RelayPlan:
+    """Return the relay with the QoS that parameters of the node give its ends."""
+    topic, to_ros, from_ros = relay.topic, relay.to_ros, relay.from_ros
+    if to_ros is not None:
+        to_ros = overridden(to_ros, parameters, topic, "publisher", every=True)
+    if from_ros is not None:
+        from_ros = overridden(from_ros, parameters, topic, "subscription", every=True)
+    return relay._replace(to_ros=to_ros, from_ros=from_ros)
+
+
+def _is_commanded(slot: BoundSlot[Any]) -> bool:
     try:
-        sample = relay.slot.sample()
+        sample = slot.sample()
     except WhiteboardError:  # unreadable, or the board is closed
         return False
     return sample is not None and sample.writer != os.getpid() and writer_lives(sample)

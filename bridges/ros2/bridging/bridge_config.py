@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
+
+from llfsm.whiteboard import Message, Slot
+from llfsm.whiteboard.message_text import parse_message
+
+from ..errors import AtLossError, CdrError
+from ..qos import DurabilityPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
+from ..types import RosMessage
 
 __all__ = [
     "BridgeConfig",
@@ -19,7 +27,7 @@ __all__ = [
 Direction = Literal["to_ros", "from_ros", "both"]
 _Depth = Annotated[int, Meta(ge=1, le=2**31 - 1)]
 _Capacity = Annotated[int, Meta(ge=1, le=2**30)]
-_Positive = Annotated[float, Meta(gt=0)]
+_Positive = Annotated[float, Meta(gt=0, le=1e9)]
 
 
 class RelayConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -33,12 +41,52 @@ class RelayConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True)
     """None: the slot's name."""
     reliability: Literal["reliable", "best_effort"] = "reliable"
     durability: Literal["volatile", "transient_local"] = "volatile"
+    deadline: _Positive | None = None
+    """Seconds that may pass between two messages, as offered and requested; None: any."""
+    lifespan: _Positive | None = None
+    """Seconds for which a message to ROS is valid; None: for ever."""
+    liveliness: Literal["automatic", "manual_by_topic"] = "automatic"
+    lease: _Positive | None = None
+    """Seconds that may pass between two signs of life; None: any."""
     depth: _Depth | None = None
-    """Messages that wait for a slow reader; None: 10 to ROS, its default, and 1 to a slot."""
+    """Messages that wait for a slow reader; None: 10 to ROS, its default; 1 to a slot; 100 if
+    keyed."""
     rate: _Positive | None = None
     """At most so many messages a second, in each direction."""
     capacity: _Capacity | None = None
     """Bytes of the longest message in a new slot; None: what the type needs."""
+    keyed_by: str | None = None
+    """A path of fields to a key: one slot ``SLOT/KEY`` for each key, from ROS only."""
+    at_loss: dict[str, Any] | None = None
+    """The message to post when the process that posted the latest one dies; to ROS only."""
+
+    def qos(self, usual_depth: int) -> Qos:
+        """Return the profile of an end of the topic."""
+        return Qos(
+            ReliabilityPolicy[self.reliability.upper()],
+            DurabilityPolicy[self.durability.upper()],
+            depth=self.depth or usual_depth,
+            deadline_ns=_ns(self.deadline),
+            lifespan_ns=_ns(self.lifespan),
+            liveliness=LivelinessPolicy[self.liveliness.upper()],
+            lease_ns=_ns(self.lease),
+        )
+
+    def loss(self, slot: Slot[Any], of: RosMessage[Any]) -> Message | None:
+        """Return ``at_loss`` as a message of the slot, if it is given.
+
+        Raise :class:`.AtLossError` and :class:`.MessageFieldError`.
+        """
+        if self.at_loss is None:
+            return None
+        if self.direction == "from_ros":
+            raise AtLossError("`at_loss` is for relays to ROS")
+        message = parse_message(slot, json.dumps(self.at_loss))
+        try:
+            of.encode(message)
+        except CdrError as error:
+            raise AtLossError(f"`at_loss` is no {of.name}: {error}") from error
+        return message
 
 
 class ServiceConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -51,6 +99,20 @@ class ServiceConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
     """The slots are ``SLOTS/request`` and ``SLOTS/answer``; None: the service's name."""
     timeout: _Positive = 5.0
     """Seconds that an answer may take."""
+    capacity: _Capacity | None = None
+
+
+class ActionConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """An action whose goals are sent or served through slots."""
+
+    action: str
+    type: str
+    """Its ROS name, as ``nav2_msgs/action/NavigateToPose``."""
+    role: Literal["client", "server"] = "client"
+    slots: str | None = None
+    """The slots are ``SLOTS/goal`` and so on; None: the action's name."""
+    timeout: _Positive = 5.0
+    """Seconds that an answer may take, and for which a server may be away."""
     capacity: _Capacity | None = None
 
 
@@ -73,7 +135,13 @@ class BridgeConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
     """Services called by requests in a slot."""
     server: tuple[ServiceConfig, ...] = ()
     """Services answered from a slot."""
+    action: tuple[ActionConfig, ...] = ()
+    """Actions of others, and those that machines serve."""
     turtle_position: PositionConfig | None = None
+
+
+def _ns(seconds: float | None) -> int:
+    return round((seconds or 0) * 1e9)
 
 
 def turtlesim_config(turtles: Sequence[str]) -> BridgeConfig:
@@ -82,6 +150,7 @@ def turtlesim_config(turtles: Sequence[str]) -> BridgeConfig:
     ``turtles`` are their names, at least one; ``turtle_position`` reports the first.
     """
     return BridgeConfig(
+        node="llfsm_turtlesim_bridge",
         relay=(
             *_turtles(turtles),
             RelayConfig(slot="pinpong", type="std_msgs/msg/String", direction="to_ros"),

@@ -8,25 +8,29 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from llfsm.runtime.engine.errors import ConfigurationError
-from llfsm.whiteboard import Slot, SlotTypeError, WhiteboardError
+from llfsm.whiteboard import Message, Slot, SlotTypeError, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.schema import fingerprint
 
-from ..errors import RosNameError, RosTypeError
-from ..qos import DurabilityPolicy, Qos, ReliabilityPolicy
+from ..errors import KeyPathError, RosNameError, RosTypeError
+from ..qos import Qos
+from ..ros_arguments import RosArguments
 from ..ros_names import Names
 from ..types import RosMessage, RosService, TypeLibrary
-from .bridge_config import BridgeConfig, RelayConfig, ServiceConfig
-from .capacity import capacity_for
+from .action_slots import ActionSlots, action_slots
+from .bridge_config import ActionConfig, BridgeConfig, RelayConfig, ServiceConfig
+from .capacity import capacity_for, capacity_note, capacity_warning
 from .cycles import RelayEdge, find_cycle
+from .key_path import KeyPath
 from .service_slots import ServiceSlots, service_slots
 from .turtle_position import NODE, SERVICE, TYPE
 
-__all__ = ["BridgePlan", "PositionPlan", "RelayPlan", "ServicePlan", "make_plan"]
+__all__ = ["ActionPlan", "BridgePlan", "PositionPlan", "RelayPlan", "ServicePlan", "make_plan"]
 
 _Where = tuple[str | int, ...]
+_KEYED_DEPTH = 100  # as tf2's listeners: many publishers send at once
 C = TypeVar("C")
 P = TypeVar("P")
 
@@ -35,22 +39,42 @@ class RelayPlan(NamedTuple):
     """A resolved relay."""
 
     slot: Slot[Any]
+    name: str
+    """The topic's name in the configuration."""
     topic: str
-    """Its full name."""
+    """Its full name, remapped."""
     of: RosMessage[Any]
     to_ros: Qos | None
     """None: not relayed in that direction."""
     from_ros: Qos | None
     period: float
     """Seconds; 0: no limit."""
+    keys: KeyPath | None = None
+    """If given, there is a slot of that type for each key, and ``slot`` names their prefix."""
+    at_loss: Message | None = None
+    """What to post on the slot when the process dies that has posted its latest message."""
 
 
 class ServicePlan(NamedTuple):
     """A resolved service through slots."""
 
     slots: ServiceSlots
+    name: str
+    """The service's name in the configuration."""
     service: str
+    """Its full name, remapped."""
+    timeout: float
+
+
+class ActionPlan(NamedTuple):
+    """A resolved action through slots."""
+
+    slots: ActionSlots
+    name: str
+    """The action's name in the configuration."""
+    action: str
     """Its full name."""
+    serve: bool
     timeout: float
 
 
@@ -65,30 +89,48 @@ class BridgePlan(NamedTuple):
     """Everything that a bridge connects."""
 
     node: Names
+    arguments: RosArguments
+    types: TypeLibrary
     relays: list[RelayPlan]
     clients: list[ServicePlan]
     servers: list[ServicePlan]
+    actions: list[ActionPlan]
     position: PositionPlan | None
+    warnings: list[ConfigurationError]
+    """What is possible, but loses messages."""
+    notes: list[ConfigurationError]
+    """What was chosen where the configuration names nothing."""
 
 
 def make_plan(
-    config: BridgeConfig, folder: Path, slots: list[SlotInfo]
+    config: BridgeConfig,
+    folder: Path,
+    slots: list[SlotInfo],
+    arguments: RosArguments = RosArguments(),  # noqa: B008 (immutable)
 ) -> tuple[BridgePlan, list[ConfigurationError]]:
     """Return the plan and the errors of a configuration; without errors the plan is complete.
 
     ``folder`` is where relative ``types`` are searched, ``slots`` those on the board. The errors
-    have a ``where`` in the configuration.
+    have a ``where`` in the configuration. ``arguments`` remap the node and the topics. Raise
+    :class:`.RosArgumentError` for a name in them that is none.
     """
-    planner = _Planner(config, folder, {info.name: info for info in slots})
+    planner = _Planner(config, folder, {info.name: info for info in slots}, arguments)
     return planner.plan(), planner.faults
 
 
 class _Planner:
     def __init__(
-        self, config: BridgeConfig, folder: Path, on_board: Mapping[str, SlotInfo]
+        self,
+        config: BridgeConfig,
+        folder: Path,
+        on_board: Mapping[str, SlotInfo],
+        arguments: RosArguments,
     ) -> None:
         self.faults: list[ConfigurationError] = []
+        self._warnings: list[ConfigurationError] = []
+        self._notes: list[ConfigurationError] = []
         self._config = config
+        self._arguments = arguments
         self._on_board = on_board
         self._slots: dict[str, Slot[Any]] = {}
         self._topic_types: dict[str, str] = {}
@@ -98,23 +140,30 @@ class _Planner:
             self._library = TypeLibrary(share=[folder / text for text in config.types])
         with self._at("node"):
             namespace, _, name = config.node.rpartition("/")
-            self._node = Names(name, namespace or "/")
+            self._node = arguments.names(name, namespace or "/")
 
     def plan(self) -> BridgePlan:
         config = self._config
         relays = self._each("relay", config.relay, self._relay)
         clients = self._each("client", config.client, self._service)
         servers = self._each("server", config.server, self._service)
+        actions = self._each("action", config.action, self._action)
         position = self._position()
         self._check_pairs(relays)
         self._check_loops(relays)
         self._check_services(clients, servers, position)
+        self._check_actions(actions)
         return BridgePlan(
             self._node,
+            self._arguments,
+            self._library,
             list(relays.values()),
             list(clients.values()),
             list(servers.values()),
+            list(actions.values()),
             position,
+            self._warnings,
+            self._notes,
         )
 
     @contextmanager
@@ -135,34 +184,51 @@ class _Planner:
         return {i: plan for i, plan in made.items() if plan is not None}
 
     def _relay(self, config: RelayConfig, where: _Where) -> RelayPlan | None:
-        topic = of = slot = None
+        topic = of = slot = keys = at_loss = None
+        name = config.topic or config.slot
         with self._at(*where, "topic" if config.topic else "slot"):
-            topic = self._node.full(config.topic or config.slot)
+            topic = self._node.full(name)
         with self._at(*where, "type"):
             of = self._library.message(config.type)
         if of is not None:
+            with self._at(*where, "keyed_by"):
+                keys = self._keys(config, of)
             with self._at(*where, "slot"):
-                capacity = config.capacity or capacity_for(of.message)
-                slot = self._claim(Slot(config.slot, of.message, capacity))
+                held = of.message if keys is None else keys.part
+                capacity = config.capacity or capacity_for(held)
+                slot = self._claim(Slot(config.slot, held, capacity), keyed=keys is not None)
         if topic is None or of is None or slot is None:
             return None
+        with self._at(*where, "at_loss"):
+            at_loss = config.loss(slot, of)
         other = self._topic_types.setdefault(topic, of.name)
         if other != of.name:
             self._fault(f"the topic {topic} has type {other} in another relay", *where, "type")
         self._check_capacity(slot, config.capacity, where)
+        self._estimate_losses(slot, config.capacity, where)
         return RelayPlan(
             slot,
+            name,
             topic,
             of,
-            None if config.direction == "from_ros" else _qos(config, 10),
-            None if config.direction == "to_ros" else _qos(config, 1),
+            None if config.direction == "from_ros" else config.qos(10),
+            None if config.direction == "to_ros" else config.qos(_KEYED_DEPTH if keys else 1),
             1 / config.rate if config.rate else 0.0,
+            keys,
+            at_loss,
         )
+
+    def _keys(self, config: RelayConfig, of: RosMessage[Any]) -> KeyPath | None:
+        if config.keyed_by is None:
+            return None
+        if config.direction != "from_ros":
+            raise KeyPathError('`keyed_by` is for relays with direction = "from_ros"')
+        return KeyPath(config.keyed_by, of.message)
 
     def _service(self, config: ServiceConfig, where: _Where) -> ServicePlan | None:
         service = of = slots = None
         with self._at(*where, "service"):
-            service = self._node.full(config.service)
+            service = self._node.full_service(config.service)
         with self._at(*where, "type"):
             of = self._library.service(config.type)
         if of is not None:
@@ -174,7 +240,24 @@ class _Planner:
                     self._check_capacity(slot, config.capacity, where)
         if service is None or slots is None:
             return None
-        return ServicePlan(slots, service, config.timeout)
+        return ServicePlan(slots, config.service, service, config.timeout)
+
+    def _action(self, config: ActionConfig, where: _Where) -> ActionPlan | None:
+        action = of = slots = None
+        with self._at(*where, "action"):
+            action = self._node.full(config.action)
+        with self._at(*where, "type"):
+            of = self._library.action(config.type)
+        if of is not None:
+            with self._at(*where, "slots" if config.slots else "action"):
+                name = config.slots or config.action.lstrip("/")
+                slots = action_slots(name, of, config.capacity)
+                for slot in slots.all:
+                    self._claim(slot)
+                    self._check_capacity(slot, config.capacity, where)
+        if action is None or slots is None:
+            return None
+        return ActionPlan(slots, config.action, action, config.role == "server", config.timeout)
 
     def _position(self) -> PositionPlan | None:
         config = self._config.turtle_position
@@ -188,11 +271,15 @@ class _Planner:
             return PositionPlan(pose, self._library.service(TYPE))
         return None
 
-    def _claim(self, slot: Slot[Any]) -> Slot[Any]:
-        """Return the slot that all uses share; raise if the board or a use has another type."""
-        info = self._on_board.get(slot.name)
-        if info is not None and fingerprint(info.schema) != slot.fingerprint:
-            raise slot.clash(info.schema)
+    def _claim(self, slot: Slot[Any], *, keyed: bool = False) -> Slot[Any]:
+        """Return the slot that all uses share; raise if the board or a use has another type.
+
+        A slot with ``keyed`` stands for those that have its name before theirs.
+        """
+        for name, info in self._on_board.items():
+            meant = name.startswith(f"{slot.name}/") if keyed else name == slot.name
+            if meant and fingerprint(info.schema) != slot.fingerprint:
+                raise Slot(name, slot.type).clash(info.schema)
         used = self._slots.setdefault(slot.name, slot)
         if used.fingerprint != slot.fingerprint:
             raise SlotTypeError(
@@ -208,6 +295,15 @@ class _Planner:
                 *where,
                 "capacity",
             )
+
+    def _estimate_losses(self, slot: Slot[Any], wanted: int | None, where: _Where) -> None:
+        info = self._on_board.get(slot.name)
+        capacity = slot.capacity if info is None else info.capacity
+        chosen = info is not None or wanted is not None
+        if text := capacity_warning(slot, capacity, chosen=chosen):
+            self._warnings.append(ConfigurationError(text, (*where, "capacity")))
+        elif not chosen and (text := capacity_note(slot)):
+            self._notes.append(ConfigurationError(text, (*where, "type")))
 
     def _check_pairs(self, relays: Mapping[int, RelayPlan]) -> None:
         """Find relays that repeat or reverse others."""
@@ -231,12 +327,14 @@ class _Planner:
         if self.faults:
             return  # pairs are the smallest cycles, and other errors would make cycles guesswork
         edges = []
+        keyed = [relay.slot.name for relay in relays.values() if relay.keys]
         for i, relay in relays.items():
-            slot, topic = f"slot {relay.slot.name}", f"topic {relay.topic}"
-            if relay.to_ros:
-                edges.append(RelayEdge(i, slot, topic))
+            slot, topic = relay.slot.name, f"topic {relay.topic}"
+            if relay.to_ros:  # the slot of a key stands for all of its relay
+                slot = next((key for key in keyed if slot.startswith(f"{key}/")), slot)
+                edges.append(RelayEdge(i, f"slot {slot}", topic))
             if relay.from_ros:
-                edges.append(RelayEdge(i, topic, slot))
+                edges.append(RelayEdge(i, topic, f"slot {slot}"))
         loop = find_cycle(edges)
         if loop:
             self._fault(f"messages would cycle for ever: {' -> '.join(loop[1])}", "relay", loop[0])
@@ -249,7 +347,9 @@ class _Planner:
     ) -> None:
         """Find slots that two services share, and services that are served twice."""
         pairs = {REQUEST.name} if position else set()
-        served = {Names(NODE).full(SERVICE)} if position else set()
+        served = set()
+        if position:
+            served.add(self._arguments.names(NODE, only_one=False).full_service(SERVICE))
         for kind, plans in (("client", clients), ("server", servers)):
             for i, plan in plans.items():
                 request = plan.slots.request.name
@@ -261,10 +361,16 @@ class _Planner:
                         self._fault(f"{plan.service} is already served", kind, i, "service")
                     served.add(plan.service)
 
-
-def _qos(config: RelayConfig, usual_depth: int) -> Qos:
-    return Qos(
-        ReliabilityPolicy[config.reliability.upper()],
-        DurabilityPolicy[config.durability.upper()],
-        depth=config.depth or usual_depth,
-    )
+    def _check_actions(self, actions: Mapping[int, ActionPlan]) -> None:
+        """Find slots that two actions share, and actions that are served twice."""
+        used: set[str] = set()
+        served: set[str] = set()
+        for i, plan in actions.items():
+            goal = plan.slots.goal.name
+            if goal in used:
+                self._fault(f"the slot {goal!r} already has an action", "action", i)
+            used.add(goal)
+            if plan.serve:
+                if plan.action in served:
+                    self._fault(f"{plan.action} is already served", "action", i, "action")
+                served.add(plan.action)

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic
 
-from llfsm.whiteboard import BoundSlot, Sample
+from llfsm.whiteboard import BoundSlot
 from llfsm.whiteboard.message import M
 
 from ..transport import Publisher, SerializedMessage
@@ -41,15 +41,16 @@ class EchoFilter(Generic[M]):
         self._added = 0
         self._published: deque[tuple[float, bytes]] = deque(maxlen=_MOST)
 
-    def add(self, slot: BoundSlot[M], message: M) -> None:
-        """Add a message from ROS to the slot."""
-        with self._lock:  # else its sample is read before its count is known
+    def add(self, slot: BoundSlot[M], message: M) -> int:
+        """Add a message from ROS to the slot, and return its count."""
+        with self._lock:  # else it is relayed before its count is known
             self._added = slot.add(message)
+            return self._added
 
-    def is_news(self, sample: Sample[M]) -> bool:
-        """Return whether ROS does not have this message, nor a newer one."""
+    def is_news(self, count: int) -> bool:
+        """Return whether ROS does not have the message of this count, nor a newer one."""
         with self._lock:
-            return sample.count > self._added
+            return count > self._added
 
     def publishing(self, message: M) -> None:
         """Remember a message that is about to be published."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from llfsm.whiteboard.errors import MessageTooLargeError, WhiteboardError
 
 from ..errors import Ros2Error
 from ..notices import Notifier
-from ..transport import Notice, NoticeKind
+from ..transport import Notice, NoticeKind, Publisher, TopicSubscription
 
 __all__ = ["BridgeLink", "LinkFaults"]
 
@@ -31,6 +32,8 @@ class BridgeLink:
         """Messages, or answered requests."""
         self.failed = 0
         """Messages that could not be passed on, or requests without an answer."""
+        self.end: Publisher[Any] | TopicSubscription | None = None
+        """A topic's end, if it is one."""
         self._last: float | None = None
 
     def __str__(self) -> str:
@@ -40,6 +43,11 @@ class BridgeLink:
         """Count a message that was passed on now."""
         self.passed += 1
         self._last = time.monotonic()
+
+    @property
+    def broken(self) -> int:
+        """How often a deadline or a sign of life was missed, where the middleware reports it."""
+        return 0 if self.end is None else self.end.broken
 
     @property
     def age(self) -> float | None:

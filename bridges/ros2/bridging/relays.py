@@ -11,19 +11,63 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Generic
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple
 
 from llfsm.whiteboard import BoundSlot, Sample, WhiteboardError
 from llfsm.whiteboard.errors import BoardClosedError
 from llfsm.whiteboard.message import M
+from llfsm.whiteboard.subscription import Subscription
 
 from ..errors import TransportClosedError
 from ..timer_thread import TimerThread
 from ..transport import Publisher, SerializedMessage
 from .echo_filter import EchoFilter
 from .link import BridgeLink, LinkFaults
+from .relay_settings import RelaySettings
 
-__all__ = ["FromRos", "ToRos"]
+__all__ = ["FromRos", "LatestArrival", "ToRos"]
+
+
+class LatestArrival(Generic[M]):
+    """The latest message that relays of a bridge have added to a slot, as it came from ROS.
+
+    What is relayed from topic to slot to topic is then neither read, decoded nor encoded again.
+    """
+
+    def __init__(self) -> None:
+        self._latest: tuple[int, SerializedMessage[M]] | None = None
+
+    def keep(self, count: int, arrival: SerializedMessage[M]) -> None:
+        """Keep what has just become the slot's message number ``count``."""
+        self._latest = count, arrival
+
+    def get(self, count: int) -> SerializedMessage[M] | None:
+        """Return what became the message number ``count``, or None if that is not known."""
+        latest = self._latest
+        return latest[1] if latest is not None and latest[0] == count else None
+
+
+class _Taken(NamedTuple, Generic[M]):
+    """What a relay is to add: how to decode it, and as what it came, if it is a whole message."""
+
+    decode: Callable[[], M]
+    arrival: SerializedMessage[M] | None
+
+
+class _Undecoded:
+    """A slot as its subscription follows it: by the messages' numbers alone."""
+
+    def __init__(self, slot: BoundSlot[Any]) -> None:
+        self._slot = slot
+
+    @property
+    def count(self) -> int:
+        return self._slot.count
+
+    def wait(self, *, after: int, timeout: float | None = None) -> Sample[Any] | None:
+        count = self._slot.wait_count(after=after, timeout=timeout)
+        return None if count is None else Sample[Any](None, count, 0, 0)
 
 
 class ToRos(Generic[M]):
@@ -41,25 +85,31 @@ class ToRos(Generic[M]):
         link: BridgeLink,
         faults: LinkFaults,
         *,
-        period: float = 0.0,
+        settings: RelaySettings | None = None,
         latched: bool = False,
         history: float = 1.0,
         echo: EchoFilter[M] | None = None,
+        arrival: LatestArrival[M] | None = None,
     ) -> None:
-        """Begin to publish, at most once in ``period`` seconds.
+        """Begin to publish, as ``settings`` allow.
 
-        ``latched`` and with an ``echo``, it begins after ``history`` seconds.
+        ``latched`` and with an ``echo``, it begins after ``history`` seconds. What is the latest
+        ``arrival`` is published as it came.
         """
         self.slot = slot
-        self._publish = publisher.publish
+        self._publisher = publisher
         self._link = link
         self._faults = faults
         self._echo = echo
-        self._period = period
+        self._settings = settings or RelaySettings()
         self._begin = time.monotonic() + (history if latched and echo else 0.0)
         self._over = threading.Event()
+        self._arrival = arrival
         self._seen = 0 if latched else slot.count
-        self._subscription = slot.subscribe(self._relay, after=self._seen, on_error=self._failed)
+        self._ahead = 0  # the number of a message that was read instead of an older one
+        self._subscription = Subscription(
+            _Undecoded(slot), self._relay, after=self._seen, backlog=1, on_error=self._failed
+        )
 
     def finish(self) -> None:
         """Ask for the end after publishing what is on the slot by now."""
@@ -73,35 +123,53 @@ class ToRos(Generic[M]):
         """
         self._subscription.close()
         try:
-            sample = self.slot.sample()
-        except WhiteboardError:  # closed, or unreadable, which has been reported
+            count = self.slot.count
+        except WhiteboardError:  # closed
             return
-        if sample is not None and sample.count > self._seen:
+        if count > max(self._seen, self._ahead):
             try:
-                self._pass_on(sample)
+                self._pass_on(count)
             except Exception as error:
                 self._failed(error)
 
-    def _relay(self, sample: Sample[M]) -> None:
-        self._seen = sample.count
+    def _relay(self, newer: Sample[Any]) -> None:
+        self._seen = newer.count
+        if newer.count == self._ahead:
+            return
         begun = time.monotonic()
         if begun < self._begin:
             self._over.wait(self._begin - begun)
-            if sample.count != self.slot.count:
+            if newer.count != self.slot.count:
                 return  # the newest comes next
         try:
-            self._pass_on(sample)
+            self._pass_on(newer.count)
         finally:
-            if self._period:
-                self._over.wait(begun + self._period - time.monotonic())
+            if period := self._settings.period:
+                self._over.wait(begun + period - time.monotonic())
 
-    def _pass_on(self, sample: Sample[M]) -> None:
-        if self._echo is not None:
-            if not self._echo.is_news(sample):
-                return
-            self._echo.publishing(sample.message)
-        self._publish(sample.message)
+    def _pass_on(self, count: int) -> None:
+        if not self._settings.enabled or not (self._echo is None or self._echo.is_news(count)):
+            return
+        arrival = None if self._arrival is None else self._arrival.get(count)
+        if arrival is not None:
+            self._publisher.forward(arrival)
+        elif not self._publish_latest(count):
+            return
         self._link.count()
+
+    def _publish_latest(self, count: int) -> bool:
+        """Publish the latest message, which is that number or a newer one, if ROS needs it."""
+        sample = self.slot.sample()
+        if sample is None:  # its slot's name has just been given up
+            return False
+        if sample.count != count:
+            self._ahead = sample.count
+        if self._echo is not None:
+            if not self._echo.is_news(sample.count):
+                return False
+            self._echo.publishing(sample.message)
+        self._publisher.publish(sample.message)
+        return True
 
     def _failed(self, error: Exception) -> bool:
         if not isinstance(error, TransportClosedError):
@@ -112,8 +180,8 @@ class ToRos(Generic[M]):
 class FromRos(Generic[M]):
     """Adds received messages to a slot: :meth:`arrived` is a subscription's callback.
 
-    With a ``period`` (seconds) the newest message within a period is added at its end; the others
-    are never decoded.
+    Where ``settings`` have a period, the newest message within a period is added at its end; the
+    others are never decoded.
     """
 
     def __init__(
@@ -123,16 +191,19 @@ class FromRos(Generic[M]):
         faults: LinkFaults,
         timer: TimerThread,
         *,
-        period: float = 0.0,
+        settings: RelaySettings | None = None,
         echo: EchoFilter[M] | None = None,
+        latest: LatestArrival[M] | None = None,
     ) -> None:
+        """``latest`` is given each arrival that was added."""
         self._slot = slot
         self._link = link
         self._faults = faults
         self._timer = timer
-        self._period = period
+        self._settings = settings or RelaySettings()
         self._echo = echo
-        self._held: SerializedMessage[M] | None = None
+        self._latest = latest
+        self._held: _Taken[M] | None = None
         self._due = 0.0
         self._lock = threading.Lock()
 
@@ -140,34 +211,45 @@ class FromRos(Generic[M]):
         """Add a message, now or at the end of the period; raise :class:`.CdrError`."""
         if self._echo is not None and self._echo.is_ours(arrival):
             return
-        if not self._period or self._begins_period(arrival):
-            self._add(arrival)
+        self._take(_Taken(arrival.decode, arrival))
 
-    def _begins_period(self, arrival: SerializedMessage[M]) -> bool:
+    def take(self, message: M) -> None:
+        """Add a message that was decoded, as :meth:`arrived` does."""
+        self._take(_Taken(lambda: message, None))
+
+    def _take(self, taken: _Taken[M]) -> None:
+        if not self._settings.enabled:
+            return
+        if not self._settings.period or self._begins_period(taken):
+            self._add(taken)
+
+    def _begins_period(self, taken: _Taken[M]) -> bool:
         with self._lock:
             now = time.monotonic()
             if self._held is None and now >= self._due:
-                self._due = now + self._period
+                self._due = now + self._settings.period
                 return True
             if self._held is None:
                 self._timer.call_later(self._due - now, self._add_held)
-            self._held = arrival
+            self._held = taken
             return False
 
     def _add_held(self) -> None:
         with self._lock:
-            arrival, self._held = self._held, None
-            self._due = time.monotonic() + self._period
-        if arrival is not None:
-            self._add(arrival)
+            taken, self._held = self._held, None
+            self._due = time.monotonic() + self._settings.period
+        if taken is not None:
+            self._add(taken)
 
-    def _add(self, arrival: SerializedMessage[M]) -> None:
+    def _add(self, taken: _Taken[M]) -> None:
         try:
-            message = arrival.decode()
+            message = taken.decode()
             if self._echo is None:
-                self._slot.add(message)
+                count = self._slot.add(message)
             else:
-                self._echo.add(self._slot, message)
+                count = self._echo.add(self._slot, message)
+            if self._latest is not None and taken.arrival is not None:
+                self._latest.keep(count, taken.arrival)
         except BoardClosedError:
             return  # the bridge ends
         except Exception as error:  # bad bytes, too large for the slot: the next may be right

@@ -16,9 +16,7 @@ from llfsm.whiteboard import Message, Slot
 from ..types import RosMessage, RosService
 from .capacity import capacity_for
 
-__all__ = ["ServiceSlots", "service_slots"]
-
-_OURS = ("number", "failure")
+__all__ = ["ServiceSlots", "numbered", "service_slots"]
 
 
 class ServiceSlots:
@@ -63,7 +61,7 @@ def service_slots(name: str, of: RosService, capacity: int | None = None) -> Ser
     A field of the service with the name of one of ours gets an underscore. Raise
     :class:`.SlotNameError`.
     """
-    asked, answered = _numbered(of.request), _numbered(of.response, failure="")
+    asked, answered = numbered(of.request), numbered(of.response, failure="")
     return ServiceSlots(
         Slot(f"{name}/request", asked, capacity or capacity_for(asked)),
         Slot(f"{name}/answer", answered, capacity or capacity_for(answered)),
@@ -71,17 +69,21 @@ def service_slots(name: str, of: RosService, capacity: int | None = None) -> Ser
     )
 
 
-def _numbered(of: RosMessage[Any], **last: str) -> type[Message]:
+def numbered(of: RosMessage[Any], **last: Any) -> type[Message]:
+    """Return a class with a number, the fields of a type, and ``last`` with their defaults.
+
+    A field of the type with a name of ours gets an underscore.
+    """
     annotations: dict[str, Any] = {"number": int}
     values: dict[str, Any] = {"number": 0}
     for field in fields(of.message):
-        name = f"{field.name}_" if field.name in _OURS else field.name
+        name = f"{field.name}_" if field.name in {"number", "failure", *last} else field.name
         annotations[name] = field.type
         values[name] = field.default
     namespace = {
         "__module__": __name__,
         "__doc__": f"{of.name} in a slot.",
-        "__annotations__": annotations | dict.fromkeys(last, str),
+        "__annotations__": annotations | {field: type(value) for field, value in last.items()},
         **values,
         **last,
     }

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, Protocol
 
 from ..errors import TransportUnavailableError
@@ -89,6 +89,7 @@ _Types = list[tuple[str, list[str]]]
 class NodeApi(Protocol):
     """``rclpy.node.Node``."""
 
+    publishers: Iterable[PublisherApi]
     subscriptions: Iterable[Taken]
     clients: Iterable[ClientApi]
     services: Iterable[Service]
@@ -153,8 +154,12 @@ class Rclpy(NamedTuple):
     parameter: Callable[..., Any]
     qos: Any
     """The module ``rclpy.qos``."""
-    quiet: Sequence[Any]
-    """No callbacks for events of publishers, and of subscriptions: by default they log."""
+    duration: Callable[..., Any]
+    publisher_events: Callable[..., Any]
+    """The callbacks for events of publishers; by default there are some that log."""
+    subscription_events: Callable[..., Any]
+    unsupported_event: type[Exception]
+    """What creating an end raises whose events the middleware does not report."""
     serialize: Callable[[Any], bytes]
     deserialize: Callable[[bytes, Any], Any]
 
@@ -183,10 +188,10 @@ def import_rclpy() -> Rclpy:
         implementation.RCLError,
         module("parameter").Parameter,
         module("qos"),
-        (
-            events.PublisherEventCallbacks(use_default_callbacks=False),
-            events.SubscriptionEventCallbacks(use_default_callbacks=False),
-        ),
+        module("duration").Duration,
+        events.PublisherEventCallbacks,
+        events.SubscriptionEventCallbacks,
+        events.UnsupportedEventTypeError,
         module("serialization").serialize_message,
         module("serialization").deserialize_message,
     )

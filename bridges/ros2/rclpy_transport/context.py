@@ -6,15 +6,15 @@ import atexit
 import os
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 from ..errors import TransportUnavailableError
 from ..graph import Endpoint, Graph, Role
 from ..notices import Notifier
-from ..qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
+from ..qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
 from ..ros_names import Names
 from ..timer_thread import TimerThread
 from ..transport import NoticeKind
@@ -26,6 +26,8 @@ E = TypeVar("E", bound=IntEnum)
 
 _LOOK = 1.0  # seconds between checks for incompatible endpoints: rclpy reports no changes
 
+_INFINITE_NS = 2**63 - 1
+
 _PAUSE = 0.01  # seconds after an error, so that a lasting one costs little
 
 
@@ -35,17 +37,20 @@ class RclpyContext:
     It installs no signal handlers. Another part of the process may shut it down through rclpy.
     """
 
-    def __init__(self, domain: int, notifier: Notifier) -> None:
+    def __init__(self, domain: int, enclave: str, notifier: Notifier) -> None:
         """Open it; raise :class:`.TransportUnavailableError` if the middleware cannot be."""
         self.rclpy = api.import_rclpy()
         self.notifier = notifier
         self.timer = TimerThread("ros2 answers")
         self.ours: dict[Endpoint, None] = {}
+        self._nodes: list[api.NodeApi] = []
+        self._hidden: api.NodeApi | None = None
+        self._reading = threading.Lock()  # no node goes while it reads the graph
         self._over = threading.Event()
         self._ending = threading.Lock()
         self.context = self.rclpy.new_context()
         try:
-            self._open(domain)
+            self._open(domain, enclave)
         except self.rclpy.failure as error:
             self.timer.close()
             self.context.try_shutdown()
@@ -55,37 +60,68 @@ class RclpyContext:
         atexit.register(self.close)
         self._look_later()
 
-    def _open(self, domain: int) -> None:
+    def _open(self, domain: int, enclave: str) -> None:
         self.rclpy.init(
-            args=[],
+            args=["--ros-args", "--enclave", enclave] if enclave else [],
             context=self.context,
             domain_id=domain,
             signal_handler_options=self.rclpy.no_signal_handlers,
         )
         self.context.on_shutdown(self._on_shutdown)
         self.executor = self.rclpy.new_executor(context=self.context)
-        # A hidden node, which reads the graph.
-        self._asking = self.new_node(Names(f"_llfsm_{os.getpid()}"))
 
     def new_node(self, names: Names) -> api.NodeApi:
-        """Create a node with only the endpoints of every rclpy node, and spin it."""
+        """Create a node without any endpoints, and spin it.
+
+        Raise :class:`.TransportUnavailableError` if the middleware cannot.
+        """
+        node = self._new_node(names)
+        with self._reading:
+            self._nodes.append(node)
+            hidden, self._hidden = self._hidden, None
+        if hidden is not None:
+            self._destroy(hidden)
+        return node
+
+    def _new_node(self, names: Names) -> api.NodeApi:
         rclpy = self.rclpy
-        node = rclpy.new_node(
-            names.node,
-            namespace=names.namespace,
-            context=self.context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-            parameter_overrides=[rclpy.parameter("start_type_description_service", value=False)],
-        )
+        quiet = rclpy.parameter("start_type_description_service", value=False)
+        try:
+            node = rclpy.new_node(
+                names.node,
+                namespace=names.namespace,
+                context=self.context,
+                use_global_arguments=False,
+                enable_rosout=False,
+                start_parameter_services=False,
+                parameter_overrides=[quiet],
+            )
+        except rclpy.failure as error:
+            raise TransportUnavailableError(
+                f"rclpy cannot make the node {names.full_node}: {error}"
+            ) from error
+        for publisher in list(node.publishers):  # rclpy's own of /parameter_events
+            node.destroy_publisher(publisher)
         self.executor.add_node(node)
         return node
 
     def remove_node(self, node: api.NodeApi) -> None:
         """Take a node off the graph."""
+        with self._reading:
+            self._nodes.remove(node)
+        self._destroy(node)
+
+    def _destroy(self, node: api.NodeApi) -> None:
         self.executor.remove_node(node)
         node.destroy_node()
+
+    @contextmanager
+    def _reader(self) -> Iterator[api.NodeApi]:
+        """Hold a node that reads the graph: one of ours, or a hidden one until there is one."""
+        with self._reading:
+            if not self._nodes and self._hidden is None:
+                self._hidden = self._new_node(Names(f"_llfsm_{os.getpid()}"))
+            yield self._nodes[0] if self._nodes else cast("api.NodeApi", self._hidden)
 
     def run(self, do: Callable[..., object], *arguments: object) -> None:
         """Run an action on the executor's thread, unless that is ending."""
@@ -106,22 +142,30 @@ class RclpyContext:
 
     def qos(self, qos: Qos) -> object:
         """Return a profile of rclpy; the numbers are the same."""
-        of = self.rclpy.qos
+        of, duration = self.rclpy.qos, self.rclpy.duration
+        limits = {
+            "deadline": qos.deadline_ns,
+            "lifespan": qos.lifespan_ns,
+            "liveliness_lease_duration": qos.lease_ns,
+        }
         profile: object = of.QoSProfile(
             reliability=of.ReliabilityPolicy(int(qos.reliability)),
             durability=of.DurabilityPolicy(int(qos.durability)),
             history=of.HistoryPolicy(int(qos.history)),
             depth=qos.depth,
+            liveliness=of.LivelinessPolicy(int(qos.liveliness)),
+            **{name: duration(nanoseconds=ns) for name, ns in limits.items() if ns},
         )
         return profile
 
     def graph(self) -> Graph:
         """Return the graph from rclpy."""
-        names = self._asking.get_node_names_and_namespaces()
-        return Graph.of(
-            (_full(name, namespace) for name, namespace in names),
-            (*self._topic_ends(), *self._service_ends(names)),
-        )
+        with self._reader() as reader:
+            names = reader.get_node_names_and_namespaces()
+            return Graph.of(
+                (_full(name, namespace) for name, namespace in names),
+                (*self._topic_ends(reader), *self._service_ends(reader, names)),
+            )
 
     def wait(self, ready: Callable[[], bool], timeout: float) -> bool | None:
         """Wait until ``ready()`` is true; return None if it is closed meanwhile."""
@@ -134,22 +178,24 @@ class RclpyContext:
             self._over.wait(min(period, timeout))
         return False
 
-    def _topic_ends(self) -> Iterator[Endpoint]:
-        for topic, _ in self._asking.get_topic_names_and_types():
-            yield from self._ends_of(topic)
+    def _topic_ends(self, reader: api.NodeApi) -> Iterator[Endpoint]:
+        for topic, _ in reader.get_topic_names_and_types():
+            yield from self._ends_of(reader, topic)
 
-    def _ends_of(self, topic: str) -> Iterator[Endpoint]:
+    def _ends_of(self, reader: api.NodeApi, topic: str) -> Iterator[Endpoint]:
         for role, infos in (
-            (Role.PUBLISHER, self._asking.get_publishers_info_by_topic(topic)),
-            (Role.SUBSCRIPTION, self._asking.get_subscriptions_info_by_topic(topic)),
+            (Role.PUBLISHER, reader.get_publishers_info_by_topic(topic)),
+            (Role.SUBSCRIPTION, reader.get_subscriptions_info_by_topic(topic)),
         ):
             for info in infos:
                 yield _endpoint(role, topic, info)
 
-    def _service_ends(self, names: list[tuple[str, str]]) -> Iterator[Endpoint]:
+    def _service_ends(
+        self, reader: api.NodeApi, names: list[tuple[str, str]]
+    ) -> Iterator[Endpoint]:
         for role, ask in (
-            (Role.SERVER, self._asking.get_service_names_and_types_by_node),
-            (Role.CLIENT, self._asking.get_client_names_and_types_by_node),
+            (Role.SERVER, reader.get_service_names_and_types_by_node),
+            (Role.CLIENT, reader.get_client_names_and_types_by_node),
         ):
             for name, namespace in names:
                 try:
@@ -166,7 +212,8 @@ class RclpyContext:
                 self._spin_once()
         self._over.wait()
         with self._ending:
-            self.remove_node(self._asking)
+            if self._hidden is not None:
+                self._destroy(self._hidden)
             self.executor.shutdown(0.0)
         self.context.try_shutdown()
 
@@ -196,7 +243,9 @@ class RclpyContext:
         if self._over.is_set() or not self.context.ok():
             return
         for ours in list(self.ours):
-            for theirs in self._ends_of(ours.name):
+            with self._reader() as reader:
+                others = list(self._ends_of(reader, ours.name))
+            for theirs in others:
                 self.notifier.compare(ours, theirs)
         self._look_later()
 
@@ -225,8 +274,17 @@ def _endpoint(role: Role, topic: str, info: api.EndpointInfo) -> Endpoint:
             # Those of other nodes are often unknown.
             _known(HistoryPolicy, profile.history, HistoryPolicy.KEEP_LAST),
             profile.depth or Qos().depth,
+            _finite(profile.deadline),
+            _finite(profile.lifespan),
+            _known(LivelinessPolicy, profile.liveliness, LivelinessPolicy.AUTOMATIC),
+            _finite(profile.liveliness_lease_duration),
         ),
     )
+
+
+def _finite(duration: Any) -> int:
+    ns: int = duration.nanoseconds
+    return ns if ns < _INFINITE_NS else 0
 
 
 def _known(kind: type[E], number: int, default: E) -> E:

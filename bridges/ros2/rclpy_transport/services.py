@@ -6,6 +6,7 @@ become ours.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
@@ -117,6 +118,7 @@ class RclpyServer(Server):
         # executor busy. What its executor calls to send what the callback returned is the first
         # to know the request's header; here it takes the request in instead.
         self._send = self._service.send_response
+        self._unsent: deque[tuple[Any, Any]] = deque()
         self._service.send_response = self._take
 
     def _take(self, request: Any, header: Any) -> None:
@@ -126,14 +128,19 @@ class RclpyServer(Server):
     def send(self, data: bytes, header: Any) -> None:
         """Send a response, on the executor's thread as rclpy itself does."""
         response = self._world.rclpy.deserialize(data, self._class.Response)
-        self._world.run(self._send_now, response, header)
+        self._unsent.append((response, header))
+        self._world.run(self._send_next)
 
-    def _send_now(self, response: Any, header: Any) -> None:
-        if not self._closed:
+    def _send_next(self) -> None:
+        with suppress(IndexError, self._world.rclpy.destroyed):  # the end has sent it
+            response, header = self._unsent.popleft()
             self._send(response, header)
 
     def _close(self) -> None:
         self._requests.close()
+        with suppress(self._world.rclpy.failure):
+            while self._unsent:  # the executor would come too late
+                self._send_next()
         self._node.destroy_service(self._service)
 
 

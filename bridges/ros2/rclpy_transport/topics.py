@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from llfsm.whiteboard.message import M
 
@@ -13,6 +13,7 @@ from ..lifetime import Closable
 from ..qos import Qos
 from ..transport import (
     MessageInfo,
+    NoticeKind,
     Publisher,
     SerializedBytes,
     SerializedMessage,
@@ -23,6 +24,8 @@ from . import api
 from .context import RclpyContext
 
 __all__ = ["RclpyPublisher", "RclpySubscription"]
+
+E = TypeVar("E")
 
 
 class RclpyPublisher(Publisher[M]):
@@ -46,14 +49,22 @@ class RclpyPublisher(Publisher[M]):
         self._node = node
         self._end = end
         self._encode = of.encode
-        self._publisher = node.create_publisher(
-            found, end.name, world.qos(qos), event_callbacks=world.rclpy.quiet[0]
-        )
+
+        def create(events: Any) -> api.PublisherApi:
+            return node.create_publisher(found, end.name, world.qos(qos), event_callbacks=events)
+
+        self._publisher = _with_events(world, self, qos, world.rclpy.publisher_events, create)
         world.ours[end] = None
 
     def publish(self, message: M) -> None:
         """Encode and publish a message."""
-        data = self._encode(message)
+        self._send(self._encode(message))
+
+    def forward(self, arrival: SerializedMessage[M]) -> None:
+        """Publish a message as it came."""
+        self._send(arrival.data)
+
+    def _send(self, data: bytes) -> None:
         try:
             self._publisher.publish(data)
         except self._world.rclpy.destroyed as error:
@@ -91,16 +102,50 @@ class RclpySubscription(TopicSubscription):
                 )
                 world.notifier.deliver(self.name, callback, SerializedBytes(data, arrived, of))
 
-        self._subscription = node.create_subscription(
-            found,
-            end.name,
-            take,
-            world.qos(qos),
-            event_callbacks=world.rclpy.quiet[1],
-            raw=True,
-        )
+        def create(events: Any) -> object:
+            return node.create_subscription(
+                found, end.name, take, world.qos(qos), event_callbacks=events, raw=True
+            )
+
+        self._subscription = _with_events(world, self, qos, world.rclpy.subscription_events, create)
         world.ours[end] = None
 
     def _close(self) -> None:
         self._world.ours.pop(self._end, None)
         self._node.destroy_subscription(self._subscription)
+
+
+def _with_events(
+    world: RclpyContext,
+    end: RclpyPublisher[Any] | RclpySubscription,
+    qos: Qos,
+    events: Callable[..., Any],
+    create: Callable[[Any], E],
+) -> E:
+    """Create an end whose missed deadlines and signs of life are reported, if its QoS has any.
+
+    Not every middleware reports them: rmw_zenoh_cpp does not.
+    """
+
+    def broken(what: str, times: int) -> None:
+        if times > 0:
+            end.broken += times
+            text = f"{what}; further times are only counted"
+            world.notifier.once(NoticeKind.QOS_BROKEN, end.name, text, about=what)
+
+    callbacks: dict[str, Callable[[Any], None]] = {}
+    if qos.deadline_ns:
+        what = f"a deadline of {qos.deadline_ns / 1e9:g} s was missed"
+        callbacks["deadline"] = lambda info: broken(what, info.total_count_change)
+    if qos.lease_ns:
+        silent = f"no sign of life of a publisher within {qos.lease_ns / 1e9:g} s"
+
+        def alive(info: Any) -> None:  # the two kinds of ends get different structures
+            lost = getattr(info, "not_alive_count_change", None)
+            broken(silent, info.total_count_change if lost is None else lost)
+
+        callbacks["liveliness"] = alive
+    try:
+        return create(events(use_default_callbacks=False, **callbacks))
+    except world.rclpy.unsupported_event:
+        return create(events(use_default_callbacks=False))

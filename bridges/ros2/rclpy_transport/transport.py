@@ -29,12 +29,16 @@ class RclpyTransport(Transport):
     """
 
     def __init__(
-        self, domain: int | None = None, *, notify: Callable[[Notice], None] = log_notice
+        self,
+        domain: int | None = None,
+        *,
+        enclave: str = "",
+        notify: Callable[[Notice], None] = log_notice,
     ) -> None:
         """Open it; ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise :class:`.DomainIdError`."""
         super().__init__()
         self.domain = default_domain() if domain is None else check_domain(domain)
-        self._world = RclpyContext(self.domain, Notifier(notify))
+        self._world = RclpyContext(self.domain, enclave, Notifier(notify))
 
     @property
     def up(self) -> bool:
@@ -70,9 +74,10 @@ class RclpyTransport(Transport):
 
 class _RclpyNode(Node):
     def __init__(self, owner: RclpyTransport, world: RclpyContext, names: Names) -> None:
+        node = world.new_node(names)  # first: a failure leaves nothing to close
         super().__init__(owner, names)
         self._world = world
-        self._node = world.new_node(names)
+        self._node = node
 
     def publisher(self, topic: str, of: RosMessage[M], qos: Qos = TOPIC) -> RclpyPublisher[M]:
         with self._lifetime:
@@ -93,7 +98,9 @@ class _RclpyNode(Node):
     def client(self, service: str, of: RosService, qos: Qos = SERVICE) -> RclpyClient:
         with self._lifetime:
             self._check_open()
-            return RclpyClient(self, self._world, self._node, self._names.full(service), of, qos)
+            return RclpyClient(
+                self, self._world, self._node, self._names.full_service(service), of, qos
+            )
 
     def server(
         self,
@@ -104,7 +111,7 @@ class _RclpyNode(Node):
     ) -> RclpyServer:
         with self._lifetime:
             self._check_open()
-            name = self._names.full(service)
+            name = self._names.full_service(service)
             return RclpyServer(self, self._world, self._node, name, of, handler, qos)
 
     def _close(self) -> None:

@@ -118,10 +118,11 @@ class Field:
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant of a message."""
+    """A constant of a message, and the primitive type that it has there."""
 
     name: str
     value: Value
+    type: str
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ def find(name: str) -> Definition | None:
     return Definition(
         name,
         tuple(Field(n, _type(kind)) for n, kind in fields if n != EMPTY_MEMBER),
-        tuple(Constant(n, value) for n, _, value in constants),
+        tuple(Constant(n, value, kind) for n, kind, value in constants),
     )
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Generic, cast
 
 from llfsm.whiteboard import Message
@@ -15,6 +16,7 @@ from llfsm.whiteboard.schema import describe, differences
 from ..errors import DefinitionSyntaxError, TypeMismatchError, UnknownTypeError
 from .decoding import compile_decoder
 from .definition import Definition
+from .definition_text import TypeSource
 from .diagnosis import why_unreadable, why_unwritable
 from .encoding import compile_encoder
 from .hashing import describe as describe_type
@@ -114,13 +116,18 @@ class RosAction:
 class TypeLibrary:
     """Finds ROS types by name, and makes their classes and codecs.
 
-    ``share`` are folders of packages, packages or files, searched before all others (see
-    :mod:`.search_path`). Raise :class:`.DefinitionPathError` if one is not there. All methods raise
-    :class:`.UnknownTypeError` and :class:`.DefinitionSyntaxError`.
+    ``texts`` are definitions of messages by name, ``share`` folders of packages, packages or files,
+    searched before all others (see :mod:`.search_path`). Raise :class:`.DefinitionPathError` if one
+    is not there. All methods raise :class:`.UnknownTypeError` and :class:`.DefinitionSyntaxError`.
     """
 
-    def __init__(self, *, share: Iterable[Path] = ()) -> None:
-        self._places = SearchPath(share)
+    def __init__(
+        self,
+        *,
+        share: Iterable[Path] = (),
+        texts: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        self._places = SearchPath(share, texts)
         self._classes: dict[str, type[Message]] = {}
         self._making: list[str] = []
         self._messages: dict[type[Message], RosMessage[Any]] = {}
@@ -168,6 +175,12 @@ class TypeLibrary:
         The description is a type_description_interfaces/msg/TypeDescription as plain data.
         """
         return describe_type(self._places.find(name), self._places.find), self._hash(name)
+
+    def sources(self, name: str) -> list[TypeSource]:
+        """Return what defines a type of any kind and all types that it refers to, itself first."""
+        description, _ = self.describe(name)
+        names = [each["type_name"] for each in description["referenced_type_descriptions"]]
+        return [TypeSource(each, *self._places.source(each)) for each in (name, *names)]
 
     def of(self, cls: type[M]) -> RosMessage[M]:
         """Return the type of a class with a ROS name, to encode from it and decode into it.

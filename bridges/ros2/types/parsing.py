@@ -118,7 +118,7 @@ def _item(line: str, package: str) -> Field | Constant:
             raise ValueError(f"{name!r} cannot name a constant: A-Z, 0-9 and single _")
         if kind.nested or kind.shape is not Shape.SINGLE:
             raise ValueError("a constant has a primitive type")
-        return Constant(name, _value(value[1], kind))
+        return Constant(name, _value(value[1], kind), kind.base)
     if not _FIELD_NAME.fullmatch(name):
         raise ValueError(f"{name!r} cannot name a field: a-z, 0-9 and single _ between them")
     return Field(name, kind, _default(value[1], kind) if value[1] else None)

@@ -1,6 +1,6 @@
 """Where definitions are searched, in this order.
 
-1. the places that the library was given;
+1. the texts, then the places that the library was given;
 2. ``share`` of each folder in AMENT_PREFIX_PATH, which a sourced ROS 2 environment sets;
 3. the definitions that ship with llfsm;
 4. those of rosbags, if it is installed (see :mod:`.jazzy`).
@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from ..errors import DefinitionPathError, DefinitionSyntaxError, UnknownTypeError
 from . import jazzy
 from .definition import Definition
+from .definition_text import definition_text
 from .parsing import TYPE_NAME, parse
 
 __all__ = ["SearchPath"]
@@ -31,7 +33,10 @@ class SearchPath:
     ``action``. Raise :class:`.DefinitionPathError` if a place is not there.
     """
 
-    def __init__(self, given: Iterable[Path]) -> None:
+    def __init__(
+        self, given: Iterable[Path], texts: Mapping[str, str] = MappingProxyType({})
+    ) -> None:
+        self._texts = texts
         self._places = [Path(place).absolute() for place in given]
         for place in self._places:
             if not place.exists():
@@ -50,6 +55,21 @@ class SearchPath:
             self._look_for(name)
         return self._found[name]
 
+    def source(self, name: str) -> tuple[str, str]:
+        """Return the encoding and the text of what defines a type, as ROS's type sources.
+
+        A part of a service or action is ``implicit``, without a text of its own. What only rosbags
+        knows is written out from its fields. Raise as :meth:`find`.
+        """
+        definition = self.find(name)
+        package, kind, base = name.split("/")
+        if "_" in base:
+            return "implicit", ""
+        if name in self._texts:
+            return kind, self._texts[name]
+        path = self._path(package, kind, base)
+        return kind, _text(path) if path is not None else definition_text(definition)
+
     def _look_for(self, name: str) -> None:
         match = TYPE_NAME.fullmatch(name)
         if match is None or (match[2] == "msg" and match[4]):
@@ -58,7 +78,9 @@ class SearchPath:
             )
         package, kind, base, _ = match.groups()
         path = self._path(package, kind, base)
-        if path is not None:
+        if name in self._texts:
+            made = parse(self._texts[name], name, name)
+        elif path is not None:
             made = parse(_text(path), f"{package}/{kind}/{base}", str(path))
         else:
             known = jazzy.find(name)

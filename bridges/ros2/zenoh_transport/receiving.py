@@ -1,14 +1,11 @@
 """Receives from Zenoh on threads of ours.
 
 Zenoh's own way of calling Python starts a thread that the interpreter waits for at its end: a
-process that forgets to close a transport would never end. The interpreter does not wait for ours,
-which are daemon threads; but a thread that is inside Zenoh when the interpreter ends aborts the
-process, so threads that are ending are joined last.
+process that forgets to close a transport would never end.
 """
 
 from __future__ import annotations
 
-import atexit
 import threading
 from collections.abc import Callable
 from functools import partial
@@ -17,19 +14,12 @@ from typing import TypeVar
 import zenoh
 import zenoh.handlers
 
+from ..threads import join_at_exit
 from ..timer_thread import TimerThread
 
 __all__ = ["hand_over", "receive"]
 
 T = TypeVar("T")
-
-_receiving: set[threading.Thread] = set()
-
-
-@atexit.register  # before any transport registers, and so after all are closed
-def _join() -> None:
-    for thread in list(_receiving):
-        thread.join(1.0)
 
 
 def hand_over(do: Callable[[T], None], timer: TimerThread) -> zenoh.handlers.Callback[T]:
@@ -49,10 +39,9 @@ def receive(take: Callable[[], T], do: Callable[[T], None], name: str) -> None:
             try:
                 thing = take()
             except zenoh.ZError:
-                _receiving.discard(thread)
                 return  # its subscriber, its queryable or the session is closed
             do(thing)
 
     thread = threading.Thread(target=run, name=f"ros2 {name}", daemon=True)
-    _receiving.add(thread)
     thread.start()
+    join_at_exit(thread)

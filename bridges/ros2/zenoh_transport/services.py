@@ -23,7 +23,7 @@ from ..transport import Client, MessageInfo, Server, ServiceRequest
 from ..types import RosService
 from .attachment import pack, unpack
 from .endpoint import ZenohEndpoint
-from .receiving import hand_over, receive
+from .receiving import receive
 
 __all__ = ["ZenohClient", "ZenohServer"]
 
@@ -44,9 +44,10 @@ class ZenohClient(Client[Any, Any]):
             endpoint.key, target=zenoh.QueryTarget.ALL_COMPLETE
         )
         discovery = endpoint.connection.discovery
-        self._listener: zenoh.MatchingListener[None] = self._querier.declare_matching_listener(
-            hand_over(discovery.look_again, endpoint.connection.events)
-        )
+        # No callback: it would run on the thread that ends an advanced publisher, for which Zenoh's
+        # `undeclare` waits with the interpreter's lock.
+        self._listener: Any = self._querier.declare_matching_listener(zenoh.handlers.RingChannel(1))
+        receive(self._listener.handler.recv, discovery.look_again, endpoint.name)
         endpoint.show()
 
     @property

@@ -12,12 +12,15 @@ out is the default.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from enum import IntEnum
+from typing import NamedTuple, TypeVar
 
 from ..graph import Endpoint, Role
-from ..qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
+from ..qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
 
 __all__ = ["Token", "data_key", "domain_tokens", "endpoint_token", "node_token", "parse"]
+
+E = TypeVar("E", bound=IntEnum)
 
 _ROOT = "@ros2_lv"
 _CODES = {"MP": Role.PUBLISHER, "MS": Role.SUBSCRIPTION, "SS": Role.SERVER, "SC": Role.CLIENT}
@@ -27,6 +30,18 @@ _NODE_PARTS = 9
 _ENDPOINT_PARTS = 13
 _DEFAULT_DEPTH = 42  # of rmw_zenoh's default profile, which peers leave out of tokens
 _DEFAULT = Qos(depth=_DEFAULT_DEPTH)
+_SECOND = 1_000_000_000
+_INFINITE_NS = 2**63 - 1  # ROS 2's infinite duration
+_BEST_AVAILABLE_NS = _INFINITE_NS - 1
+_BEST_AVAILABLE: dict[type[IntEnum], int] = {
+    ReliabilityPolicy: 4,
+    DurabilityPolicy: 4,
+    LivelinessPolicy: 5,
+}
+_LEAST = Qos(ReliabilityPolicy.BEST_EFFORT)
+_MOST = Qos(
+    durability=DurabilityPolicy.TRANSIENT_LOCAL, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC
+)
 
 
 class Token(NamedTuple):
@@ -49,7 +64,9 @@ def domain_tokens(domain: int) -> str:
     return f"{_ROOT}/{domain}/**"
 
 
-def node_token(domain: int, session: str, number: int, namespace: str, node: str) -> str:
+def node_token(
+    domain: int, session: str, number: int, namespace: str, node: str, enclave: str = ""
+) -> str:
     """Return a node's token; ``number`` is its own within the session."""
     return "/".join(
         (
@@ -59,7 +76,7 @@ def node_token(domain: int, session: str, number: int, namespace: str, node: str
             str(number),
             str(number),
             _NODE_CODE,
-            "%",  # the enclave: none
+            _mangle(enclave),
             _mangle(namespace),
             node,
         )
@@ -100,7 +117,7 @@ def parse(key: str) -> Token | None:
         return None
     name, dds_type, type_hash, qos_text = parts[9:]
     try:
-        qos = _parse_qos(qos_text)
+        qos = _parse_qos(qos_text, _MOST if role is Role.PUBLISHER else _LEAST)
     except ValueError:
         return None
     end = Endpoint(role, node, _demangle(name), _ros_type(dds_type), type_hash, qos)
@@ -124,22 +141,48 @@ def _ros_type(dds_type: str) -> str:
 
 
 def _qos_text(qos: Qos) -> str:
-    reliability, durability, history, depth = (
-        "" if ours == default else str(int(ours))
-        for ours, default in zip(qos, _DEFAULT, strict=True)
+    reliability, durability, history, depth, liveliness = (
+        "" if getattr(qos, name) == getattr(_DEFAULT, name) else str(int(getattr(qos, name)))
+        for name in ("reliability", "durability", "history", "depth", "liveliness")
     )
-    return f"{reliability}:{durability}:{history},{depth}:,:,:,,"
+    deadline, lifespan, lease = map(
+        _duration_text, (qos.deadline_ns, qos.lifespan_ns, qos.lease_ns)
+    )
+    return (
+        f"{reliability}:{durability}:{history},{depth}:{deadline}:{lifespan}:{liveliness},{lease}"
+    )
 
 
-def _parse_qos(text: str) -> Qos:
-    reliability, durability, history, *_ = text.split(":")
+def _duration_text(ns: int) -> str:
+    return "{},{}".format(*divmod(ns, _SECOND)) if ns else ","
+
+
+def _parse_qos(text: str, available: Qos) -> Qos:
+    """Parse a profile; "best available" fits all others, and is read as that of ``available``."""
+    reliability, durability, history, deadline, lifespan, life = text.split(":")
     kind, depth = history.split(",")
+    liveliness, *lease = life.split(",")
     return Qos(
-        ReliabilityPolicy(_number(reliability, _DEFAULT.reliability)),
-        DurabilityPolicy(_number(durability, _DEFAULT.durability)),
+        _policy(reliability, _DEFAULT.reliability, available.reliability),
+        _policy(durability, _DEFAULT.durability, available.durability),
         HistoryPolicy(_number(kind, _DEFAULT.history)),
         _number(depth, _DEFAULT_DEPTH),
+        _parse_duration(deadline.split(",")),
+        _parse_duration(lifespan.split(",")),
+        _policy(liveliness, _DEFAULT.liveliness, available.liveliness),
+        _parse_duration(lease),
     )
+
+
+def _policy(text: str, default: E, available: E) -> E:
+    number = _number(text, default)
+    return available if number == _BEST_AVAILABLE[type(default)] else type(default)(number)
+
+
+def _parse_duration(parts: list[str]) -> int:
+    seconds, ns = parts
+    whole = int(seconds or _INFINITE_NS // _SECOND) * _SECOND + int(ns or _INFINITE_NS % _SECOND)
+    return 0 if whole >= _BEST_AVAILABLE_NS else whole
 
 
 def _number(text: str, default: int) -> int:

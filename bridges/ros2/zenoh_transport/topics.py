@@ -48,7 +48,13 @@ class ZenohPublisher(Publisher[M]):
 
     def publish(self, message: M) -> None:
         """Encode and put a message, with its number and the time."""
-        data = self._encode(message)
+        self._send(self._encode(message))
+
+    def forward(self, arrival: SerializedMessage[M]) -> None:
+        """Put a message as it came; Zenoh does not copy what it received itself."""
+        self._send(arrival.payload if isinstance(arrival, _Sample) else arrival.data)
+
+    def _send(self, data: bytes | zenoh.ZBytes) -> None:
         with self._in_sequence:
             self._sequence += 1
             attachment = pack(self._sequence, time.time_ns(), self.gid)
@@ -61,7 +67,8 @@ class ZenohPublisher(Publisher[M]):
 
     def _close(self) -> None:
         self._endpoint.hide()
-        self._publisher.undeclare()
+        with self._in_sequence:  # Zenoh refuses to undeclare what another thread is using
+            self._publisher.undeclare()
 
 
 class ZenohSubscription(TopicSubscription):
@@ -105,6 +112,10 @@ class _Sample(SerializedMessage[M]):
         self._sample = sample
         self._of = of
         self._endpoint = endpoint
+
+    @property
+    def payload(self) -> zenoh.ZBytes:
+        return self._sample.payload
 
     @property
     def data(self) -> bytes:

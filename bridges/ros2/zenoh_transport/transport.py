@@ -46,6 +46,7 @@ class ZenohTransport(Transport):
         domain: int | None = None,
         *,
         router: Sequence[str] | None = None,
+        enclave: str = "",
         notify: Callable[[Notice], None] = log_notice,
     ) -> None:
         """Open a session, with or without a router; without one it takes a second.
@@ -56,6 +57,7 @@ class ZenohTransport(Transport):
         """
         super().__init__()
         self.domain = default_domain() if domain is None else check_domain(domain)
+        self._enclave = enclave
         self._notifier = Notifier(notify)
         self._session, self._router = open_session(router)
         self._session_id = str(self._session.zid())
@@ -89,7 +91,12 @@ class ZenohTransport(Transport):
         with self._lifetime:
             self._check_open()
             token = node_token(
-                self.domain, self._session_id, next(self._numbers), names.namespace, name
+                self.domain,
+                self._session_id,
+                next(self._numbers),
+                names.namespace,
+                name,
+                self._enclave,
             )
             return _ZenohNode(self, names, token, self._connection, self._numbers)
 

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from calling import call
+from forked import Forked
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
@@ -56,21 +58,15 @@ def board() -> Iterator[str]:
         yield name
 
 
+BRIDGE = ["bridge", "gusimplewhiteboard"]
+
+
 def command(*arguments: object) -> list[str]:
-    given = [str(argument) for argument in arguments]
-    return [sys.executable, "-m", "llfsm.cli", "bridge", "gusimplewhiteboard", *given]
+    return [sys.executable, "-m", "llfsm.cli", *BRIDGE, *map(str, arguments)]
 
 
 def refusal(folder: Path, *arguments: object) -> tuple[int, str]:
-    done = subprocess.run(
-        command(*arguments),
-        cwd=folder,
-        text=True,
-        capture_output=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert "Traceback" not in done.stderr
+    done = call(*BRIDGE, *map(str, arguments), cwd=folder)
     return done.returncode, done.stderr
 
 
@@ -79,7 +75,7 @@ def test_it_relays_both_ways_until_it_is_ended(native: Native, tmp_path: Path, b
     (tmp_path / "structures.py").write_text(STRUCTURES)
     native("add", 12, 1.5, -1)
     arguments = command("plan.toml", "-b", board)
-    with subprocess.Popen(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as bridge:
+    with Forked(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as bridge:
         assert bridge.stderr is not None
         assert bridge.stderr.readline() == f"guwhiteboard <-> {board}: 2 relayed\n"
         with Whiteboard(board) as wb:
@@ -108,7 +104,7 @@ def test_flags_and_the_end_of_the_file(
 ) -> None:
     relay = ("--both", 5, "turtle1/cmd_vel", "geometry_msgs/Twist", "6d")
     arguments = command("--file", path, "-b", board, "--period-ms", 1, *relay)
-    with subprocess.Popen(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as bridge:
+    with Forked(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as bridge:
         assert bridge.stderr is not None
         bridge.stderr.readline()
         with Whiteboard(board) as wb:
@@ -124,7 +120,7 @@ def test_flags_and_the_end_of_the_file(
 def test_it_ends_with_the_board(native: Native, tmp_path: Path, board: str, path: Path) -> None:
     relay = ("--in", 5, "turtle1/cmd_vel", "geometry_msgs/Twist", "6d")
     arguments = command("--file", path, "-b", board, *relay)
-    with subprocess.Popen(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as bridge:
+    with Forked(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as bridge:
         assert bridge.stderr is not None
         bridge.stderr.readline()
         remove_board(board)

@@ -12,12 +12,12 @@ import pytest
 
 from fake_rclpy import modules
 from free_ports import free_endpoint, free_port
-from llfsm.bridges.ros2.graph import Endpoint, Graph
+from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.rclpy_transport.topics import RclpyPublisher
-from llfsm.bridges.ros2.transport import Notice, Transport
+from llfsm.bridges.ros2.transport import Notice, Publisher, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 from memory_transport import MemoryTransport, MemoryWorld
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, wait_for
 
 
 class Seen(list[Any]):
@@ -55,8 +55,6 @@ class World:
     """Whether messages come with a number."""
     tells_depth = True
     """Whether the graph tells how many messages an endpoint keeps."""
-    of_every_node: frozenset[str] | set[str] = frozenset()
-    """Names of endpoints that every node has."""
 
     def __init__(
         self, handles: ExitStack, opener: Callable[..., Transport], domains: range
@@ -74,19 +72,22 @@ class World:
         self._transports.append(self._opener(domain, notify=Seen() if notify is None else notify))
         return self._handles.enter_context(self._transports[-1])
 
-    def matched(self, name: str, subscriptions: int) -> bool:
-        """Tell whether publishers have met so many subscriptions; in DDS the graph is earlier."""
-        nodes = [node for transport in self._transports for node in transport._owned]
-        ends = [end for node in nodes for end in node._owned if isinstance(end, RclpyPublisher)]
-        return all(
-            end._publisher.get_subscription_count() >= subscriptions
-            for end in ends
-            if end.name == name
-        )
+    def meet(self, name: str, subscriptions: int) -> None:
+        """Wait until a topic's publishers have met so many subscriptions; others may know before.
 
-    def ends(self, graph: Graph) -> list[Endpoint]:
-        """Return the endpoints that somebody asked for."""
-        return [end for end in graph.endpoints if end.name not in self.of_every_node]
+        What they publish until then is lost. In DDS, the graph is earlier.
+        """
+        for transport in self._transports:
+            ends = [end for node in transport._owned for end in node._owned]
+            publishers = [e for e in ends if isinstance(e, Publisher) and e.name == name]
+            if publishers:
+                assert transport.wait_graph(
+                    lambda graph: len(graph.ends(name, Role.SUBSCRIPTION)) >= subscriptions, 20
+                ), transport.graph()
+            for end in publishers:
+                if isinstance(end, RclpyPublisher):
+                    counts = end._publisher.get_subscription_count
+                    wait_for(lambda counts=counts: counts() >= subscriptions)
 
 
 _DOMAINS = itertools.count(1, 2)  # a pair for each test: what one leaves cannot reach another
@@ -121,7 +122,6 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             rcl.tells_failure = False
             rcl.tells_depth = middleware != "rmw_fastrtps_cpp"
             rcl.counts = middleware != "rmw_cyclonedds_cpp"
-            rcl.of_every_node = {"/parameter_events"}
             yield rcl
 
 

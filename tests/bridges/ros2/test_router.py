@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+from forked import Forked
 from llfsm.bridges.ros2.router import loopback
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 
@@ -22,7 +23,7 @@ def start(free_port):
     def start(*options):
         command = [*ROUTER, "--listen", f"tcp/127.0.0.1:{free_port}", *options]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        process = subprocess.Popen(command, text=True, **pipes)
+        process = Forked(command, text=True, **pipes)
         started.append(process)
         return process, process.stdout.readline()
 

@@ -22,7 +22,7 @@ def number(types):
 def met(world, transport, name, subscriptions=1):
     """Wait until a transport knows of a topic's ends, and they of each other."""
     known(transport, name, 1, subscriptions)
-    assert transport.wait_graph(lambda _: world.matched(name, subscriptions), 20)
+    world.meet(name, subscriptions)
 
 
 def known(transport, name, publishers, subscriptions):
@@ -59,6 +59,24 @@ def test_a_message_arrives_as_it_was_published_with_who_when_and_its_number(worl
     assert counts == ([0, 1, 2] if world.counts else [0, 0, 0])
     assert all(before <= info.source_ns <= time.time_ns() for info in infos)
     assert {info.gid for info in infos} == {publisher.gid}
+
+
+def test_a_message_is_forwarded_as_it_came_by_whom_forwards_it(world, types, seen):
+    pose = types.message("turtlesim/msg/Pose")
+    one, two = world.open(), world.open()
+    node, got = two.node("relay"), seen()
+    onward = node.publisher("out", pose)
+    node.subscription("in", pose, onward.forward)
+    one.node("listener").subscription("out", pose, got)
+    publisher = one.node("talker").publisher("in", pose)
+    met(world, one, "/in")
+    met(world, two, "/out")
+    before = time.time_ns()
+    publisher.publish(pose.message(x=1.5))
+    got.wait(len)
+    assert got[0].data == pose.encode(pose.message(x=1.5))
+    assert got[0].info.gid == onward.gid
+    assert before <= got[0].info.source_ns <= time.time_ns()
 
 
 def test_neither_another_topic_nor_another_domain_hears_it(world, number, seen):
@@ -153,7 +171,11 @@ def test_a_qos_that_is_less_than_asked_for_is_told_once(world, number, seen):
     known(two, "/a", 2, 1)
     told.wait(len)
     assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.QOS_MISMATCH, "/a")]
-    assert "reliable" in told[0].text
+    assert told[0].text == (
+        "New publisher discovered on topic '/a', offering incompatible QoS. "
+        "No messages will be sent to it. Last incompatible policy: RELIABILITY_QOS_POLICY "
+        "(the subscription of /listener asks for reliable, best effort is offered by /talker)"
+    )
 
 
 def test_another_type_under_our_name_is_told_once(world, types, number, seen):
@@ -277,4 +299,4 @@ def test_a_bad_name_is_refused_and_leaves_nothing(world, number, seen):
     with pytest.raises(RosNameError, match="no-node"):
         transport.node("no-node")
     assert transport.wait_graph(lambda graph: graph.nodes == ("/me",), 20)
-    assert not world.ends(transport.graph())
+    assert not transport.graph().endpoints

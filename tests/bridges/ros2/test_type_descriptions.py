@@ -8,6 +8,9 @@ import json
 import pytest
 
 from llfsm.bridges.ros2.type_descriptions import TypeDescriptionServer
+from llfsm.bridges.ros2.types import jazzy
+from llfsm.bridges.ros2.types.definition_text import definition_text
+from llfsm.bridges.ros2.types.parsing import parse
 from memory_transport import MemoryTransport, MemoryWorld
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
@@ -76,3 +79,44 @@ def test_a_failure_says_why(ask, name, type_hash, reason):
     answer = ask(name, type_hash)
     assert not answer.successful
     assert reason in answer.failure_reason
+
+
+def sources(answer):
+    return {each.type_name: (each.encoding, each.raw_file_contents) for each in answer.type_sources}
+
+
+def test_sources_are_the_files_and_what_has_none_says_so(ask, types):
+    spawn = sources(ask("turtlesim/srv/Spawn", types.service("turtlesim/srv/Spawn").type_hash))
+    assert spawn["turtlesim/srv/Spawn"][0] == "srv"
+    assert "float32 x" in spawn["turtlesim/srv/Spawn"][1]
+    assert spawn["turtlesim/srv/Spawn_Request"] == ("implicit", "")
+    assert spawn["builtin_interfaces/msg/Time"][0] == "msg"
+    assert "int32 sec" in spawn["builtin_interfaces/msg/Time"][1]
+
+
+def test_a_type_that_only_rosbags_knows_is_written_out(ask, types):
+    scan = types.message("sensor_msgs/msg/LaserScan")
+    written = sources(ask(scan.name, scan.type_hash))
+    assert set(written) == {scan.name, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"}
+    assert written[scan.name][1].splitlines()[0] == "std_msgs/Header header"
+    assert written[scan.name][1].splitlines()[-1] == "float32[] intensities"
+
+
+def test_sources_are_left_out_on_request(types):
+    world = MemoryWorld()
+    with MemoryTransport(world) as transport:
+        node = transport.node("robot")
+        TypeDescriptionServer(node, types, lambda do: do())
+        of = types.service(SERVICE)
+        client = node.client("~/get_type_description", of)
+        pose = types.message("turtlesim/msg/Pose")
+        request = of.request.message(pose.name, pose.type_hash, False)
+        answer = client.call(request, timeout=20).result(20)
+    assert answer.successful
+    assert answer.type_sources == ()
+
+
+@pytest.mark.parametrize("name", sorted(name for name in jazzy.names() if "/msg/" in name))
+def test_every_definition_that_is_written_out_is_read_as_the_same(name):
+    definition = jazzy.find(name)
+    assert parse(definition_text(definition), name, name) == {name: definition}

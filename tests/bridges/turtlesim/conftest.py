@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
 
 from free_ports import free_endpoint
 from llfsm.bridges.ros2.graph import Role
@@ -27,10 +26,6 @@ from llfsm.bridges.turtlesim.turtle import Level
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from memory_transport import MemoryTransport, MemoryWorld
 from waiting import PATIENCE_S, wait_for
-
-# How long an example takes says how busy the machine is, and nothing of the code.
-settings.register_profile("turtlesim", deadline=None)
-settings.load_profile("turtlesim")
 
 DATA = Path(__file__).parents[2] / "data" / "turtlesim"
 _ALL = Qos(depth=10_000)

@@ -7,8 +7,8 @@ from uuid import uuid4
 
 import pytest
 
-from llfsm.bridges.ros2.goals import GoalStatus
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
+from llfsm.runtime.goals import GoalStatus
 
 NAME = "/turtle1/rotate_absolute/_action"
 TYPE = "turtlesim/action/RotateAbsolute"

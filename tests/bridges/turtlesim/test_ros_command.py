@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from calling import own_logging
+from forked import Forked
 from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.cli.root import main
 from llfsm.whiteboard.shared import boards
@@ -30,7 +34,7 @@ def start(router: str) -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
         def start(*options: str) -> subprocess.Popen[str]:
             process = processes.enter_context(
-                subprocess.Popen(
+                Forked(
                     [sys.executable, "-m", "llfsm.cli", "turtlesim", "--ros", "--until-eof",
                      "--transport", "zenoh", "--domain", str(DOMAIN), "--router", router, *options],
                     stdin=subprocess.PIPE,
@@ -70,11 +74,12 @@ def test_a_user_who_knows_nothing_of_us_is_served(start, transport, router):
     seen = json.loads(peer.stdout)
     feedback = seen.pop("feedback")
     delta = seen.pop("delta")
+    assert {"background_r", "holonomic", "use_sim_time"} <= set(seen["parameters"])
     assert seen == {
         "moved": True,
         "spawned": ["bob", "", "", "turtle2"],
         "killed": True,
-        "parameters": ["background_r", "background_g", "background_b", "holonomic"],
+        "parameters": seen["parameters"],
         "accepted": True,
         "status": 4,
         "ids": [list(range(1, 17))],
@@ -84,6 +89,32 @@ def test_a_user_who_knows_nothing_of_us_is_served(start, transport, router):
     rounded = {round(left, 4) for left in feedback}
     assert rounded <= {round(0.3 - step * 0.016, 4) for step in range(19)}
     assert rounded
+
+
+def test_arguments_of_ros_rename_it_set_it_and_its_lines_are_those_of_ros(start, transport):
+    process = start(
+        "--ros-args", "-r", "__ns:=/pond", "-r", "turtle1/pose:=/where",
+        "-p", "background_r:=1", "--log-level", "warn",
+    )  # fmt: skip
+    assert has(transport, "/where", "/pond/turtle1/color_sensor")
+    assert transport.graph().nodes == ("/pond/turtlesim",)
+    types = TypeLibrary()
+    node = transport.node("tool")
+    of = types.service("rcl_interfaces/srv/GetParameters")
+    client = node.client("/pond/turtlesim/get_parameters", of)
+    assert transport.wait_graph(lambda _: client.ready, 20)
+    request = of.request.message(names=("background_r",))
+    (value,) = client.call(request, timeout=20).result(20).values
+    assert value.integer_value == 1
+    of = types.service("turtlesim/srv/Kill")
+    client = node.client("/pond/kill", of)
+    assert transport.wait_graph(lambda _: client.ready, 20)
+    client.call(of.request.message(name="bob"), timeout=20).result(20)
+    process.send_signal(signal.SIGTERM)
+    (line,) = process.stderr.read().splitlines()  # those for information are not printed
+    assert re.fullmatch(
+        r"\[ERROR\] \[\d+\.\d{9}\] \[pond\.turtlesim\]: Tried to kill turtle \[bob\], .*", line
+    )
 
 
 @pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "EOF"])
@@ -118,6 +149,8 @@ def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(
             2,
             "for --transport zenoh",
         ),
+        (["--ros-args", "-p", "holonomic:=true"], 2, "--ros is needed for --ros-args"),
+        (["--ros", "--ros-args", "-p", "holonomic"], 2, "write [NODE:]NAME:=VALUE"),
         (["--ros", "--transport", "dds"], 2, "'dds' is not one of"),
         (
             ["--ros", "--transport", "zenoh", "--domain", "233"],
@@ -128,7 +161,8 @@ def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(
     ],
 )
 def test_options_that_cannot_be_are_refused(options, code, message):
-    result = CliRunner().invoke(main, ["turtlesim", *options])
+    with own_logging():
+        result = CliRunner().invoke(main, ["turtlesim", *options])
     assert (result.exit_code, message in result.output) == (code, True), result.output
 
 
@@ -143,6 +177,7 @@ def test_a_turtle_that_cannot_be_is_refused(router):
         "--router",
         router,
     ]
-    result = CliRunner().invoke(main, [*options, "--turtle", "turtle1,1,1,0"])
+    with own_logging():
+        result = CliRunner().invoke(main, [*options, "--turtle", "turtle1,1,1,0"])
     assert result.exit_code == 2
     assert "--turtle turtle1: see the line above" in result.output

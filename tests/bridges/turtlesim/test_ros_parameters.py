@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
+
 KINDS = {bool: (1, "bool_value"), int: (2, "integer_value"), str: (4, "string_value")}
 CASES = {
     "set background_r=150": ("background_r", 150),
@@ -70,3 +72,51 @@ def test_a_change_is_told(ros):
     assert event.node == "/turtlesim"
     ((name, value),) = ((one.name, one.value) for one in event.changed_parameters)
     assert (name, value.type, value.integer_value) == ("background_b", 2, 7)
+
+
+PARAMETERS = """
+background_b background_g background_r holonomic
+qos_overrides./parameter_events.publisher.depth
+qos_overrides./parameter_events.publisher.durability
+qos_overrides./parameter_events.publisher.history
+qos_overrides./parameter_events.publisher.reliability
+start_type_description_service use_sim_time
+"""
+"""What `ros2 param list` prints of turtlesim_node on Jazzy."""
+
+
+def test_every_parameter_of_the_real_node_is_listed_has_a_value_and_is_described(ros):
+    found = ros.call("/turtlesim/list_parameters", "rcl_interfaces/srv/ListParameters")
+    assert list(found.result.names) == PARAMETERS.split()
+    values = get(ros, *found.result.names)
+    assert [value.type for value in values] == [2, 2, 2, 1, 2, 4, 4, 4, 1, 1]
+    assert [value.string_value for value in values[5:8]] == ["volatile", "keep_last", "reliable"]
+    described = ros.call(
+        "/turtlesim/describe_parameters",
+        "rcl_interfaces/srv/DescribeParameters",
+        names=found.result.names,
+    ).descriptors
+    assert [one.name for one in described] == PARAMETERS.split()
+    assert [one.name for one in described if one.read_only] == PARAMETERS.split()[4:9]
+    assert described[2].description == "Red channel of the background color"
+
+
+def test_deleting_a_parameter_is_refused_as_by_rclcpp(ros):
+    held = ros.types.message("rcl_interfaces/msg/ParameterValue").message
+    made = ros.types.message("rcl_interfaces/msg/Parameter").message
+    wanted = (made(name="background_r", value=held()),)
+    answer = ros.call(
+        "/turtlesim/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=wanted
+    )
+    assert answer.results[0].reason == "cannot undeclare a statically typed parameter"
+
+
+def test_a_log_line_names_the_code_that_logged_it(ros):
+    late = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=100)
+    lines = ros.hear("/rosout", "rcl_interfaces/msg/Log", late)
+    ros.call("/clear", "std_srvs/srv/Empty")
+    ros.until(lambda: any("Clearing" in line.msg for line in lines))
+    (line,) = (line for line in lines if "Clearing" in line.msg)
+    assert (line.name, line.level, line.function) == ("turtlesim", 20, "clear")
+    assert line.file.endswith("simulator.py")
+    assert line.line > 0

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.ros2.goals import GoalStatus
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import Level
+from llfsm.runtime.goals import GoalStatus
 
 
 def follow(simulator, goal, steps=10_000):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import importlib.util
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -8,11 +10,26 @@ from typing import Any
 import msgspec
 import pytest
 
+from fake_rclpy import action_module
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
+from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.whiteboard import Whiteboard
 from memory_transport import MemoryTransport, MemoryWorld
+
+EXAMPLE = Path(__file__).parents[4] / "examples" / "nav2_patrol"
+
+
+@pytest.fixture
+def nav2_msgs(request: pytest.FixtureRequest, world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the package with rclpy, too."""
+    name = request.node.callspec.params["world"]
+    if name == "fake rclpy":
+        of = TypeLibrary(share=[EXAMPLE / "nav2_msgs"]).action("nav2_msgs/action/NavigateToPose")
+        monkeypatch.setitem(sys.modules, "nav2_msgs.action", action_module(of))
+    elif name == "rclpy" and importlib.util.find_spec("nav2_msgs") is None:
+        pytest.skip("nav2_msgs cannot be imported: the sourced environment does not have it")
 
 
 @pytest.fixture

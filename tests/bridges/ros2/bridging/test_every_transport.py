@@ -46,7 +46,7 @@ def test_both_directions_without_an_echo(bridge, board, world, types, seen):
         ),
         20,
     )
-    assert peer.wait_graph(lambda _: world.matched("/n", 2), 20)
+    world.meet("/n", 2)
     slot = board[N]
     slot.add(Int64(1))
     heard.wait(lambda got: 1 in got)
@@ -84,3 +84,33 @@ def test_services_through_slots_on_both_ends(bridge, board, world, types):
     answer = answers.wait(after=seen, timeout=20)
     assert answer is not None
     assert (answer.message.number, answer.message.name) == (number, "bob")
+
+
+WAITED_FOR = {  # by ros2cli's client of parameters, 5 s for each node, before it lists one
+    "get_parameters": "GetParameters",
+    "set_parameters": "SetParameters",
+    "list_parameters": "ListParameters",
+    "describe_parameters": "DescribeParameters",
+    "get_parameter_types": "GetParameterTypes",
+    "set_parameters_atomically": "SetParametersAtomically",
+}
+
+
+def test_every_node_has_the_services_that_ros2_param_waits_for(bridge, world, types):
+    bridge(
+        relay=[{"slot": "n", "type": "std_msgs/msg/Int64", "direction": "both"}],
+        turtle_position={"pose": "pose"},
+    )
+    transport = world.open()
+    ours = {"/llfsm_bridge", "/turtle_sensor_poster"}
+    assert transport.wait_graph(lambda graph: ours <= set(graph.nodes), 20)
+    tool = transport.node("tool")
+    for node in set(transport.graph().nodes) - {"/tool"}:
+        clients = {
+            name: tool.client(f"{node}/{name}", types.service(f"rcl_interfaces/srv/{kind}"))
+            for name, kind in WAITED_FOR.items()
+        }
+        assert transport.wait_graph(lambda _, c=clients: all(o.ready for o in c.values()), 20)
+        request = types.service("rcl_interfaces/srv/ListParameters").request.message()
+        names = clients["list_parameters"].call(request, timeout=20).result(20).result.names
+        assert "use_sim_time" in names

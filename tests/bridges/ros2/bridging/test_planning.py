@@ -21,6 +21,7 @@ from llfsm.whiteboard.messages.std_msgs import String
 POSE = {"slot": "pose", "type": "turtlesim/msg/Pose", "direction": "from_ros"}
 TEXT = {"slot": "text", "type": "std_msgs/msg/String", "direction": "to_ros"}
 SPAWN = {"service": "spawn", "type": "turtlesim/srv/Spawn"}
+ROTATE = {"action": "rotate", "type": "turtlesim/action/RotateAbsolute"}
 
 
 def planned(config, slots=(), folder=Path()):
@@ -81,6 +82,21 @@ WRONG = [
         },
         ("server", 0),
         "already has a service",
+    ),
+    ({"action": [ROTATE | {"type": "turtlesim/srv/Spawn"}]}, ("action", 0, "type"), "service"),
+    ({"action": [ROTATE | {"action": "a b"}]}, ("action", 0, "action"), "'a b'"),
+    ({"action": [ROTATE | {"slots": "a b"}]}, ("action", 0, "slots"), "white space"),
+    ({"relay": [TEXT | {"at_loss": {"data": 1}}]}, ("relay", 0, "at_loss"), "data"),
+    (
+        {"relay": [POSE | {"direction": "from_ros", "at_loss": {}}]},
+        ("relay", 0, "at_loss"),
+        "to ROS",
+    ),
+    ({"action": [ROTATE, ROTATE]}, ("action", 1), "already has an action"),
+    (
+        {"action": [ROTATE | {"role": "server", "slots": slots} for slots in "ab"]},
+        ("action", 1, "action"),
+        "already served",
     ),
     ({"turtle_position": {"pose": "a b"}}, ("turtle_position", "pose"), "white space"),
     (
@@ -197,3 +213,68 @@ def test_a_slot_has_room_for_the_longest_message_of_its_type(types, name):
 
     slot = Slot("s", of.message, capacity_for(of.message))
     assert len(slot.encoder.encode(longest(of.message))) <= slot.capacity
+
+
+def relay_of(name, **more):
+    return {"slot": "s", "type": name, "direction": "from_ros", **more}
+
+
+FITS = {
+    "sensor_msgs/msg/Image": {"data": bytes(1280 * 720 * 3)},
+    "sensor_msgs/msg/CompressedImage": {"data": bytes((1 << 20) - 1000)},
+    "sensor_msgs/msg/PointCloud2": {"data": bytes(65_536 * 48)},
+    "sensor_msgs/msg/LaserScan": {"ranges": (1e-9,) * 3600, "intensities": (1e-9,) * 3600},
+    "sensor_msgs/msg/JointState": {
+        "name": ("a_joint_of_an_arm",) * 1000,
+        **dict.fromkeys(("position", "velocity", "effort"), (1e-9,) * 1000),
+    },
+    "sensor_msgs/msg/Joy": {"axes": (1e-9,) * 6000, "buttons": (1,) * 1000},
+}
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_what_sensors_usually_send_fits_in_a_new_slot_and_the_size_is_noted(types, name):
+    plan, faults = planned({"relay": [relay_of(name)]})
+    assert not faults
+    assert not plan.warnings
+    (note,) = plan.notes
+    assert note.where == ("relay", 0, "type")
+    slot = plan.relays[0].slot
+    assert f"{slot.capacity:,} bytes" in note.what
+    assert len(slot.encoder.encode(slot.type(**FITS[name]))) <= slot.capacity
+
+
+BULK = [
+    "nav_msgs/msg/OccupancyGrid",
+    "std_msgs/msg/Float64MultiArray",
+    "std_msgs/msg/ByteMultiArray",
+]
+
+
+@pytest.mark.parametrize("name", BULK)
+def test_data_without_a_bound_and_without_a_capacity_is_warned_of(name):
+    (warning,) = planned({"relay": [relay_of(name)]})[0].warnings
+    assert warning.where == ("relay", 0, "capacity")
+    assert "65,536 bytes" in warning.what
+    assert not planned({"relay": [relay_of(name, capacity=10**6)]})[0].warnings
+
+
+def test_a_slot_that_is_too_small_for_a_sensor_is_warned_of(tmp_path):
+    image = relay_of("sensor_msgs/msg/Image")
+    (warning,) = planned({"relay": [image | {"capacity": 65536}]})[0].warnings
+    assert "65,536 bytes" in warning.what
+    assert not planned({"relay": [image | {"capacity": 640 * 480}]})[0].warnings
+    plan, _ = planned({"relay": [image]})
+    with Whiteboard("test", directory=tmp_path) as board:
+        board[Slot("s", plan.relays[0].slot.type)].reserve()  # a machine's, of 1 KiB
+        (warning,) = planned({"relay": [image]}, board.slots())[0].warnings
+    assert "1,024 bytes" in warning.what
+
+
+@pytest.mark.parametrize(
+    "name", ["std_msgs/msg/String", "tf2_msgs/msg/TFMessage", "turtlesim/msg/Pose"]
+)
+def test_texts_and_what_is_bounded_need_no_remark(name):
+    plan, _ = planned({"relay": [relay_of(name)]})
+    assert not plan.warnings
+    assert not plan.notes

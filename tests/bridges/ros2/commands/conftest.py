@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from forked import Forked
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
@@ -25,7 +26,7 @@ class Running:
     """An `llfsm` command in a process of its own, and what it says."""
 
     def __init__(self, *arguments: str) -> None:
-        self.process = subprocess.Popen(
+        self.process = Forked(
             [sys.executable, "-m", "llfsm.cli", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -88,8 +89,8 @@ def board() -> Iterator[Whiteboard]:
 
 
 @pytest.fixture
-def run() -> Iterator[Callable[..., Running]]:
-    """Run `llfsm` commands in processes that end with the test."""
+def run(board: Whiteboard) -> Iterator[Callable[..., Running]]:
+    """Run `llfsm` commands in processes that end before the test's board."""
     with ExitStack() as stack:
 
         def running(*arguments: str) -> Running:

@@ -81,20 +81,21 @@ def test_a_file_connects_them_likewise_and_quietly(bridge, board, tmp_path, text
 
 def test_a_bridge_ends_with_its_whiteboard(bridge, board, peer, met):
     process = bridge("turtlesim")
-    met("/llfsm_bridge", "/turtle_sensor_poster")
+    met("/llfsm_turtlesim_bridge", "/turtle_sensor_poster")
     board.remove()
     assert process.process.wait(20) == 0
     assert peer.wait_graph(lambda graph: not graph.nodes, 20)
 
 
 def test_a_command_to_stop_gets_through_at_the_end(bridge, run, board, types, hear):
-    """All are told to end at once, and the machine takes its time."""
+    """All are asked to end at once, the bridge twice, and the machine takes its time."""
     process = bridge("turtlesim")
     heard = hear("/turtle1/cmd_vel", types.message("geometry_msgs/msg/Twist"))
     machine = run("run", "RosBlindTurttleBot", "--board", board.name, "-v")
     heard.wait(lambda got: got[-1:] == [Twist(linear=Vector3(x=2.0))])
     machine.process.send_signal(signal.SIGSTOP)
     process.process.send_signal(signal.SIGTERM)
+    process.process.send_signal(signal.SIGINT)
     machine.process.send_signal(signal.SIGTERM)
     machine.process.send_signal(signal.SIGCONT)
     heard.wait(lambda got: got[-1] == Twist())

@@ -8,6 +8,9 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
+from fake_rclpy.events import EventCallbacks
+from fake_rclpy.world import CHANGED as NODES_CHANGED
+from fake_rclpy.world import NODES, RCLError
 from llfsm.bridges.ros2.errors import (
     CallTimeoutError,
     TransportClosedError,
@@ -39,17 +42,41 @@ def test_it_is_opened_by_name(fake_rclpy, types):
     assert not transport.up
 
 
-def test_a_middleware_that_cannot_be_opened_is_said(fake_rclpy, monkeypatch):
-    rclpy, contexts = import_rclpy(), []
+def test_a_middleware_that_makes_no_node_is_said(fake_rclpy, monkeypatch):
+    rclpy = import_rclpy()
 
-    def fail(*_, context, **options):
-        contexts.append(context)
+    def fail(*_, **options):
         raise rclpy.failure("error creating node")
 
     monkeypatch.setattr(rclpy.new_node, "__init__", fail)
-    with pytest.raises(TransportUnavailableError, match="error creating node"):
+    with RclpyTransport(7) as transport:
+        for use in (partial(transport.node, "n"), transport.graph):
+            with pytest.raises(TransportUnavailableError, match="error creating node"):
+                use()
+
+
+def test_a_middleware_that_cannot_be_opened_is_said(fake_rclpy, monkeypatch):
+    contexts = []
+
+    def fail(*, context, **options):
+        contexts.append(context)
+        raise RCLError("no network")
+
+    monkeypatch.setattr(sys.modules["rclpy"], "init", fail)
+    with pytest.raises(TransportUnavailableError, match="no network"):
         RclpyTransport(7)
     assert not contexts[0].ok()
+
+
+def test_a_process_shows_its_own_nodes_and_endpoints_and_no_others(transport, types):
+    assert transport.graph().nodes == ()  # read by a hidden node
+    node = transport.node("me")
+    node.publisher("a", types.message("std_msgs/msg/Int64"))
+    graph = transport.graph()
+    assert graph.nodes == ("/me",)
+    assert [end.name for end in graph.endpoints] == ["/a"]
+    with NODES_CHANGED:
+        assert [each.name for each in NODES] == ["me"]
 
 
 @pytest.mark.parametrize("use", [import_rclpy, partial(find_class, "std_msgs/msg/String")])
@@ -143,6 +170,20 @@ def test_a_late_answer_to_a_call_that_timed_out_is_dropped(transport, types, see
     assert after.result(20).name == "next"
 
 
+def test_a_response_that_waits_for_the_executor_is_sent_before_its_server_goes(
+    transport, types, seen
+):
+    spawn, kept = types.service("turtlesim/srv/Spawn"), seen()
+    node = transport.node("me")
+    server = node.server("spawn", spawn, kept)
+    call = node.client("spawn", spawn).call(spawn.request.message(), timeout=20)
+    kept.wait(len)
+    with NODES_CHANGED:  # the executor can do nothing meanwhile
+        kept[0].answer(spawn.response.message(name="bob"))
+        server.close()
+    assert call.result(20).name == "bob"
+
+
 @pytest.mark.parametrize("kind", ["subscription", "client", "server"])
 def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
     transport, types, told, seen, kind
@@ -182,6 +223,42 @@ def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
     assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "")]
     assert "failed to take" in told[0].text
     assert sum(not call.done() for call in lost) == (0 if kind == "subscription" else 2)
+
+
+@pytest.mark.parametrize("role", ["publisher", "subscription"])
+def test_what_the_middleware_reports_of_deadlines_and_liveliness_is_counted(
+    transport, types, told, role
+):
+    number, qos = types.message("std_msgs/msg/Int64"), Qos(deadline_ns=500_000_000, lease_ns=10**9)
+    node = transport.node("me")
+    if role == "publisher":
+        end = node.publisher("a", number, qos)
+        of_rclpy, silence = end._publisher, SimpleNamespace(total_count_change=3)
+    else:
+        end = node.subscription("a", number, print, qos)
+        of_rclpy, silence = end._subscription, SimpleNamespace(not_alive_count_change=3)
+    of_rclpy.events.deadline(SimpleNamespace(total_count_change=2))
+    of_rclpy.events.deadline(SimpleNamespace(total_count_change=1))
+    assert end.broken == 3
+    of_rclpy.events.liveliness(silence)
+    of_rclpy.events.liveliness(SimpleNamespace(not_alive_count_change=-1))  # it is back
+    assert end.broken == 6
+    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.QOS_BROKEN, "/a")] * 2
+    assert "a deadline of 0.5 s was missed" in told[0].text
+    assert "no sign of life of a publisher within 1 s" in told[1].text
+
+
+def test_a_middleware_that_does_not_report_them_is_used_all_the_same(
+    transport, types, told, monkeypatch
+):
+    monkeypatch.setattr(EventCallbacks, "supported", False)
+    number, qos = types.message("std_msgs/msg/Int64"), Qos(deadline_ns=500_000_000)
+    node = transport.node("me")
+    ends = [node.publisher("a", number, qos), node.subscription("a", number, print, qos)]
+    assert [end.broken for end in ends] == [0, 0]
+    with NODES_CHANGED:
+        assert [end.events.deadline for node in NODES for end in node.ends] == [None] * 2
+    assert told == []
 
 
 @pytest.mark.parametrize("name", ["no_such_package/msg/Thing", "std_msgs/msg/NoSuchThing"])

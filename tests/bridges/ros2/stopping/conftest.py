@@ -21,6 +21,7 @@ from typing import Any
 import pytest
 
 import wheels
+from forked import Forked
 from llfsm.bridges.ros2.graph import Role
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
@@ -45,7 +46,7 @@ class Processes:
         self._stack = ExitStack()
 
     def start(self, command: list[str], **options: Any) -> subprocess.Popen[str]:
-        process = self._stack.enter_context(subprocess.Popen(command, text=True, **options))
+        process = self._stack.enter_context(Forked(command, text=True, **options))
         self._stack.callback(process.kill)
         return process
 

@@ -1,4 +1,4 @@
-"""What stops the robot, and when: the rows of docs/safety.md, through to the topic.
+"""What stops the robot, and when: the rows of docs/how-to/safety.md, through to the topic.
 
 Each event ends a machine that drives. What is posted, by which process, and that the robot does not
 move again, holds at any speed of this machine. `make safety` prints the times and checks them.

@@ -15,9 +15,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from llfsm.bridges.ros2.errors import CdrError
 from llfsm.bridges.ros2.types import RosMessage, TypeLibrary
 from llfsm.bridges.ros2.types.definition import INTEGERS
+from thoroughness import examples
 
 # How long an example takes says how busy the machine is, and nothing of the code.
-EXAMPLES = settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+EXAMPLES = settings(
+    max_examples=examples(30), deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 NUMBERS = ("byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 PRIMITIVES = (*NUMBERS, "bool", "float32", "float64", "string", "string<=3")
 NUMPY = {"byte": "uint8", "char": "uint8"}

@@ -68,12 +68,12 @@ def test_constants_comments_and_blank_lines():
       int32 x"""
     thing = parse(text, "own/msg/Thing", "Thing.msg")["own/msg/Thing"]
     assert thing.constants == (
-        Constant("LEAST", 0),
-        Constant("A_B2", -7),
-        Constant("NAME", "x # y"),
-        Constant("BARE", "some text"),
-        Constant("PI", 3.14),
-        Constant("LETTER", 65),
+        Constant("LEAST", 0, "uint8"),
+        Constant("A_B2", -7, "int16"),
+        Constant("NAME", "x # y", "string"),
+        Constant("BARE", "some text", "string"),
+        Constant("PI", 3.14, "float64"),
+        Constant("LETTER", 65, "char"),
     )
     assert thing.fields == (Field("x", FieldType("int32")),)
 
@@ -84,8 +84,8 @@ def test_a_file_with_windows_line_ends():
 
 def test_parts_of_a_service_have_their_own_constants():
     made = parse("int8 A=1\n---\nint8 A=2\nint8 x", "own/srv/Ask", "Ask.srv")
-    assert made["own/srv/Ask_Request"].constants == (Constant("A", 1),)
-    assert made["own/srv/Ask_Response"].constants == (Constant("A", 2),)
+    assert made["own/srv/Ask_Request"].constants == (Constant("A", 1, "int8"),)
+    assert made["own/srv/Ask_Response"].constants == (Constant("A", 2, "int8"),)
     assert made["own/srv/Ask"].kind == "service"
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from forked import Forked
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 
 HASHES = Path(__file__).parents[3] / "data" / "ros2" / "type_hashes.json"
@@ -64,7 +65,7 @@ def start_peer(router: str, domain: int) -> Iterator[Callable[[], Peer]]:
         def start() -> Peer:
             command = [sys.executable, str(Path(__file__).with_name("peer.py"))]
             process = processes.enter_context(
-                subprocess.Popen(
+                Forked(
                     [*command, router.rpartition(":")[2], str(domain), str(HASHES)],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,

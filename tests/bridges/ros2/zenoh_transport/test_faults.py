@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
+from forked import Forked
 from llfsm.bridges.ros2.errors import CdrError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.transport import NoticeKind
@@ -24,7 +25,7 @@ GARBAGE = [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0\1\2\3", b"\xff" * 200, b"\0\1\0\0
 def running_router(tcp_port):
     """Run `llfsm router`; it is killed without warning."""
     command = [sys.executable, "-m", "llfsm.cli", "router", "--until-eof"]
-    with subprocess.Popen(
+    with Forked(
         [*command, "--listen", f"tcp/127.0.0.1:{tcp_port}"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

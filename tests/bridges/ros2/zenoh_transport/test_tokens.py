@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.ros2.graph import Endpoint, Role
-from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
+from llfsm.bridges.ros2.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    Qos,
+    ReliabilityPolicy,
+)
 from llfsm.bridges.ros2.zenoh_transport.session import open_session
 from llfsm.bridges.ros2.zenoh_transport.tokens import (
     Token,
@@ -21,12 +27,23 @@ HASH = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"
 TWIST = "geometry_msgs::msg::dds_::Twist_"
 PARTS = st.from_regex(r"[a-z_][a-z0-9_]{0,5}", fullmatch=True)
 NAMES = st.lists(PARTS, min_size=1, max_size=3).map(lambda parts: "/" + "/".join(parts))
+DURATIONS = st.integers(0, 2**63 - 3)  # above are "best available" and infinite
 QOSES = st.builds(
     Qos,
     st.sampled_from(ReliabilityPolicy),
     st.sampled_from(DurabilityPolicy),
     st.sampled_from(HistoryPolicy),
     st.integers(1, 10_000),
+    DURATIONS,
+    DURATIONS,
+    st.sampled_from(LivelinessPolicy),
+    DURATIONS,
+)
+ALL_LIMITS = Qos(
+    deadline_ns=1_000_000_005,
+    lifespan_ns=2_000_000_006,
+    liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+    lease_ns=7_000_000_008,
 )
 
 
@@ -43,6 +60,8 @@ def test_keys_are_as_rmw_zenoh_writes_them():
     assert endpoint_token(node, 7, cmd_vel(), TWIST) == (
         f"@ros2_lv/0/a1b2/3/7/MS/%/%/turtlesim/%turtle1%cmd_vel/{TWIST}/{HASH}/::,10:,:,:,,"
     )
+    limited = endpoint_token(node, 7, cmd_vel(ALL_LIMITS), TWIST)
+    assert limited.rpartition("/")[2] == "::,10:1,5:2,6:3,7,8"
     assert node_token(5, "a1b2", 0, "/a/b", "n") == "@ros2_lv/5/a1b2/0/0/NN/%/%a%b/n"
     assert domain_tokens(5) == "@ros2_lv/5/**"
 
@@ -57,13 +76,24 @@ def test_keys_are_as_rmw_zenoh_writes_them():
         ("2::,5:,:,:,,", Qos(ReliabilityPolicy.BEST_EFFORT, depth=5)),
         (":1:,1:,:,:,,", Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)),
         ("::2,:,:,:,,", Qos(history=HistoryPolicy.KEEP_ALL, depth=42)),
-        ("::,10:1,5:2,6:1,7,8", Qos()),  # deadline, lifespan, liveliness
+        ("::,10:1,5:2,6:3,7,8", ALL_LIMITS),
+        ("::,10:9223372036,854775807:0,0:1,,", Qos()),  # infinite and unspecified
     ],
 )
 def test_a_qos_is_read_as_rmw_zenoh_means_it(text, qos):
     node = node_token(0, "a", 0, "/", "turtlesim")
     key = endpoint_token(node, 1, cmd_vel(), TWIST).rpartition("/")[0]
     assert parse(f"{key}/{text}") == Token("a", "/turtlesim", cmd_vel(qos))
+
+
+@pytest.mark.parametrize("role", [Role.PUBLISHER, Role.SUBSCRIPTION])
+@given(qos=QOSES.map(lambda qos: qos._replace(deadline_ns=0, lease_ns=0)))
+def test_what_is_best_available_fits_all(role, qos):
+    node = node_token(0, "a", 0, "/", "n")
+    key = endpoint_token(node, 1, cmd_vel()._replace(role=role), TWIST).rpartition("/")[0]
+    found = parse(f"{key}/4:4:,10:9223372036,854775806:,:5,9223372036,854775806").endpoint.qos
+    requested, offered = (qos, found) if role is Role.PUBLISHER else (found, qos)
+    assert requested.refusal(offered) is None
 
 
 @given(

@@ -1,0 +1,212 @@
+"""Goals in a slot are sent to an action's server; what becomes of them goes to other slots.
+
+The newest goal counts: what becomes of those before it, which their server may have ended for it,
+is not reported. All that happens is handled on one thread, that of the bridge's timer.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from contextlib import suppress
+from functools import partial
+from typing import Any
+from uuid import uuid4
+
+from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
+from llfsm.whiteboard import BoundSlot, Message, Sample
+
+from ..action_client import ActionClient
+from ..errors import CallTimeoutError, CdrError, Ros2Error, TransportClosedError
+from .slot_action import ActionPlace, SlotAction
+from .slot_client import unanswered
+
+__all__ = ["SlotActionClient"]
+
+_LOOK_S = 0.5  # between two looks whether the server is still there
+_END_S = 1.0  # for a cancellation at the bridge's end to be answered
+
+
+class _Goal:
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.key = uuid4().bytes
+        self.status = GoalStatus.UNKNOWN
+        self.is_to_cancel = False  # asked before the server has answered
+        self.is_over = False
+        self.unserved_s = 0.0
+
+
+class SlotActionClient(SlotAction):
+    """Sends the goals of a slot, and follows the newest.
+
+    A goal from before the bridge started may or may not have been carried out: it is refused, so
+    that nothing is done twice. A goal that nobody can follow any more is canceled: one whose
+    acceptance came too late, and the active one when the bridge ends.
+    """
+
+    def __init__(self, place: ActionPlace) -> None:
+        super().__init__(place)
+        board, slots = place.board, place.slots
+        self._goal: _Goal | None = None
+        self._standings: BoundSlot[GoalStanding] = board[slots.status]
+        self._feedback: BoundSlot[Any] = board[slots.feedback]
+        self._results: BoundSlot[Any] = board[slots.result]
+        goals: BoundSlot[Any] = board[slots.goal]
+        cancels: BoundSlot[CancelGoal] = board[slots.cancel]
+        self._seen = goals.count
+        old = unanswered(goals, self._standings)
+        if old is not None:
+            self._refuse(_Goal(old), "it was posted before the bridge started")
+        self._client = ActionClient(
+            place.node,
+            place.name,
+            slots.of,
+            place.types,
+            feedback=self._on_thread(self._take_feedback),
+            status=self._on_thread(self._take_status),
+        )
+        self._take_from(goals, self._send, self._seen)
+        self._take_from(cancels, self._take_cancel, cancels.count)
+
+    def close(self) -> None:
+        """Cancel the active goal, and wait for the end."""
+        self._take_no_more()
+        cancelled: Future[Any] = Future()
+        self._timer.call_soon(partial(self._end_all, cancelled))
+        with suppress(Ros2Error, TimeoutError):
+            cancelled.result(_END_S)
+        self._client.close()
+
+    # From the slots
+
+    def _send(self, sample: Sample[Any]) -> None:
+        lost, self._seen = sample.count - self._seen - 1, sample.count
+        if lost:
+            text = f"{lost} of the goals were replaced by newer ones before they were sent"
+            self._faults.report(self._link, text, "lost")
+        goal = self._goal = _Goal(sample.message.number)
+        try:
+            message = self._slots.ros_goal(sample.message)
+            call = self._client.send_goal(goal.key, message, self._timeout)
+        except (CdrError, TransportClosedError) as error:
+            self._refuse(goal, str(error))
+        else:
+            call.add_done_callback(self._on_thread(partial(self._take_answer, goal)))
+
+    def _take_cancel(self, sample: Sample[CancelGoal]) -> None:
+        goal, number = self._goal, sample.message.number
+        if goal is None or goal.is_over or number not in (0, goal.number):
+            return
+        if goal.status.active:
+            self._cancel(goal)
+        else:
+            goal.is_to_cancel = True
+
+    def _cancel(self, goal: _Goal) -> Future[Any]:
+        call = self._client.cancel_goal(goal.key, self._timeout)
+        call.add_done_callback(self._on_thread(partial(self._take_cancelled, goal)))
+        return call
+
+    # From ROS
+
+    def _take_answer(self, goal: _Goal, call: Future[Any]) -> None:
+        error = call.exception()
+        if error is not None:
+            if isinstance(error, CallTimeoutError):  # and it may be accepted still
+                self._cancel(goal)
+            self._refuse(goal, str(error))
+        elif not call.result().accepted:
+            self._refuse(goal, "the server refused the goal")
+        else:
+            self._client.get_result(goal.key).add_done_callback(
+                self._on_thread(partial(self._take_result, goal))
+            )
+            self._take_status(goal.key, GoalStatus.ACCEPTED)
+            if goal.is_to_cancel:
+                self._cancel(goal)
+            self._watch_later(goal)
+
+    def _take_status(self, key: bytes, status: GoalStatus) -> None:
+        """Report progress; the end is reported with the result."""
+        goal = self._goal
+        if goal is None or goal.is_over or goal.key != key:
+            return
+        if goal.status < status < GoalStatus.SUCCEEDED:
+            goal.status = status
+            self._add(self._standings, GoalStanding(goal.number, status))
+
+    def _take_feedback(self, key: bytes, feedback: Message) -> None:
+        goal = self._goal
+        if goal is not None and not goal.is_over and goal.key == key:
+            self._add(self._feedback, self._slots.told(goal.number, feedback))
+
+    def _take_result(self, goal: _Goal, call: Future[Any]) -> None:
+        error = call.exception()
+        if error is not None:
+            self._end(goal, GoalStatus.ABORTED, str(error))
+            return
+        response = call.result()
+        status = GoalStatus(response.status)
+        if status.final:
+            self._end(goal, status, result=response.result)
+        else:
+            self._end(goal, GoalStatus.ABORTED, "the server does not know the goal any more")
+
+    def _take_cancelled(self, goal: _Goal, call: Future[Any]) -> None:
+        """Report a refusal; that it is agreed to is seen in the status."""
+        error = call.exception()
+        why = "" if error is None else str(error)
+        if error is None and not call.result().goals_canceling:
+            why = f"the server refused to cancel it (code {call.result().return_code})"
+        if why and goal is self._goal and not goal.is_over:
+            self._add(self._standings, GoalStanding(goal.number, goal.status, why))
+
+    # The end of a goal
+
+    def _refuse(self, goal: _Goal, why: str) -> None:
+        self._end(goal, GoalStatus.REFUSED, why)
+
+    def _end(
+        self, goal: _Goal, status: GoalStatus, why: str = "", result: Message | None = None
+    ) -> None:
+        if goal.is_over:
+            return
+        goal.is_over, goal.status = True, status
+        if why:
+            self._link.failed += 1
+        else:
+            self._link.count()
+        if goal is not self._goal and self._goal is not None:
+            return  # there is a newer one
+        self._add(
+            self._results,
+            self._slots.failed(goal.number, status, why)
+            if result is None
+            else self._slots.ended(goal.number, status, result),
+        )
+        self._add(self._standings, GoalStanding(goal.number, status, why))
+
+    def _watch_later(self, goal: _Goal) -> None:
+        self._timer.call_later(_LOOK_S, partial(self._watch, goal))
+
+    def _watch(self, goal: _Goal) -> None:
+        """End a goal whose server has gone: not every middleware ends the call for its result."""
+        if goal.is_over or goal is not self._goal:
+            return
+        goal.unserved_s = 0.0 if self._client.ready else goal.unserved_s + _LOOK_S
+        if goal.unserved_s > self._timeout:
+            self._end(goal, GoalStatus.ABORTED, "the server has gone")
+        else:
+            self._watch_later(goal)
+
+    def _end_all(self, cancelled: Future[Any]) -> None:
+        goal = self._goal
+        try:
+            if goal is not None and goal.status.active:
+                call = self._cancel(goal)
+                call.add_done_callback(lambda _: cancelled.set_result(None))
+                self._end(goal, GoalStatus.ABORTED, "the bridge has ended")
+                return
+        except TransportClosedError:
+            pass
+        cancelled.set_result(None)

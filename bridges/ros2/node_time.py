@@ -1,0 +1,66 @@
+"""A node's time: the host's or, where ``use_sim_time`` is set, that of /clock, as rclcpp's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from .node_parameters import NodeParameters
+from .qos import Qos, ReliabilityPolicy
+from .qos_overrides import overridden
+from .stamps import to_ns
+from .transport import Node, SerializedMessage, TopicSubscription
+from .types import TypeLibrary
+
+__all__ = ["CLOCK", "CLOCK_QOS", "CLOCK_TYPE", "NodeTime"]
+
+CLOCK = "/clock"
+CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+CLOCK_QOS = Qos(ReliabilityPolicy.BEST_EFFORT, depth=1)
+"""Of both ends (rclcpp's ClockQoS)."""
+
+
+class NodeTime:
+    """What a node calls now, in nanoseconds since 1970 or since a simulation began.
+
+    With a simulated time it is the newest one of /clock, 0 before the first, and ``set_ns`` is
+    called with each.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        types: TypeLibrary,
+        parameters: NodeParameters,
+        set_ns: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self._node = node
+        self._types = types
+        self._parameters = parameters
+        self._set_ns = set_ns
+        self._clock: TopicSubscription | None = None
+        self._simulated_ns = 0
+
+    def simulate(self, simulated: bool) -> None:
+        """Follow /clock, or the host's time."""
+        if simulated and self._clock is None:
+            of = self._types.message(CLOCK_TYPE)
+            qos = overridden(CLOCK_QOS, self._parameters, CLOCK, "subscription")
+            self._clock = self._node.subscription(CLOCK, of, self._tick, qos)
+        elif not simulated and self._clock is not None:
+            self._clock.close()
+            self._clock = None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it is that of /clock."""
+        return self._clock is not None
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        return time.time_ns() if self._clock is None else self._simulated_ns
+
+    def _tick(self, arrival: SerializedMessage[Any]) -> None:
+        self._simulated_ns = to_ns(arrival.decode().clock)
+        self._set_ns(self._simulated_ns)

@@ -1,0 +1,186 @@
+"""The arguments of ROS: what stands between ``--ros-args`` and ``--``, or the end.
+
+    -r, --remap [NODE:]FROM:=TO    names of topics and services; __node, __name and __ns
+    -p, --param [NODE:]NAME:=VALUE
+    --params-file FILE
+    --log-level [LOGGER:=]LEVEL
+    -e, --enclave ENCLAVE
+    --enable-rosout-logs, --disable-rosout-logs, and the same for stdout and external-lib
+
+As in rcl, the first remapping rule that fits is used, and the last value of a parameter. A level
+for a LOGGER is also that of the loggers below it, ``robot.arm`` below ``robot``. A ``FROM``
+may begin with ``rostopic://`` or ``rosservice://``, and then means only those.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from .errors import RosArgumentError, RosNameError
+from .node_parameters import Value
+from .parameter_files import ANY_NODE, fits, read_parameters, read_value
+from .ros_names import Names
+from .rosout import logger_name
+
+__all__ = ["RosArguments", "split_ros_arguments"]
+
+_BEGIN, _END = "--ros-args", "--"
+_LONG = {"-r": "--remap", "-p": "--param", "-e": "--enclave"}
+_WITH_VALUE = {"--remap", "--param", "--params-file", "--log-level", "--log-config-file"}
+_SWITCHES = {
+    f"--{able}-{what}-logs": able == "enable"
+    for able in ("enable", "disable")
+    for what in ("rosout", "stdout", "external-lib")
+}
+_LEVELS = {
+    "unset": logging.NOTSET,
+    "debug": logging.DEBUG,
+    "info": logging.INFO,
+    "warn": logging.WARNING,
+    "error": logging.ERROR,
+    "fatal": logging.CRITICAL,
+}
+_NAMES = ("__node", "__name")
+
+
+class _Remap(NamedTuple):
+    node: str
+    """The name of the only node that it is for; empty: all."""
+    source: str
+    target: str
+
+
+class _Override(NamedTuple):
+    node: str
+    """A pattern of full node names."""
+    parameter: str
+    value: Value
+
+
+class RosArguments(NamedTuple):
+    """What the arguments of ROS say; as it stands, nothing."""
+
+    remaps: tuple[_Remap, ...] = ()
+    overrides: tuple[_Override, ...] = ()
+    log_levels: tuple[tuple[str, int], ...] = ()
+    """Loggers and their levels, as of `logging`; the empty name is all that have none."""
+    enclave: str = ""
+    rosout: bool = True
+    """Whether nodes publish their log."""
+    stdout: bool = True
+    """Whether nodes print their log."""
+
+    def names(self, node: str, namespace: str = "/", *, only_one: bool = True) -> Names:
+        """Return the names that a node uses, remapped.
+
+        ``only_one``: the process has no other node, so that ``__node`` without a NODE is meant for
+        it. Raise :class:`.RosArgumentError` if a name of a rule is invalid.
+        """
+        rules = [rule for rule in self.remaps if rule.node in ("", node)]
+        name = next((r.target for r in rules if r.source in _NAMES and (r.node or only_one)), node)
+        namespace = next((r.target for r in rules if r.source == "__ns"), namespace)
+        renamed = {r.source: r.target for r in reversed(rules) if not r.source.startswith("__")}
+        try:
+            return Names(name, namespace, renamed)
+        except RosNameError as error:
+            given = any(r.source.startswith("__") or r.source in renamed for r in rules)
+            if not given:
+                raise
+            raise RosArgumentError(f"--remap: {error}") from error
+
+    def log_level(self, node: str) -> int:
+        """Return the level of a node's log, by its full name, as of `logging`.
+
+        It is that of the node's logger or of the nearest above it, else that of all, else INFO.
+        """
+        levels = {logger: level for logger, level in self.log_levels if level}
+        logger = logger_name(node)
+        while logger and logger not in levels:
+            logger = logger.rpartition(".")[0]
+        return levels.get(logger, logging.INFO)
+
+    def parameters(self, node: str) -> dict[str, Value]:
+        """Return the values that the parameters of a node get, by its full name."""
+        return {one.parameter: one.value for one in self.overrides if fits(one.node, node)}
+
+
+def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
+    """Return a program's own arguments, and those of ROS.
+
+    Raise :class:`.RosArgumentError` for a wrong one, or a file that cannot be used.
+    """
+    own: list[str] = []
+    found = RosArguments()
+    waiting = iter(arguments)
+    for argument in waiting:
+        if argument != _BEGIN:
+            own.append(argument)
+            continue
+        for flag in waiting:
+            if flag == _END:
+                break
+            if flag == _BEGIN:
+                continue
+            name = _LONG.get(flag, flag)
+            if name in _SWITCHES:
+                found = _switched(found, name)
+            elif name in _WITH_VALUE or name == "--enclave":
+                value = next(waiting, None)
+                if value is None:
+                    raise RosArgumentError(f"{flag}: its value is missing")
+                found = _with(found, name, value)
+            else:
+                raise RosArgumentError(f"{flag} is no argument of ROS; end those with --")
+    return own, found
+
+
+def _switched(found: RosArguments, name: str) -> RosArguments:
+    match name.split("-")[3]:
+        case "rosout":
+            return found._replace(rosout=_SWITCHES[name])
+        case "stdout":
+            return found._replace(stdout=_SWITCHES[name])
+        case _:
+            return found  # no other library logs here
+
+
+def _with(found: RosArguments, name: str, value: str) -> RosArguments:
+    match name:
+        case "--remap":
+            node, source, target = _rule(name, value, "FROM:=TO")
+            if "://" in node:  # of rostopic://, not of a node
+                node, source = "", f"{node}:{source}"
+            return found._replace(remaps=(*found.remaps, _Remap(node, source, target)))
+        case "--param":
+            node, parameter, text = _rule(name, value, "NAME:=VALUE")
+            pattern = f"/{node.strip('/')}" if node else ANY_NODE
+            one = _Override(pattern, parameter, read_value(text, f"--param {value}"))
+            return found._replace(overrides=(*found.overrides, one))
+        case "--params-file":
+            several = (_Override(*entry) for entry in read_parameters(Path(value)))
+            return found._replace(overrides=(*found.overrides, *several))
+        case "--log-level":
+            logger, _, level = value.rpartition(":=")
+            if level.lower() not in _LEVELS:
+                raise RosArgumentError(f"{name} {value}: not one of {', '.join(_LEVELS)}")
+            of_logger = (logger, _LEVELS[level.lower()])
+            return found._replace(log_levels=(*found.log_levels, of_logger))
+        case "--enclave":
+            return found._replace(enclave=value)
+        case _:
+            return found  # a configuration of another logging library
+
+
+def _rule(flag: str, text: str, form: str) -> tuple[str, str, str]:
+    left, between, right = text.partition(":=")
+    node, colon, name = left.partition(":")
+    if colon and name.startswith("//"):
+        node, name = "", left
+    if not colon:
+        node, name = "", left
+    if not (between and name and right):
+        raise RosArgumentError(f"{flag} {text}: write [NODE:]{form}")
+    return node, name, right

@@ -1,0 +1,241 @@
+"""All frames as a tree, and the transform between any two of them.
+
+The semantics, the words of the errors and the arithmetic are those of tf2 (Jazzy): people search
+for these words, and a robot must not move otherwise than with tf2.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator
+
+from llfsm.whiteboard.messages.builtin_interfaces import Time
+from llfsm.whiteboard.messages.geometry_msgs import Quaternion as RosQuaternion
+from llfsm.whiteboard.messages.geometry_msgs import Transform, TransformStamped, Vector3
+from llfsm.whiteboard.messages.std_msgs import Header
+
+from ..errors import (
+    ConnectivityError,
+    ExtrapolationError,
+    FrameLookupError,
+    FrameNameError,
+)
+from ..stamps import from_ns, to_ns
+from .frame_history import FrameHistory, StaticFrame, Transformation
+from .quaternions import (
+    IDENTITY,
+    NO_OFFSET,
+    Quaternion,
+    Vector,
+    canonical,
+    inverse,
+    product,
+    rotated,
+    total,
+)
+
+__all__ = ["TransformBuffer"]
+
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
+_DEEPEST = 1000  # frames above another one; more is a loop
+
+
+class TransformBuffer:
+    """Transforms between frames, of which each but the roots has a parent.
+
+    It answers from what :meth:`add` got; one thread at a time. `keep_s` is how many seconds of each
+    frame are kept, as in tf2.
+    """
+
+    def __init__(self, keep_s: float = 10.0) -> None:
+        self._keep_ns = round(keep_s * 1e9)
+        self._frames: dict[str, FrameHistory | StaticFrame] = {}
+        self._roots: set[str] = set()
+        """Frames that were a parent, and perhaps nothing else."""
+        self._logged: set[tuple[str, str]] = set()
+
+    def add(self, transform: TransformStamped, *, static: bool = False) -> bool:
+        """Add where ``child_frame_id`` is in ``header.frame_id``, at that time or (`static`) ever.
+
+        Return False for one that is ignored, as by tf2; why is logged once for each frame. A slash
+        before a name is removed.
+        """
+        parent = transform.header.frame_id.removeprefix("/")
+        child = transform.child_frame_id.removeprefix("/")
+        offset, turn = transform.transform.translation, transform.transform.rotation
+        new = Transformation(
+            to_ns(transform.header.stamp),
+            parent,
+            (offset.x, offset.y, offset.z),
+            (turn.x, turn.y, turn.z, turn.w),
+        )
+        if problem := _problem(child, new):
+            return self._ignore(child, problem)
+        new = new._replace(turn=canonical(new.turn))  # of any length, as tf2 takes it
+        frame = self._frames.get(child)
+        if frame is None or isinstance(frame, StaticFrame) is not static:
+            frame = self._frames[child] = StaticFrame() if static else FrameHistory(self._keep_ns)
+        self._roots.add(parent)  # as of a transform that is too old, too
+        if not frame.add(new):
+            return self._ignore(child, "TF_OLD_DATA: its time is too far in the past")
+        return True
+
+    def lookup(self, target: str, source: str, at: Time = Time()) -> TransformStamped:  # noqa: B008 (immutable)
+        """Return the transform that takes coordinates in `source` to coordinates in `target`.
+
+        It is that at the time `at`, interpolated if necessary; time 0 is the latest one at which
+        all frames between the two are known. Raise :class:`.FrameNameError` for an empty name or a
+        slash before it, :class:`.FrameLookupError` for an unknown frame,
+        :class:`.ConnectivityError` for frames of different trees, and
+        :class:`.ExtrapolationError` for a time before or after what is known.
+        """
+        at_ns = to_ns(at)
+        if target == source:
+            if not at_ns and target in self._frames:
+                at_ns = self._frames[target].latest[0]
+            return _stamped(at_ns, target, source, NO_OFFSET, IDENTITY)
+        self._check("target_frame", target)
+        self._check("source_frame", source)
+        at_ns = at_ns or self._latest_common_ns(target, source)
+        return _stamped(at_ns, target, source, *self._between(target, source, at_ns))
+
+    def _ignore(self, child: str, problem: str) -> bool:
+        kind = problem.partition(":")[0]
+        if (child, kind) not in self._logged:
+            self._logged.add((child, kind))
+            _LOG.error("a transform of frame %r is ignored: %s", child, problem)
+        return False
+
+    def _check(self, argument: str, name: str) -> None:
+        called = f"lookupTransform argument {argument}"
+        if not name or name.startswith("/"):
+            why = "start with a '/'" if name else "be empty"
+            raise FrameNameError(
+                f'Invalid argument "{name}" passed to {called} - in tf2 frame_ids cannot {why}'
+            )
+        if name not in self._frames and name not in self._roots:
+            raise FrameLookupError(f'"{name}" passed to {called} does not exist. ')
+
+    def _between(self, target: str, source: str, at_ns: int) -> tuple[Vector, Quaternion]:
+        """Return the transform from `source` to `target`, by way of the frame above both."""
+        way = f", when looking up transform from frame [{source}] to frame [{target}]"
+        up = _Way(source)
+        unknown: ExtrapolationError | None = None
+        try:
+            for link in self._upwards(source, at_ns):
+                up.add(link)
+                if up.top == target:
+                    return up.offset, up.turn
+        except ExtrapolationError as error:  # there may still be a way below that frame
+            unknown = error
+        down = _Way(target)
+        try:
+            for link in self._upwards(target, at_ns):
+                down.add(link)
+                if down.top in (source, up.top):
+                    break
+        except ExtrapolationError as error:
+            raise ExtrapolationError(f"{error}{way}") from None
+        back = inverse(down.turn)
+        x, y, z = down.offset
+        offset = rotated(back, (-x, -y, -z))
+        if down.top == source:
+            return offset, back
+        if down.top != up.top:
+            if unknown is not None:
+                raise ExtrapolationError(f"{unknown}{way}")
+            raise _unconnected(target, source)
+        return total(rotated(back, up.offset), offset), product(back, up.turn)
+
+    def _upwards(self, frame: str, at_ns: int) -> Iterator[Transformation]:
+        """Yield the transforms from a frame to its root; raise :class:`.ExtrapolationError`."""
+        for _ in range(_DEEPEST + 1):
+            known = self._frames.get(frame)
+            if known is None:
+                return
+            link = known.at(at_ns)
+            yield link
+            frame = link.parent
+        raise _loop()
+
+    def _latest_common_ns(self, target: str, source: str) -> int:
+        """Return the latest time at which all frames between two are known; 0 if none moves."""
+        above: list[tuple[int, str]] = []
+        for latest in self._latest_upwards(source):
+            above.append(latest)
+            if latest[1] == target:
+                return _earliest(above)
+        parents = [parent for _, parent in above]
+        below: list[tuple[int, str]] = []
+        for latest in self._latest_upwards(target):
+            below.append(latest)
+            if latest[1] in parents:
+                return _earliest(below + above[: parents.index(latest[1]) + 1])
+            if latest[1] == source:
+                return _earliest(below)
+        raise _unconnected(target, source)
+
+    def _latest_upwards(self, frame: str) -> Iterator[tuple[int, str]]:
+        for _ in range(_DEEPEST + 1):
+            known = self._frames.get(frame)
+            if known is None:
+                return
+            yield known.latest
+            frame = known.latest[1]
+        raise _loop()
+
+
+class _Way:
+    """The transform from a frame to one above it."""
+
+    def __init__(self, frame: str) -> None:
+        self.top = frame
+        self.offset = NO_OFFSET
+        self.turn = IDENTITY
+
+    def add(self, link: Transformation) -> None:
+        """Go one frame up."""
+        self.top = link.parent
+        self.offset = total(rotated(link.turn, self.offset), link.offset)
+        self.turn = product(link.turn, self.turn)
+
+
+def _problem(child: str, new: Transformation) -> str | None:
+    if child == new.parent:
+        return "TF_SELF_TRANSFORM: it is its own parent"
+    if not child:
+        return "TF_NO_CHILD_FRAME_ID: child_frame_id is empty"
+    if not new.parent:
+        return "TF_NO_FRAME_ID: header.frame_id is empty"
+    if any(map(math.isnan, (*new.offset, *new.turn))):
+        return "TF_NAN_INPUT: a number is NaN"
+    if not 0.0 < sum(part * part for part in new.turn) < math.inf:
+        return f"TF_DENORMALIZED_QUATERNION: {new.turn} is no rotation"
+    return None
+
+
+def _earliest(latest: list[tuple[int, str]]) -> int:
+    return min((stamp for stamp, _ in latest if stamp), default=0)
+
+
+def _stamped(
+    at_ns: int, target: str, source: str, offset: Vector, turn: Quaternion
+) -> TransformStamped:
+    return TransformStamped(
+        Header(from_ns(at_ns), target),
+        source,
+        Transform(Vector3(*offset), RosQuaternion(*canonical(turn))),
+    )
+
+
+def _unconnected(target: str, source: str) -> ConnectivityError:
+    return ConnectivityError(
+        f"Could not find a connection between '{target}' and '{source}' because they are not part "
+        "of the same tree.Tf has two or more unconnected trees."
+    )
+
+
+def _loop() -> FrameLookupError:
+    return FrameLookupError("The tf tree is invalid because it contains a loop.")

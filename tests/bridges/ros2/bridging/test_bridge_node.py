@@ -1,0 +1,199 @@
+"""A bridge is a node like others: its relays are set by parameters, and its health is published."""
+
+from __future__ import annotations
+
+import logging
+import os
+from contextlib import closing
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from msgspec.structs import replace
+
+from llfsm.bridges.ros2.bridging.bridge import Bridge
+from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
+from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
+from llfsm.bridges.ros2.bridging.health import BridgeHealth
+from llfsm.bridges.ros2.bridging.link import BridgeLink
+from llfsm.bridges.ros2.diagnostics import HealthLevel
+from llfsm.bridges.ros2.errors import ParameterOverrideError
+from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos
+from llfsm.bridges.ros2.ros_arguments import split_ros_arguments
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
+from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
+from llfsm.whiteboard.messages.std_msgs import Int64
+from memory_transport import MemoryTransport
+from waiting import wait_for
+
+N = Slot("n", Int64)
+RELAY = {"slot": "n", "type": "std_msgs/msg/Int64", "direction": "to_ros"}
+
+
+@pytest.fixture
+def call(peer, types):
+    """Call a service of the bridge's node."""
+    node = peer.node("tool")
+
+    def call(name, **fields):
+        kind = "".join(map(str.capitalize, name.split("_")))
+        of = types.service(f"rcl_interfaces/srv/{kind}")
+        client = node.client(f"/llfsm_bridge/{name}", of)
+        return client.call(of.request.message(**fields), timeout=20).result(20)
+
+    return call
+
+
+def wanted(types, name, **value):
+    held = types.message("rcl_interfaces/msg/ParameterValue").message(**value)
+    return (types.message("rcl_interfaces/msg/Parameter").message(name=name, value=held),)
+
+
+def test_a_relay_is_switched_off_and_on(start, board, peer, types, seen, call):
+    got = seen()
+    number = types.message("std_msgs/msg/Int64")
+    peer.node("listener").subscription("n", number, lambda a: got(a.decode().data), Qos(depth=100))
+    bridge = start(relay=[RELAY])
+    for enabled, value in ((False, 1), (True, 2)):
+        parameter = wanted(types, "relays./n.enabled", type=1, bool_value=enabled)
+        assert call("set_parameters", parameters=parameter).results[0].successful
+        board[N].add(Int64(value))
+        relay = bridge._to_ros[0]
+        wait_for(lambda relay=relay: relay._seen == board[N].count, "the bridge to see it")
+    got.wait(len)
+    assert set(got) == {2}
+
+
+def test_a_rate_is_set_within_its_range(start, types, call):
+    bridge = start(relay=[RELAY | {"rate": 4}])
+    (value,) = call("get_parameters", names=("relays./n.rate",)).values
+    assert value.double_value == 4.0
+    for rate, period in ((10.0, 0.1), (0.0, 0.0)):
+        parameter = wanted(types, "relays./n.rate", type=3, double_value=rate)
+        assert call("set_parameters", parameters=parameter).results[0].successful
+        assert bridge._to_ros[0]._settings.period == period
+    parameter = wanted(types, "relays./n.rate", type=3, double_value=-1.0)
+    assert not call("set_parameters", parameters=parameter).results[0].successful
+
+
+def test_relays_of_one_topic_have_parameters_of_their_own(start, call):
+    start(relay=[RELAY, RELAY | {"slot": "m", "topic": "n"}])
+    names = call("list_parameters", prefixes=("relays",)).result.names
+    assert sorted(names) == sorted(
+        f"relays./n:{slot}.{what}" for slot in "mn" for what in ("enabled", "rate")
+    )
+
+
+def planned(*arguments):
+    _, ros = split_ros_arguments(["--ros-args", *arguments])
+    config = BridgeConfig(relay=(RelayConfig(**RELAY),))
+    return make_plan(config, None, [], ros)
+
+
+def test_arguments_rename_remap_and_set(board, memory, peer, told):
+    plan, faults = planned(
+        "-r", "__ns:=/robot", "-r", "__node:=link", "-r", "n:=/m", "-p", "relays./m.rate:=5.0"
+    )
+    assert not faults
+    with MemoryTransport(memory, notify=told) as transport:
+        bridge = Bridge(plan, board, transport, told)
+        try:
+            graph = peer.graph()
+            assert "/robot/link" in graph.nodes
+            assert "/m" in graph.topics()
+            assert "/robot/link/get_parameters" in graph.services()
+            assert str(bridge.links[0]) == "n -> /m"
+            assert bridge._to_ros[0]._settings.period == 0.2
+        finally:
+            bridge.close()
+
+
+def test_an_argument_of_the_wrong_type_ends_it(board, memory, peer, told):
+    plan, _ = planned("-p", "relays./n.rate:=fast")
+    with (
+        MemoryTransport(memory, notify=told) as transport,
+        pytest.raises(ParameterOverrideError, match=r"relays\./n\.rate"),
+    ):
+        Bridge(plan, board, transport, told)
+    assert peer.graph().nodes == ()
+
+
+def test_what_is_logged_appears_on_rosout(start, peer, types, seen):
+    got = seen()
+    line = types.message("rcl_interfaces/msg/Log")
+    late = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=100)
+    peer.node("tool").subscription("/rosout", line, lambda a: got(a.decode()), late)
+    bridge = start(relay=[RELAY])
+    logger = logging.Logger("any")
+    logger.addHandler(bridge.log)
+    logger.warning("n is bad")
+    got.wait(len)
+    assert [(each.name, each.msg, each.level) for each in got] == [("llfsm_bridge", "n is bad", 30)]
+
+
+def test_health_is_published(start, peer, types, seen):
+    got = seen()
+    array = types.message("diagnostic_msgs/msg/DiagnosticArray")
+    peer.node("tool").subscription("/diagnostics", array, lambda a: got(a.decode()))
+    start(relay=[RELAY])
+    got.wait(len)
+    (status,) = got[0].status
+    assert (status.name, status.level) == ("llfsm_bridge: n -> /n", 0)
+    assert got[0].header.stamp.sec > 1_600_000_000
+
+
+def test_a_links_health_has_its_rate_its_age_and_what_it_lost(board):
+    now = [0.0]
+    link = BridgeLink("n", "<-", "/n", "std_msgs/msg/Int64")
+    health = BridgeHealth([link], board, now=lambda: now[0])
+    for _ in range(10):
+        link.count()
+    now[0] = 2.0
+    (good,) = health.report()
+    assert (good.name, good.level, good.values["rate (Hz)"]) == ("n <- /n", HealthLevel.OK, "5.0")
+    assert float(good.values["age (s)"]) >= 0
+    link.failed += 3
+    now[0] = 3.0
+    (losing,) = health.report()
+    assert (losing.level, losing.message) == (HealthLevel.WARN, "3 lost since the last report")
+    assert (losing.values["rate (Hz)"], losing.values["lost"]) == ("0.0", "3")
+    assert health.report()[0].level is HealthLevel.OK
+    link.end = SimpleNamespace(broken=2)
+    link.failed += 1
+    (late,) = health.report()
+    assert (late.level, late.values["too late"]) == (HealthLevel.WARN, "2")
+    assert late.message == "1 lost, 2 too late since the last report"
+
+
+def test_a_machines_health_is_its_published_status(board):
+    health = BridgeHealth([], board)
+    now = MachineStatus(
+        state="well", pid=os.getpid(), born=born(os.getpid()), host=host_name(),
+        namespace=pid_namespace(), overruns=2,
+    )  # fmt: skip
+    board.add_message(status_slot("M"), now)
+    (well,) = health.report()
+    assert (well.name, well.level, well.message) == ("machine M", HealthLevel.OK, "running")
+    assert (well.values["state"], well.values["overruns"]) == ("well", "2")
+    board.add_message(status_slot("M"), replace(now, failed=True, error="ValueError: gone"))
+    (failed,) = health.report()
+    assert (failed.level, failed.message) == (HealthLevel.ERROR, "failed: ValueError: gone")
+
+
+def test_the_qos_of_a_relay_is_configured_and_overridden_by_parameters(board, memory):
+    relay = RelayConfig(**RELAY, deadline=0.5, lifespan=2, lease=1, liveliness="manual_by_topic")
+    _, arguments = split_ros_arguments(
+        ["--ros-args", "-p", "qos_overrides./n.publisher.deadline:=7"]
+    )
+    plan, faults = make_plan(BridgeConfig(relay=(relay,)), Path(), [], arguments)
+    assert not faults
+    with MemoryTransport(memory) as transport, closing(Bridge(plan, board, transport)):
+        (end,) = transport.graph().ends("/n", Role.PUBLISHER)
+    assert end.qos == Qos(
+        deadline_ns=7,
+        lifespan_ns=2 * 10**9,
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+        lease_ns=10**9,
+    )
