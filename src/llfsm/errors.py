@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-__all__ = ["LlfsmError", "did_you_mean"]
+__all__ = ["LlfsmError", "did_you_mean", "nothing_called"]
 
 
 class LlfsmError(Exception):
@@ -26,3 +26,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         repr(names[each]) for each in get_close_matches(name.casefold(), names, n=2, cutoff=0.65)
     ]
     return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def nothing_called(name: str, known: Iterable[str]) -> str:
+    """Return the message for a name in code that nothing defines, with what was meant."""
+    from sys import stdlib_module_names
+
+    if name in stdlib_module_names:
+        return f"nothing is called {name!r}; is an import missing?"
+    return f"nothing is called {name!r}{did_you_mean(name, known)}"

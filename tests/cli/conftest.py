@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from calling import call
+from forked import Forked
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import status_slot
 from llfsm.whiteboard.shared import boards
@@ -29,18 +31,24 @@ class Llfsm:
         self.cwd = cwd
         self.started: list[subprocess.Popen[str]] = []
 
-    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+    def run(self, *arguments: str, entered: str = "") -> subprocess.CompletedProcess[str]:
+        """Run it in the tests' own process."""
+        return call(*arguments, cwd=self.cwd, entered=entered)
+
+    def run_apart(self, *arguments: str, entered: str = "") -> subprocess.CompletedProcess[str]:
+        """Run it as a process, for what it does as such: forks, tracebacks, its first imports."""
         return subprocess.run(
             self.command(arguments),
             cwd=self.cwd,
             text=True,
             capture_output=True,
+            input=entered,
             timeout=PATIENCE_S,
             check=False,
         )
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
+        process = Forked(
             self.command(arguments),
             cwd=self.cwd,
             text=True,
@@ -54,14 +62,19 @@ class Llfsm:
         return [sys.executable, "-m", "llfsm.cli", *arguments]
 
     def end(self) -> None:
+        """Kill all, and wait for the end of those that they have started."""
+        running = [process.pid for process in self.started if process.poll() is None]
+        theirs = [pid for each in running for pid in children(each).values()]
         for process in self.started:
             process.kill()
             process.wait()
             process.stdout.close()
+        wait_for(lambda: not any(map(alive, theirs)), f"an end of {theirs}")
 
 
 @pytest.fixture
-def llfsm(tmp_path: Path) -> Iterator[Llfsm]:
+def llfsm(tmp_path: Path, board: str) -> Iterator[Llfsm]:
+    """Start processes that end before the board is removed: one might make it again."""
     llfsm = Llfsm(tmp_path)
     yield llfsm
     llfsm.end()
@@ -107,20 +120,38 @@ def wait_for_line(process: subprocess.Popen[str], text: str) -> str:
     raise AssertionError(f"{text!r} was never printed, but:\n{said}")
 
 
+def offspring(pid: int) -> list[int]:
+    """Return the processes started by `pid`, or forked, that have not ended."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            state, parent = (path / "stat").read_text().rpartition(")")[2].split()[:2]
+            if int(parent) == pid and state != "Z":
+                found.append(int(path.name))
+    return found
+
+
 def children(pid: int) -> dict[str, int]:
     """Return the processes started by `pid`, by the llfsm command that each runs."""
     found = {}
-    for path in Path("/proc").glob("[0-9]*"):
+    for each in offspring(pid):
         with suppress(OSError):
-            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == pid:
-                words = (path / "cmdline").read_text().split("\0")
-                if "llfsm.cli" in words:  # else it is about to be, or has just ended
-                    found[words[words.index("llfsm.cli") + 1]] = int(path.name)
+            words = Path(f"/proc/{each}/cmdline").read_text().split("\0")
+            if "llfsm.cli" in words:  # else it is about to be, or has just ended
+                found[words[words.index("llfsm.cli") + 1]] = each
     return found
 
 
 def alive(pid: int) -> bool:
+    return state_of(pid) not in ("", "Z")
+
+
+def stopped(pid: int) -> bool:
+    return state_of(pid) == "T"
+
+
+def state_of(pid: int) -> str:
+    """Return the letter of a process's state, or nothing if there is none."""
     with suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    return False
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    return ""

@@ -175,3 +175,33 @@ def test_a_line_says_how_much_went_through_and_when():
     link.failed = 2
     assert str(counts.read()[0]).startswith("pose <- /pose: 1, 0.0/s, the last 0.")
     assert str(counts.read()[0]).endswith(" s ago, 2 failed")
+
+
+def test_a_slot_too_small_for_a_sensor_is_a_warning_with_its_line(llfsm, tmp_path):
+    file = tmp_path / "bridge.toml"
+    image = GOOD.replace("std_msgs/msg/String", "sensor_msgs/msg/Image")
+    file.write_text(image + "capacity = 65536\n")
+    status, said = llfsm("check", str(file))
+    assert status == 0
+    assert said.startswith(f"{file}:5: warning: slot 'text' takes 65,536 bytes")
+    assert "no findings" not in said
+    file.write_text(image)
+    status, said = llfsm("check", str(file))
+    assert status == 0
+    assert said.startswith(f"{file}:3: note: slot 'text' takes up to 2,768,896 bytes")
+    assert said.endswith("\nno findings\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (["--ros-args", "-r", "a:b"], "--remap a:b: write [NODE:]FROM:=TO"),
+        (["--ros-args", "--loud"], "--loud is no argument of ROS"),
+        (["--ros-args", "-r", "__ns:=1"], "'1' is not a namespace"),
+        (["--node", "a b"], "'a b' is not a node name"),
+    ],
+)
+def test_a_name_or_argument_of_ros_that_is_none_is_refused(llfsm, arguments, what):
+    status, said = llfsm("turtlesim", *arguments, *(["--"] if "--ros-args" in arguments else []))
+    assert status == 2
+    assert what in said

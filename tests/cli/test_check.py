@@ -94,7 +94,7 @@ def test_a_bundle_may_import_modules_of_the_current_folder(llfsm: Llfsm, board: 
     ("arguments", "said"),
     [
         ([], "Missing argument 'MACHINE...'"),
-        (["Nobody"], "no machine 'Nobody'; those that ship: Ros"),
+        (["Nobody"], "no machine 'Nobody'; those that ship: "),
         (["nowhere:M"], "there is no module 'nowhere'"),
     ],
 )

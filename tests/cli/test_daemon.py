@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import configparser
 import json
+import os
 import shlex
 import socket
+import struct
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -15,6 +19,7 @@ import pytest
 from click.testing import CliRunner
 
 import llfsm.whiteboard.mirror.daemon as mirror_daemon
+from llfsm.cli.options import BoardPlace
 from llfsm.cli.root import main
 from llfsm.cli.whiteboard.daemon import daemon, read_status
 from llfsm.whiteboard import Whiteboard
@@ -25,6 +30,7 @@ from llfsm.whiteboard.messages.llfsm import (
     QuotaStatus,
     Refusal,
 )
+from programs import program
 from waiting import PATIENCE_S
 
 UNIT = Path(mirror_daemon.__file__).with_name("llfsm-whiteboard@.service")
@@ -78,7 +84,7 @@ def test_status_says_that_the_daemon_is_silent(tmp_path: Path) -> None:
     with Whiteboard("board", directory=tmp_path) as board:
         board.add_message(MIRROR, MirrorStatus())
     with pytest.raises(click.ClickException, match="has ended or is stopped"):
-        read_status("board", str(tmp_path), stale_s=0.0)
+        read_status(BoardPlace("board", str(tmp_path)), stale_s=0.0)
 
 
 @pytest.mark.parametrize(
@@ -143,27 +149,69 @@ def test_systemd_restarts_a_daemon_that_gives_no_sign_of_life() -> None:
     assert parser["Service"]["Restart"] == "on-failure"
 
 
-def test_each_status_is_a_sign_of_life(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
-        supervisor.bind(str(tmp_path / "notify"))
-        supervisor.settimeout(PATIENCE_S)
-        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-        with Whiteboard("board", directory=tmp_path) as board:
-            publish = mirror_daemon.status_publisher(board)
-            for _ in range(2):
-                publish(MirrorStatus())
-                assert supervisor.recv(100) == b"WATCHDOG=1"
+def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: Path) -> None:
+    """Nor with what the unit says of itself; a mistake in it would be found."""
+    text = UNIT.read_text()
+    for name, content, good in (
+        ("right", text, True),
+        ("wrong", text.replace("WatchdogSec=10", "WatchdogSec=soon"), False),
+    ):
+        unit = tmp_path / f"{name}@board.service"
+        unit.write_text(content)
+        command = [program("systemd"), "verify", "--man=no", unit]
+        done = subprocess.run(command, text=True, capture_output=True, check=False)
+        assert (str(unit) not in done.stdout + done.stderr) is good, done
 
 
-def test_systemd_is_told_when_it_is_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
-        supervisor.bind(str(tmp_path / "notify"))
-        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-        from llfsm.whiteboard.mirror.settings import Settings
+@contextmanager
+def supervisor(address: str) -> Iterator[socket.socket]:
+    """Listen as systemd does, which also takes the sender's process id from the kernel."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
+        listening.bind(f"\0{address[1:]}" if address.startswith("@") else address)
+        listening.settimeout(PATIENCE_S)
+        yield listening
 
-        with (
-            Whiteboard("board", directory=tmp_path) as board,
-            mirror_daemon.daemon(board, Settings(listen=())),
-        ):
-            assert supervisor.recv(100) == b"READY=1"
-        assert supervisor.recv(100) == b"STOPPING=1"
+
+def received(listening: socket.socket) -> tuple[str, int]:
+    """Return the next state, and the process id of its sender."""
+    data, [(_, _, credentials)], _, _ = listening.recvmsg(100, socket.CMSG_SPACE(12))
+    return data.decode(), struct.unpack("3i", credentials)[0]
+
+
+@pytest.fixture(params=["{}/notify", "{}/user@1000.service/notify", "@llfsm/{}/no@tify"])
+def address(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """Return an address as systemd gives it: a path, or a name without a file after an @."""
+    (tmp_path / "user@1000.service").mkdir()
+    return str(request.param.format(tmp_path))
+
+
+def test_each_status_is_a_sign_of_life(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NOTIFY_SOCKET", address)
+    with supervisor(address) as systemd, Whiteboard("board", directory=tmp_path) as board:
+        publish = mirror_daemon.status_publisher(board)
+        for _ in range(2):
+            publish(MirrorStatus())
+            assert received(systemd) == ("WATCHDOG=1", os.getpid())
+
+
+def test_a_daemon_tells_systemd_its_life_from_the_start_to_the_end(tmp_path: Path) -> None:
+    """The process that systemd has started is the one that sends: `NotifyAccess=main`."""
+    command = [sys.executable, "-m", "llfsm.cli", "whiteboard", "daemon", "--directory", tmp_path]
+    with supervisor(f"@llfsm-test/{os.getpid()}") as systemd:
+        environment = os.environ | {"NOTIFY_SOCKET": f"@llfsm-test/{os.getpid()}"}
+        with subprocess.Popen(
+            [*command, "--listen", "tcp/127.0.0.1:0"], env=environment, stdout=subprocess.DEVNULL
+        ) as process:
+            try:
+                for state in ("READY=1", "WATCHDOG=1", "WATCHDOG=1"):
+                    assert received(systemd) == (state, process.pid)
+                process.terminate()
+                while (last := received(systemd)) == ("WATCHDOG=1", process.pid):
+                    pass
+                assert last == ("STOPPING=1", process.pid)
+                assert process.wait(PATIENCE_S) == 0
+            finally:
+                process.kill()

@@ -13,7 +13,7 @@ import pytest
 
 from waiting import wait_for
 
-from .conftest import Llfsm, alive, children, exists, wait_for_line
+from .conftest import Llfsm, alive, children, exists, stopped, wait_for_line
 
 
 def start(llfsm: Llfsm, board: str, name: str = "wall") -> subprocess.Popen[str]:
@@ -63,7 +63,11 @@ def test_a_killed_demo_takes_its_processes_and_its_board_with_it(llfsm: Llfsm, b
 
 def test_it_starts_again_after_all_were_killed(llfsm: Llfsm, board: str) -> None:
     process = start(llfsm, board)
-    for pid in (process.pid, *children(process.pid).values()):
+    pids = [process.pid, *children(process.pid).values()]
+    for pid in pids:  # or the last would see the end of the first, and remove the board
+        os.kill(pid, signal.SIGSTOP)
+    wait_for(lambda: all(map(stopped, pids)), "all stand still")
+    for pid in pids:
         os.kill(pid, signal.SIGKILL)
     process.wait()
     assert exists(board)

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from llfsm.cli.demo.ros_graph import RosGraph
+from llfsm.cli.options import BoardPlace
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtlesim import Pose
@@ -167,7 +168,7 @@ def started(graph: RosGraph) -> list[tuple[str, ...]]:
     processes = SimpleNamespace(start=lambda _, *words: commands.append(words))
     graph.start_router(processes, lambda _: next(served, True))  # type: ignore[arg-type]
     graph.start_simulator(processes, Path("path"))  # type: ignore[arg-type]
-    graph.start_bridge(processes, "b")  # type: ignore[arg-type]
+    graph.start_bridge(processes, BoardPlace("b", "/dev/shm"))  # type: ignore[arg-type]
     return commands
 
 

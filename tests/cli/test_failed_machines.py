@@ -172,6 +172,7 @@ def test_a_run_ends_if_nobody_can_reach_its_failed_machine(
     (tmp_path / "broken").touch()
     llfsm.run("run", f"{MACHINES}:Shy", "-q", "-b", board)  # makes what all runs need
     with Whiteboard(board) as wb, suppress(BoardFullError):
+        wb[status_slot("Shy")].reserve()  # a name that was given up makes room
         for number in range(4096):
             wb.add_message(Slot(f"s{number}", Bell), Bell())
     done = llfsm.run("run", "fragile:Fragile", "--on-error", "suspend", "-q", "-b", board)

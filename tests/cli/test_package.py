@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from free_ports import free_endpoint
+from llfsm.bridges.ros2.router import open_router
 
 from .conftest import Llfsm
 
@@ -24,10 +28,21 @@ class Mine(Machine):
 """
 
 
-def run_entry(package: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+@pytest.fixture(scope="module")
+def ros() -> Iterator[list[str]]:
+    """Return the options of a ROS graph that has a router."""
+    endpoint = free_endpoint()
+    session = open_router([endpoint])
+    yield ["--transport", "zenoh", "--router", endpoint]
+    session.close()
+
+
+def run_entry(
+    package: Path, *arguments: str, quiet: bool = True
+) -> subprocess.CompletedProcess[str]:
     path = os.pathsep.join([str(package), str(package.parent)])
     return subprocess.run(
-        [sys.executable, "-m", f"{package.name}.run", "-q", *arguments],
+        [sys.executable, "-m", f"{package.name}.run", *(["-q"] * quiet), *arguments],
         env=os.environ | {"PYTHONPATH": path},
         cwd="/",
         text=True,
@@ -46,23 +61,23 @@ def write_bundle(folder: Path, entry: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["robots/Mine", "robots/Mine.machine", "my_robot:Mine"])
-def test_what_is_packaged_runs(llfsm: Llfsm, board: str, name: str) -> None:
+def test_what_is_packaged_runs(llfsm: Llfsm, board: str, name: str, ros: list[str]) -> None:
     write_bundle(llfsm.cwd / "robots" / "Mine.machine", "print(name, n)")
     (llfsm.cwd / "my_robot.py").write_text(CLASS)
     done = llfsm.run("package", name)
     assert (done.returncode, done.stdout) == (0, "wrote mine: ros2 run mine mine\n")
-    ran = run_entry(llfsm.cwd / "mine", "-b", board)
+    ran = run_entry(llfsm.cwd / "mine", "-b", board, *ros)
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "Mine 1\n", "")
 
 
-def test_arguments_for_ros_are_left_out(llfsm: Llfsm, board: str) -> None:
+def test_it_is_a_node_with_the_arguments_of_ros(llfsm: Llfsm, ros: list[str]) -> None:
     write_bundle(llfsm.cwd / "Mine.machine", "print(name, n)")
     assert llfsm.run("package", "Mine", "--output", "src").returncode == 0
-    ran = run_entry(
-        llfsm.cwd / "src" / "mine",
-        "--ros-args", "-r", "__node:=x", "--", "Mine:n=5", "-b", board, "--ros-args", "-p", "a:=1",
-    )  # fmt: skip
-    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "Mine 5\n", "")
+    package = llfsm.cwd / "src" / "mine"
+    at = ["--ros-args", "-r", "__ns:=/left", "--", "Mine:n=5", "--domain", "77"]
+    ran = run_entry(package, *ros, *at, "--ros-args", "-p", "a:=1", quiet=False)
+    assert (ran.returncode, ran.stdout) == (0, "Mine 5\n")
+    assert ran.stderr.endswith(": Mine on ROS domain 77 as /left/mine\n")
 
 
 def test_one_that_ships(llfsm: Llfsm, board: str) -> None:
@@ -76,7 +91,7 @@ def test_one_that_ships(llfsm: Llfsm, board: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "said"),
     [
-        (["Nobody"], 2, "no machine 'Nobody'; those that ship: Ros"),
+        (["Nobody"], 2, "no machine 'Nobody'; those that ship: "),
         (["my_robot:Mine"], 2, "there is no module 'my_robot'"),
         (["Broken"], 1, "State_A_OnEntry.py:1: nothing is called 'x'"),
         (["Good", "-o", "Good.machine/States"], 2, "is a file"),

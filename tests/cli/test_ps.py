@@ -12,12 +12,15 @@ import time
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 import commanding
+from llfsm.cli.options import BoardPlace
 from llfsm.cli.ps import listings
 from llfsm.runtime.presence.remote import SILENT_S, Directory
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.messages.llfsm import status_slot
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
+from llfsm.whiteboard.messages.llfsm import MachineStatus, OverriddenSensor, status_slot
 from waiting import wait_for
 
 from .conftest import MACHINES, Llfsm, rows, wait_for_line
@@ -80,10 +83,14 @@ def test_ps_of_every_board(llfsm: Llfsm, board: str, running: subprocess.Popen[s
     assert [row["machine"] for row in told if row["whiteboard"] == board] == ["Stays", "Stubborn"]
 
 
+def there(name: str) -> BoardPlace:
+    return BoardPlace(name, "/dev/shm")
+
+
 def test_ps_of_every_board_although_one_goes_meanwhile(
     board: str, running: subprocess.Popen[str]
 ) -> None:
-    [found] = listings([f"{board}-not", board])
+    [found] = listings([there(f"{board}-not"), there(board)])
     assert found.board == board
     assert [machine.name for machine in found.machines] == ["Stays", "Stubborn"]
 
@@ -94,7 +101,7 @@ def test_ps_of_every_board_although_one_cannot_be_read(
     broken = Path(f"/dev/shm/llfsm.{board}-broken")
     broken.write_bytes(b"no whiteboard")
     try:
-        [found] = listings([f"{board}-broken", board])
+        [found] = listings([there(f"{board}-broken"), there(board)])
     finally:
         broken.unlink()
     assert f"whiteboard '{board}-broken': " in capsys.readouterr().err
@@ -200,3 +207,24 @@ def test_ps_needs_a_board(llfsm: Llfsm, board: str) -> None:
     done = llfsm.run("ps", "-b", board)
     assert (done.returncode, done.stdout) == (1, "")
     assert f"{board}: no such whiteboard" in done.stderr
+
+
+def test_ps_shows_who_called_a_machine_and_how_long_an_override_lasts(
+    llfsm: Llfsm, board: str
+) -> None:
+    override = OverriddenSensor("pose", 7.0)
+    status = MachineStatus(
+        "A", pid=os.getpid(), born=born(os.getpid()), host=host_name(), namespace=pid_namespace()
+    )
+    called = replace(status, caller="Boss", overridden=(override, OverriddenSensor("odom")))
+    with Whiteboard(board) as wb:
+        wb.add_message(status_slot("Count"), called)
+        wb.add_message(status_slot("Boss"), status)
+        lines = llfsm.run("ps", "-b", board).stdout.splitlines()
+        told = rows(llfsm, "-b", board)
+    assert lines[-3] == "Count is called by Boss"
+    assert re.fullmatch(r"Count: its sensor pose is overridden, for [0-7] s more", lines[-2])
+    assert lines[-1] == "Count: its sensor odom is overridden, until it is released"
+    assert (told["Count"]["caller"], told["Boss"]["caller"]) == ("Boss", "")
+    assert 0 <= told["Count"]["overridden"].pop("pose") <= 7
+    assert told["Count"]["overridden"] == {"odom": None}

@@ -1,4 +1,4 @@
-"""`llfsm suspend`, `resume`, `restart` and `stop`: requests to machines of other processes."""
+"""`llfsm suspend`, `resume`, `restart`, `reload`, `stop`: requests to other processes' machines."""
 
 from __future__ import annotations
 
@@ -38,6 +38,30 @@ def test_restart(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> No
     assert llfsm.run("restart", "Stays", "-b", board).returncode == 0
     assert "suspended" in wait_for_line(running, "Stays")
     assert "entered A" in wait_for_line(running, "Stays")
+
+
+def test_reload(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
+    done = llfsm.run("reload", "Stays", "-b", board)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "Stays is not reloaded: " in done.stderr
+    assert "only a .machine bundle can be reloaded" in done.stderr
+    assert llfsm.run("new", "Blink").returncode == 0
+    bundle = llfsm.cwd / "Blink.machine"
+    (bundle / "State_COUNT_Transition_1.expr").write_text("after(3600)\n")
+    process = llfsm.start("run", "Blink.machine", "-q", "-b", board)
+    with Whiteboard(board, create=False) as wb:
+        status = wb[status_slot("Blink")]
+        wait_for(lambda: status.count, "it is published")
+    entry = bundle / "State_COUNT_OnEntry.py"
+    entry.write_text("print('as it is now', flush=True)\n")
+    done = llfsm.run("reload", "Blink", "-b", board)
+    assert done.stdout.startswith("Blink is reloaded and running again in "), done.stderr
+    wait_for_line(process, "as it is now")
+    entry.write_text("count +=\n")
+    done = llfsm.run("reload", "Blink", "-b", board)
+    assert done.returncode == 1
+    assert "State_COUNT_OnEntry.py:1: " in done.stderr
+    assert process.poll() is None
 
 
 def test_stop_ends_one_machine(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
@@ -80,7 +104,7 @@ def test_a_lone_machine_that_suspends_itself_is_not_waited_for(llfsm: Llfsm, boa
 # What cannot be done
 
 
-@pytest.mark.parametrize("action", ["suspend", "resume", "restart", "stop"])
+@pytest.mark.parametrize("action", ["suspend", "resume", "restart", "reload", "stop"])
 def test_there_must_be_such_a_machine_and_board(
     llfsm: Llfsm, board: str, action: str, running: subprocess.Popen[str]
 ) -> None:
@@ -134,7 +158,7 @@ def test_no_resume_while_a_restart_is_pending(
     assert restarting.wait() == 0
 
 
-@pytest.mark.parametrize("action", ["suspend", "resume", "restart", "stop"])
+@pytest.mark.parametrize("action", ["suspend", "resume", "restart", "reload", "stop"])
 def test_patience_has_an_end(board: str, running: subprocess.Popen[str], action: Action) -> None:
     """Also if the machine is in the requested state already: that may still change."""
     running.send_signal(signal.SIGSTOP)

@@ -18,6 +18,8 @@ from catkin_pkg.package import parse_package
 from hypothesis import given
 from hypothesis import strategies as st
 
+from free_ports import free_endpoint
+from llfsm.bridges.ros2.router import open_router
 from llfsm.cli.package import PackageError, package_name, write_package
 
 ORIGIN = "llfsm.machines:RosPingPong"
@@ -164,12 +166,19 @@ def test_it_installs_and_its_script_runs_the_machine(tmp_path: Path) -> None:
         "bin/here",
     } <= contents(site)
     board = f"test-packaging-{os.getpid()}"
-    done = subprocess.run(
-        [str(site / "bin" / "here"), "-q", "--board", board, "--remove-board"],
+    options = ["-q", "--board", board, "--remove-board", "--transport", "zenoh"]
+    endpoint = free_endpoint()
+    with open_router([endpoint]):
+        done = _run([str(site / "bin" / "here"), *options, "--router", endpoint], site, tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "here I am\n", "")
+
+
+def _run(command: list[str], site: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command,
         env=os.environ | {"PYTHONPATH": str(site)},
-        cwd=tmp_path,
+        cwd=folder,
         text=True,
         capture_output=True,
         check=False,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "here I am\n", "")

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from forked import Forked
 from waiting import PATIENCE_S, wait_for
 
-from .conftest import Llfsm, alive, children, exists, wait_for_line
+from .conftest import Llfsm, alive, exists, offspring, wait_for_line
 
 MODULE = """
 import os
@@ -96,8 +97,9 @@ def module(tmp_path: Path) -> None:
 
 def child_of(process: subprocess.Popen[str]) -> int:
     """Return the process that runs the arrangement, as soon as there is one."""
-    wait_for(lambda: children(process.pid), "a child that runs the arrangement")
-    return children(process.pid)["run"]
+    wait_for(lambda: offspring(process.pid), "a child that runs the arrangement")
+    (child,) = offspring(process.pid)
+    return child
 
 
 def pending(pid: int, number: signal.Signals) -> bool:
@@ -121,7 +123,7 @@ def test_a_crash_is_told_and_all_starts_afresh(
     llfsm: Llfsm, board: str, how: str, said: str
 ) -> None:
     arguments = ["mine:Crasher", f"Crasher:how={how}", "-q", "--remove-board", "-b", board]
-    done = llfsm.run("run", "-n", *arguments)
+    done = llfsm.run_apart("run", "-n", *arguments)
     assert done.returncode == 0, done.stderr
     assert [line for line in done.stdout.splitlines() if line.startswith("run")] == [
         "run 1, entered 1",
@@ -136,7 +138,7 @@ def test_a_crash_is_told_and_all_starts_afresh(
 
 
 def test_debug_shows_the_traceback_of_a_crash(llfsm: Llfsm, board: str) -> None:
-    done = llfsm.run("--debug", "run", "-n", "mine:Crasher", "-q", "-b", board)
+    done = llfsm.run_apart("--debug", "run", "-n", "mine:Crasher", "-q", "-b", board)
     assert done.returncode == 0
     assert "Traceback" in done.stderr
     assert done.stderr.splitlines()[-1] == "the arrangement failed; it starts again"
@@ -144,7 +146,7 @@ def test_debug_shows_the_traceback_of_a_crash(llfsm: Llfsm, board: str) -> None:
 
 def test_a_normal_end_ends_it(llfsm: Llfsm, board: str) -> None:
     (llfsm.cwd / "runs").write_text("x")  # so that it does not crash
-    done = llfsm.run("run", "-n", "mine:Crasher", "-t", "-q", "-b", board)
+    done = llfsm.run_apart("run", "-n", "mine:Crasher", "-t", "-q", "-b", board)
     assert done.returncode == 0
     assert done.stderr.startswith("machine  ringlets")
     assert "run 2, entered 1\n" in done.stdout
@@ -157,7 +159,7 @@ def test_what_was_printed_before_is_not_printed_again(
 ) -> None:
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     (llfsm.cwd / "runs").write_text("x")
-    done = llfsm.run("run", "-n", "mine:Crasher", "-q", "-b", board)
+    done = llfsm.run_apart("run", "-n", "mine:Crasher", "-q", "-b", board)
     assert done.stdout == "imported\nrun 2, entered 1\n"
 
 
@@ -218,7 +220,7 @@ def test_a_signal_just_before_the_fork_is_not_lost() -> None:
 
 
 def test_the_end_of_input_ends_all(llfsm: Llfsm, board: str) -> None:
-    process = subprocess.Popen(
+    process = Forked(
         [sys.executable, "-m", "llfsm.cli", "run", "-n", "mine:Stays", "--until-eof", "-q",
          "-b", board],
         cwd=llfsm.cwd,
@@ -266,7 +268,7 @@ def test_what_cannot_be_loaded_is_not_tried_again(
     (llfsm.cwd / "load.toml").write_text(
         "[[machine]]\ndefinition = 'mine:Crasher'\nvariables.entered = 'x'\n"
     )
-    done = llfsm.run("run", "-n", *arguments, "-q", "-b", board)
+    done = llfsm.run_apart("run", "-n", *arguments, "-q", "-b", board)
     assert done.returncode == status
     assert said in done.stderr
     assert "again" not in done.stderr

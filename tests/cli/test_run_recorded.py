@@ -99,7 +99,7 @@ def test_a_recorder_that_stands_still_makes_nobody_wait(
 
 def test_nothing_runs_if_nothing_can_be_recorded(llfsm: Llfsm, board: str) -> None:
     (llfsm.cwd / FILE).write_text("precious")
-    done = llfsm.run("run", "RosPingPong", "-q", "-b", board, "--record", FILE)
+    done = llfsm.run_apart("run", "RosPingPong", "-q", "-b", board, "--record", FILE)
     assert done.returncode == 1
     assert done.stderr.splitlines() == [
         f"Error: {FILE} is there already: remove it, or record to another file",

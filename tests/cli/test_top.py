@@ -6,7 +6,9 @@ import os
 import signal
 
 import pytest
+from click.testing import CliRunner
 
+from llfsm.cli.top import top
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32, String
 from waiting import wait_for
@@ -124,3 +126,9 @@ def test_a_board_that_is_not_there_is_named(llfsm: Llfsm, board: str) -> None:
     assert done.stderr.startswith("Error: ")
     assert board in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_host_that_cannot_be_reached_is_an_error(board: str) -> None:
+    with Whiteboard(board):
+        done = CliRunner().invoke(top, ["-b", board, "--once", "--host", "robot7"])
+    assert (done.exit_code, "no daemon mirrors this whiteboard" in done.output) == (1, True)

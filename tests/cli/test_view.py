@@ -10,8 +10,10 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from click.testing import CliRunner
 from websockets.sync.client import connect
 
+from llfsm.cli.view import view
 from waiting import PATIENCE_S, rest_of, wait_for
 
 from .conftest import Llfsm, wait_for_line
@@ -47,10 +49,22 @@ def test_a_port_in_use_is_an_error_that_says_what_to_do(llfsm: Llfsm, board: str
 
 
 def test_an_address_that_is_none_is_an_error(llfsm: Llfsm, board: str) -> None:
-    done = llfsm.run("view", "-b", board, "--no-open", "--host", "no.such.host.invalid")
+    done = llfsm.run("view", "-b", board, "--no-open", "--address", "no.such.host.invalid")
     assert done.returncode == 1
     assert "no.such.host.invalid" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::1", "localhost"])
+def test_an_address_is_no_host_of_the_fleet(host: str) -> None:
+    done = CliRunner().invoke(view, ["--host", host])
+    assert done.exit_code == 2
+    assert f"to listen, use --address {host}" in " ".join(done.output.split())
+
+
+def test_a_recording_has_no_hosts() -> None:
+    done = CliRunner().invoke(view, ["run.mcap", "--host", "robot7"])
+    assert (done.exit_code, "leave it out for a recording" in done.output) == (2, True)
 
 
 def test_it_opens_the_browser_by_a_file_that_only_its_user_can_read(
@@ -124,10 +138,9 @@ main()
 def test_help_and_the_command_line_load_no_server() -> None:
     code = """
 import sys
-from click.testing import CliRunner
-from llfsm.cli.root import main
-assert CliRunner().invoke(main, ["--help"]).exit_code == 0
-assert CliRunner().invoke(main, ["view", "--help"]).exit_code == 0
+from llfsm.cli.root import main  # not by click's runner, which imports pdb, and that asyncio
+for words in (["--help"], ["view", "--help"]):
+    assert main(words, standalone_mode=False) == 0
 print(*sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)

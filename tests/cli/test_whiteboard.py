@@ -7,6 +7,7 @@ import json
 import pytest
 
 from llfsm.whiteboard import Slot, Whiteboard
+from llfsm.whiteboard.messages.fleet import KEEPS_READ
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
 from .conftest import Llfsm, exists, wait_for_line
@@ -18,9 +19,14 @@ def test_list_names_boards_and_slots(llfsm: Llfsm, board: str) -> None:
     with Whiteboard(board) as wb:
         assert f"{board}  in use" in llfsm.run("whiteboard", "list").stdout
         wb.add_message(CMD_VEL, Twist())
+        _ = wb[Slot("turtle1" + KEEPS_READ, Twist)]  # as who shows another host has it
     assert f"{board}  not in use" in llfsm.run("whiteboard", "list").stdout
     listed = llfsm.run("whiteboard", "list", board).stdout
     assert listed.startswith("turtle1/cmd_vel  geometry_msgs/msg/Twist  1 added")
+    assert len(listed.splitlines()) == 1
+    assert "turtle1/cmd_vel  " in llfsm.run("whiteboard", "list", "-b", board).stdout
+    both = llfsm.run("whiteboard", "list", board, "-b", "other")
+    assert (both.returncode, "name one" in both.stderr) == (2, True)
 
 
 def test_get_prints_json(llfsm: Llfsm, board: str) -> None:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import click
 
-from llfsm.runtime.checking import Finding, check_arrangement, check_bundle, check_class
+from llfsm.runtime.checking import (
+    Finding,
+    check_arrangement,
+    check_bundle,
+    check_class,
+    check_types,
+)
 from llfsm.runtime.engine.environment import BoardEnvironment
 from llfsm.runtime.engine.errors import FsmError, UnreachableStateWarning
+from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.plans.plan import assemble, read_plan
 from llfsm.whiteboard import Whiteboard
 
@@ -22,7 +30,8 @@ __all__ = ["check"]
 
 @click.command()
 @click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
-def check(machines: tuple[str, ...]) -> None:
+@click.option("--types", is_flag=True, help="Also run mypy or pyright, whichever is installed.")
+def check(machines: tuple[str, ...], types: bool) -> None:
     """Check each MACHINE: one that ships, patrol.py:Patrol, a bundle, or an arrangement file.
 
     Print a line for each finding: FILE:LINE: error or warning: what is wrong. The exit status is 1
@@ -32,8 +41,12 @@ def check(machines: tuple[str, ...]) -> None:
     llfsm check RosWallTurttleBot
     llfsm check patrol.py Lamp.machine
     llfsm check robot.toml
+    llfsm check --types patrol.py
     """
-    findings = sorted({finding for machine in machines for finding in _check(machine)})
+    found = {finding for machine in machines for finding in _check(machine)}
+    if types:
+        found.update(check_types(_readable(machines)))
+    findings = sorted(found)
     for file, line, severity, text in findings:
         click.echo(f"{_shown(file)}:{line}: {severity}: {text}")
     if not findings:
@@ -48,10 +61,8 @@ def _check(name: str) -> list[Finding]:
 
 def _check_file(file: Path) -> list[Finding]:
     """Check the machines of an arrangement file, then what they are together."""
-    folders = (file.absolute().parent, Path())
-    definitions = {planned.definition for planned in read_plan(file).machines}
     try:
-        found = [each for name in definitions for each in _check_machine(name, folders)]
+        found = [each for machine in _planned(file) for each in _check_machine(*machine)]
     except click.UsageError as error:  # there is no such machine
         return [Finding(str(file.absolute()), 1, "error", error.message)]
     if any(each.severity == "error" for each in found):
@@ -63,6 +74,21 @@ def _check_file(file: Path) -> list[Finding]:
     except FsmError as error:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
     return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes)
+
+
+def _planned(file: Path) -> list[tuple[str, tuple[Path, ...]]]:
+    """Return the definitions that an arrangement file names, and the folders to find them in."""
+    folders = (file.absolute().parent, Path())
+    return [(name, folders) for name in {each.definition for each in read_plan(file).machines}]
+
+
+def _readable(names: Sequence[str]) -> Iterator[Path | type[Machine]]:
+    """Return the machines, one by one, that can be read; why others cannot was found before."""
+    for name in names:
+        planned = _planned(Path(name)) if name.endswith(".toml") else [(name, (Path(),))]
+        for definition, folders in planned:
+            with suppress(MachineImportError, click.UsageError):
+                yield find_bundle(definition, folders) or find_machine(definition, folders)
 
 
 def _check_machine(name: str, folders: Sequence[Path] = (Path(),)) -> list[Finding]:

@@ -8,10 +8,13 @@ from pathlib import Path
 import click
 
 from llfsm.runtime.bundles import outline, read_bundle
-from llfsm.runtime.drawing import arrange, to_dot, to_mermaid, to_png, to_svg
+from llfsm.runtime.converting import class_layout
+from llfsm.runtime.drawing import arrange, overview, to_dot, to_mermaid, to_png, to_svg
 from llfsm.runtime.engine.table import Table
+from llfsm.runtime.plans.links import links_of
 
 from .machine_names import find_bundle, find_machine
+from .run.arguments import parse_arguments
 
 __all__ = ["draw"]
 
@@ -44,16 +47,21 @@ _SUFFIXES = {
 def draw(machine: str, output: Path | None, form: str | None, sections: bool | None) -> None:
     """Draw MACHINE: one that ships, patrol.py:Patrol, or a .machine bundle.
 
-    A bundle may be of Python or C++; its code is not run. Its layout is kept; without one, states
-    are laid out from the initial state down.
+    Of an arrangement file, draw which machine reads and posts which slot, and asks what of which
+    other machine.
+
+    A bundle may be of Python or C++; its code is not run. Its layout is kept, and that in a file
+    beside a class; without one, states are laid out from the initial state down.
 
     \b
     llfsm draw RosWallTurttleBot -o wall.svg
     llfsm draw RosPingPong -o pingpong.png --sections
     llfsm draw Lamp.machine --format mermaid
+    llfsm draw robot.toml -o robot.svg
     """
-    form = form or _format_of(output)
-    written = _drawn(*_table(machine), form, sections)
+    is_plan = machine.endswith(".toml")
+    form = form or (_format_of(output) if output or not is_plan else "svg")
+    written = _overview(machine, form) if is_plan else _drawn(*_table(machine), form, sections)
     if output is None:
         if form == "png" and sys.stdout.isatty():
             raise click.UsageError("a PNG is not for a terminal: name a file with -o FILE")
@@ -63,6 +71,17 @@ def draw(machine: str, output: Path | None, form: str | None, sections: bool | N
         output.write_bytes(written)
     except OSError as error:
         raise click.ClickException(f"cannot write {output}: {error.strerror}") from error
+
+
+def _overview(file: str, form: str) -> bytes:
+    """Return the overview of an arrangement file."""
+    if form not in ("svg", "png"):
+        raise click.UsageError(f"an arrangement is drawn as svg or png, not as {form}")
+    resolved = parse_arguments([file], None, (), ())
+    found = zip(resolved.classes.items(), resolved.plan.machines, strict=True)
+    machines = {name: links_of(cls, planned) for (name, cls), planned in found}
+    diagram = overview(Path(file).name, machines)
+    return to_png(diagram) if form == "png" else to_svg(diagram).encode()
 
 
 def _format_of(output: Path | None) -> str:
@@ -84,6 +103,7 @@ def _table(machine: str) -> tuple[Table, str]:
         bundle = read_bundle(folder)
         return outline(bundle), bundle.name
     found = find_machine(machine)
+    found.table.layout = class_layout(found)
     return found.table, found.__name__
 
 

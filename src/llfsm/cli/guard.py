@@ -10,16 +10,15 @@ import click
 from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 
-from .options import board_option, directory_option, end_with_input, until_eof_option
+from .options import BoardPlace, board_option, end_with_input, until_eof_option
 
 __all__ = ["guard"]
 
 
 @click.command()
 @board_option
-@directory_option
 @until_eof_option
-def guard(board: str, directory: str, until_eof: bool) -> None:
+def guard(board: BoardPlace, until_eof: bool) -> None:
     """Post the safe values of machines whose processes die without an end, until Ctrl-C.
 
     Bridges, `llfsm whiteboard daemon` and `llfsm view` do so, too; one guard is enough, and of
@@ -31,7 +30,7 @@ def guard(board: str, directory: str, until_eof: bool) -> None:
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     logging.getLogger("llfsm.guard").setLevel(logging.DEBUG)  # which whiteboard is guarded, too
     asked = StopRequest()
-    with stop_on_signals(lambda _: asked.make()), GuardThread(board, directory):
+    with stop_on_signals(lambda _: asked.make()), GuardThread(*board):
         if until_eof:
             end_with_input()
         asked.wait()

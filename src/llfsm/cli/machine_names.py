@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import click
 
@@ -16,7 +17,13 @@ from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.bundles import SUFFIX, load_bundle
 from llfsm.runtime.engine.machine import Machine
 
-__all__ = ["MachineImportError", "find_bundle", "find_machine", "search_modules_in"]
+__all__ = [
+    "MachineImportError",
+    "find_bundle",
+    "find_machine",
+    "find_object",
+    "search_modules_in",
+]
 
 _HERE = (Path(),)
 _SHIPPED = "llfsm.machines"
@@ -30,14 +37,14 @@ class MachineImportError(LlfsmError):
     `file` and `line` are the innermost place in code that is not llfsm's.
     """
 
-    def __init__(self, cause: Exception, file: str, line: int):
+    def __init__(self, cause: BaseException, file: str, line: int):
         self.problem = f"{type(cause).__name__}: {_text(cause)}"
         self.file = file
         self.line = line
         super().__init__(f"{file}:{line}: {self.problem}")
 
 
-def _text(error: Exception) -> str:
+def _text(error: BaseException) -> str:
     """Return what an error says, without paths, and what was meant by a name in it."""
     if isinstance(error, SyntaxError):
         return error.msg
@@ -81,16 +88,41 @@ def find_machine(name: str, folders: Sequence[Path] = _HERE) -> type[Machine]:
     shipped = importlib.import_module(_SHIPPED)
     if not colon and name in shipped.__all__:
         where, attribute = _SHIPPED, name
-    file = None if where == _SHIPPED else _module_file(where, folders)
-    if file is not None:
-        module = _import_file(file, name)
-    elif where.endswith(_PYTHON):
-        raise click.UsageError(f"{name}: there is no file {where}")
-    elif where and all(part.isidentifier() for part in where.split(".")) and (colon or attribute):
-        module = _import(where, name)
-    else:
+    module = _module(where, name, folders, importable=bool(colon or attribute))
+    if module is None:
         raise _unknown(name, shipped.__all__, folders)
     return _machine_in(module, attribute, name)
+
+
+def find_object(name: str, folders: Sequence[Path] = _HERE) -> tuple[ModuleType, Any]:
+    """Return the module and the object that ``package.module:name`` or ``file.py:name`` names.
+
+    Without a name, the object is the module. Modules are searched as those of machines, and errors
+    are the same.
+    """
+    search_modules_in(folders)
+    where, _, attribute = name.partition(":")
+    module = _module(where, name, folders, importable=True)
+    if module is None:
+        raise click.UsageError(f"{name}: name it as module:name or path/to/module.py:name")
+    if attribute and not hasattr(module, attribute):
+        near = did_you_mean(attribute, vars(module))
+        raise click.UsageError(f"{name}: {module.__name__} has no {attribute!r}{near}")
+    return module, getattr(module, attribute) if attribute else module
+
+
+def _module(
+    where: str, name: str, folders: Sequence[Path], *, importable: bool
+) -> ModuleType | None:
+    """Return the module that `where` in `name` names: a file, or what an import finds."""
+    file = None if where == _SHIPPED else _module_file(where, folders)
+    if file is not None:
+        return _import_file(file, name)
+    if where.endswith(_PYTHON):
+        raise click.UsageError(f"{name}: there is no file {where}")
+    if importable and where and all(part.isidentifier() for part in where.split(".")):
+        return _import(where, name)
+    return None
 
 
 def _module_file(text: str, folders: Iterable[Path]) -> Path | None:
@@ -117,7 +149,9 @@ def _machine_in(module: ModuleType, attribute: str, name: str) -> type[Machine]:
         )
     found = getattr(module, attribute)
     if not (isinstance(found, type) and issubclass(found, Machine) and found is not Machine):
-        raise click.UsageError(f"{name}: {found!r} is not a machine class")
+        raise click.UsageError(
+            f"{name}: {attribute} is not a machine class; {module.__name__} has: {there}"
+        )
     return found
 
 
@@ -132,7 +166,7 @@ def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> clic
     bundles = {found.stem for folder in folders for found in folder.glob(f"*{SUFFIX}")}
     modules = {found.stem for folder in folders for found in folder.glob(f"*{_PYTHON}")}
     return click.UsageError(
-        f"no machine {name!r}; those that ship: {', '.join(shipped)}; "
+        f"no machine {name!r}; those that ship: {', '.join(shipped)};\n"
         f"your own: a module, as path/to/module.py:Class, or a bundle, as path/to/Name{SUFFIX}"
         f"{did_you_mean(name, {*shipped, *bundles, *modules})}"
     )
@@ -169,7 +203,7 @@ def _import(module: str, name: str) -> ModuleType:
     """Return the module of the machine `name`."""
     try:
         return importlib.import_module(module)
-    except Exception as error:  # of the module's own code, whatever it is
+    except (Exception, SystemExit) as error:  # of the module's own code, whatever it is
         if isinstance(error, ModuleNotFoundError) and _is_within(module, error.name):
             near = did_you_mean(module, {file.stem for file in Path().glob(f"*{_PYTHON}")})
             raise click.UsageError(f"{name}: there is no module {error.name!r}{near}") from error
@@ -183,7 +217,7 @@ def _is_within(module: str, package: str | None) -> bool:
     return package is not None and f"{module}.".startswith(f"{package}.")
 
 
-def _place(error: Exception) -> tuple[str, int] | None:
+def _place(error: BaseException) -> tuple[str, int] | None:
     """Return the file and line of the code that is not ours where an error was raised."""
     if isinstance(error, SyntaxError) and error.filename is not None:
         return error.filename, error.lineno or 1

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 import shlex
-from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from llfsm.runtime.bundles import (
     Fragment,
     write_bundle,
 )
+from llfsm.runtime.converting import module_name, write_class
 from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
 
 from .options import output_option
@@ -49,7 +48,9 @@ def new(name: str, as_class: bool, output: Path) -> None:
             f"and no keyword of Python"
         )
     if as_class:
-        wrote, machine = _write_class(name, output)
+        module = module_name(name)
+        wrote = write_class(name, _CLASS.format(name=name, module=module), output)
+        machine = f"{module}:{name}"
     else:
         wrote = output / f"{name}{SUFFIX}"
         machine = str(output / name)
@@ -60,26 +61,6 @@ def new(name: str, as_class: bool, output: Path) -> None:
     machine = shlex.quote(machine)
     for command in (f"run {machine}", f"check {machine}", f"draw {machine} -o {name}.svg"):
         click.echo(f"  llfsm {command}")
-
-
-def _write_class(name: str, folder: Path) -> tuple[Path, str]:
-    """Write the class; return its file and its name for `llfsm run`."""
-    module = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
-    file = folder / f"{module}.py"
-    if file.exists():
-        raise click.ClickException(f"{file} is there already; choose another name")
-    if iskeyword(module) or find_spec(module) is not None or name in ("Machine", "State"):
-        raise click.UsageError(
-            f"{name!r}: {module}.py would hide a module of Python or of a library; "
-            f"choose another name"
-        )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with file.open("x") as opened:
-            opened.write(_CLASS.format(name=name, module=module))
-    except OSError as error:
-        raise click.ClickException(f"cannot write {file}: {error.strerror}") from error
-    return file, f"{module}:{name}"
 
 
 _CLASS = '''\

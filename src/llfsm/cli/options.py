@@ -2,51 +2,158 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
-from llfsm.whiteboard.board_files import default_name
+from llfsm.whiteboard import BoardNotFoundError, Whiteboard
+from llfsm.whiteboard.board_files import DIRECTORY, default_name
+from llfsm.whiteboard.mirror.naming import require_host_name
 
 __all__ = [
+    "BoardPlace",
     "board_option",
+    "break_option",
+    "checked_host",
     "directory_option",
     "end_with_input",
+    "fleet_option",
+    "given_option",
+    "host_option",
+    "local_option",
     "output_option",
     "recording_argument",
     "slots_option",
     "supervised_options",
+    "topics_option",
+    "trust_option",
     "until_eof_option",
 ]
-
-board_option = click.option(
-    "-b",
-    "--board",
-    metavar="NAME",
-    default=default_name,
-    help="The whiteboard; by default $WHITEBOARD_NAME, else `whiteboard`.",
-)
 
 directory_option = click.option(
     "--directory",
     metavar="DIR",
     type=click.Path(file_okay=False),
-    default="/dev/shm",
-    help="The folder of the whiteboard's file; by default /dev/shm.",
+    default=str(DIRECTORY),
+    help="The folder of whiteboards' files; by default /dev/shm.",
+)
+
+
+class BoardPlace(NamedTuple):
+    """A whiteboard as a command line names it; it may not exist."""
+
+    name: str
+    directory: str
+
+    def open(self, *, create: bool = True) -> Whiteboard:
+        """Open the whiteboard, or make it; raise :class:`.BoardNotFoundError` if not to be made."""
+        return Whiteboard(self.name, directory=self.directory, create=create)
+
+    @contextmanager
+    def opened(self) -> Iterator[Whiteboard]:
+        """Open the whiteboard, or make it; if an error follows, one made here without use goes."""
+        try:
+            wb, made = self.open(create=False), False
+        except BoardNotFoundError:
+            wb, made = self.open(), True
+        with wb:
+            try:
+                yield wb
+            except Exception:
+                if made and not wb.slots():
+                    wb.remove()
+                raise
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """The arguments by which another command gets the same whiteboard."""
+        return "--board", self.name, "--directory", self.directory
+
+
+def board_option(
+    command: Callable[..., Any] | None = None, *, default: str | None = None
+) -> Callable[..., Any]:
+    """Add the options that name a whiteboard; the command gets them as `board`, a `BoardPlace`."""
+    if command is None:
+        return functools.partial(board_option, default=default)
+
+    @functools.wraps(command)
+    def with_place(*arguments: Any, board: str, directory: str, **options: Any) -> Any:
+        return command(*arguments, board=BoardPlace(board, directory), **options)
+
+    what = f"{default}" if default else "$WHITEBOARD_NAME, else `whiteboard`"
+    option = click.option(
+        "-b",
+        "--board",
+        metavar="NAME",
+        default=default or default_name,
+        help=f"The whiteboard; by default {what}.",
+    )
+    return option(directory_option(with_place))
+
+
+break_option = click.option(
+    "--break",
+    "breakpoints",
+    metavar="BREAKPOINT",
+    multiple=True,
+    help="Pause at Machine:STATE, Machine:STATE->TARGET, Machine! or @slot, with ` if CONDITION`.",
+)
+
+local_option = click.option(
+    "--local",
+    is_flag=True,
+    help="Use a whiteboard of this process alone, which needs no shared memory.",
 )
 
 recording_argument = click.argument("file", type=click.Path(path_type=Path))
+
+host_option = click.option(
+    "--host",
+    metavar="NAME",
+    default="",
+    callback=lambda _, __, value: checked_host(value),
+    help="Only what is of this host of the fleet.",
+)
+
+fleet_option = click.option("--fleet", is_flag=True, help="Also what is of all other hosts.")
+
+
+def checked_host(value: str) -> str:
+    """Return the name of a host; raise ``click.BadParameter`` for what cannot be one."""
+    try:
+        if value:
+            require_host_name(value)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+    return value
+
+
+topics_option = click.option(
+    "--config",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="A bridge's configuration: the slots of a bag's topics; by default, their names.",
+)
 
 slots_option = click.option(
     "--slots",
     metavar="GLOB",
     multiple=True,
     help="Only slots whose names match, as 'turtle1/*'. May be repeated.",
+)
+
+trust_option = click.option(
+    "--trust",
+    is_flag=True,
+    help="Run the machines that the file names, from the folder that it names.",
 )
 
 until_eof_option = click.option(
@@ -71,6 +178,19 @@ def output_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any
         default=".",
         help=f"Make {what} in this folder; by default the current one.",
     )
+
+
+def given_option(*names: str) -> str | None:
+    """Return the first of the command's parameters that its command line gives, as written there.
+
+    `names` are those of the parameters to look at.
+    """
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name in names and source is click.core.ParameterSource.COMMANDLINE:
+            return parameter.opts[-1]
+    return None
 
 
 def end_with_input() -> None:

@@ -50,6 +50,7 @@ _FILES = {
 
   <exec_depend>launch</exec_depend>
   <exec_depend>launch_ros</exec_depend>
+  <exec_depend>rclpy</exec_depend>
 
   <export>
     <build_type>ament_python</build_type>
@@ -83,7 +84,7 @@ install_scripts=$$base/lib/$name
     "resource/$name": "",
     "$name/__init__.py": "",
     "$name/run.py": '''\
-"""Run the machine, with the arguments of ``llfsm run``."""
+"""Run the machine as a node, with the arguments of ``llfsm run``."""
 
 import sys
 $imports
@@ -93,16 +94,9 @@ MACHINE = $machine
 
 
 def main() -> None:
-    """Run it without the arguments for ROS, which go from --ros-args to -- or the end."""
-    arguments, for_ros = [], False
-    for argument in sys.argv[1:]:
-        if argument == "--ros-args":
-            for_ros = True
-        elif for_ros:
-            for_ros = argument != "--"
-        else:
-            arguments.append(argument)
-    llfsm.main(["run", MACHINE, *arguments], prog_name="$name")
+    """Run it; the arguments of ROS are those from --ros-args to -- or the end."""
+    arguments = ["run", "--ros", "--node", "$name", MACHINE, *sys.argv[1:]]
+    llfsm.main(arguments, prog_name="$name")
 
 
 if __name__ == "__main__":

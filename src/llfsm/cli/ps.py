@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from contextlib import ExitStack
 from typing import NamedTuple
 
 import click
+from msgspec.structs import astuple
 
 from llfsm.runtime.presence.commanders import contested_slots, described
+from llfsm.runtime.presence.hosts import FleetReader, HostNames
 from llfsm.runtime.presence.remote import Directory, RemoteMachine
-from llfsm.whiteboard import BoardNotFoundError, Whiteboard, WhiteboardError
+from llfsm.runtime.presence.shown import Shown
+from llfsm.whiteboard import Board, BoardNotFoundError, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import Commander, MachineStatus
 from llfsm.whiteboard.shared import boards
 
-from .options import board_option
+from .options import BoardPlace, board_option, host_option
 
-__all__ = ["listings", "ps"]
+__all__ = ["listings", "ps", "shown_of"]
 
 
 class Listing(NamedTuple):
@@ -24,6 +28,7 @@ class Listing(NamedTuple):
 
     board: str
     machines: list[RemoteMachine]
+    hosts: HostNames
     contested: dict[str, list[Commander]]
     """The machines that command one slot, by slot, where there are several."""
 
@@ -34,26 +39,41 @@ _HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID", 
 @click.command()
 @board_option
 @click.option("-a", "--all", "every", is_flag=True, help="Those on every whiteboard of this host.")
+@click.option("--fleet", is_flag=True, help="Those of all hosts, with a column for the host.")
+@host_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per machine and line.")
-def ps(board: str, every: bool, as_json: bool) -> None:
+def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) -> None:
     """List the running machines of all processes.
 
-    A machine is `silent` if its process is stopped or has not ended a ringlet for a second.
+    A machine is `silent` if its process is stopped or has not ended a ringlet for a second. The
+    machines of other hosts are those that travel to this one; with --fleet or --host they do so.
 
     \b
     llfsm ps
     llfsm ps -a --json
+    llfsm ps --fleet
+    llfsm ps --host robot7
     """
-    used = (info.name for info in boards() if info.used)
-    found = listings(used) if every else [_listing(board)]
+    if every and (fleet or host):
+        raise click.UsageError(
+            "-a is for the whiteboards of this host; leave out --fleet or --host"
+        )
+    there = boards(board.directory) if every else ()
+    used = (board._replace(name=info.name) for info in there if info.used)
+    found = listings(used) if every else [_listing(board, fleet=fleet, host=host)]
     if as_json:
         for listing in found:
             for machine in listing.machines:
                 click.echo(json.dumps(_plain(listing, machine)))
         return
     rows = [(listing.board, machine) for listing in found for machine in listing.machines]
-    lines: list[tuple[str, ...]] = [("WHITEBOARD", *_HEADS) if every else _HEADS]
-    lines += [(name, *_row(machine)) if every else _row(machine) for name, machine in rows]
+    first = ("WHITEBOARD",) if every else ("HOST",) if fleet else ()
+    lines: list[tuple[str, ...]] = [(*first, *_HEADS)]
+    for listing in found:
+        for machine in listing.machines:
+            of = listing.hosts.of_machine(machine.name) or machine.status.host
+            first = (listing.board,) if every else (of,) if fleet else ()
+            lines.append((*first, *_row(machine)))
     if not any(machine.status.realtime for _, machine in rows):
         lines = [line[:-1] for line in lines]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -64,31 +84,61 @@ def ps(board: str, every: bool, as_json: bool) -> None:
         if machine.status.error:
             how = "hangs in" if machine.status.hung else "failed:"
             click.echo(f"{machine.name} {how} {machine.status.error}")
+        if machine.status.caller:
+            click.echo(f"{machine.name} is called by {machine.status.caller}")
+        for sensor, left_s in _overrides(machine).items():
+            until = "until it is released" if left_s is None else f"for {left_s:.0f} s more"
+            click.echo(f"{machine.name}: its sensor {sensor} is overridden, {until}")
+    for pid, why in {(machine.status.pid, machine.status.paused) for _, machine in rows}:
+        if why:
+            click.echo(f"the machines of process {pid} are paused: {why}")
     for listing in found:
         for slot, commanders in listing.contested.items():
             click.echo(described(slot, commanders))
 
 
-def listings(names: Iterable[str]) -> list[Listing]:
+def listings(places: Iterable[BoardPlace]) -> list[Listing]:
     """Return the machines on whiteboards.
 
     A whiteboard that no longer exists is skipped; one that cannot be read is reported on standard
     error.
     """
     found = []
-    for name in names:
+    for place in places:
         try:
-            found.append(_listing(name))
+            found.append(_listing(place))
         except BoardNotFoundError:
             continue
         except WhiteboardError as error:
-            click.echo(f"whiteboard {name!r}: {error}", err=True)
+            click.echo(f"whiteboard {place.name!r}: {error}", err=True)
     return found
 
 
-def _listing(name: str) -> Listing:
-    with Whiteboard(name, create=False) as wb:
-        return Listing(name, Directory(wb).machines(), contested_slots(wb))
+def _listing(place: BoardPlace, *, fleet: bool = False, host: str = "") -> Listing:
+    with place.open(create=False) as wb, ExitStack() as stack:
+        names = HostNames(wb)
+        if fleet or host:
+            require_host(stack.enter_context(FleetReader(wb, host, machines=True)))
+        machines = Directory(wb).machines()
+        if host:
+            machines = [each for each in machines if names.of_machine(each.name) == host]
+        return Listing(place.name, machines, names, contested_slots(wb))
+
+
+def shown_of(board: Board, host: str, *, fleet: bool = False) -> Shown:
+    """Return what is shown of a board; raise as `require_host` does."""
+    shown = Shown(board, host, fleet=fleet)
+    if shown.fleet is not None:
+        require_host(shown.fleet)
+    return shown
+
+
+def require_host(fleet: FleetReader) -> None:
+    """Wait for what is read; raise ``click.ClickException`` for a host that cannot be."""
+    fleet.settle()
+    problem = fleet.problem()
+    if problem:
+        raise click.ClickException(problem)
 
 
 def _row(machine: RemoteMachine) -> tuple[str, ...]:
@@ -105,29 +155,42 @@ def _row(machine: RemoteMachine) -> tuple[str, ...]:
     )
 
 
+def _overrides(machine: RemoteMachine) -> dict[str, float | None]:
+    """Return the overridden sensors, with the seconds that are left of each."""
+    silent_s = machine.silent_s
+    return {
+        sensor: None if left_s is None else max(0.0, round(left_s - silent_s, 3))
+        for sensor, left_s in map(astuple, machine.status.overridden)
+    }
+
+
 def _scheduling(status: MachineStatus) -> str:
     core = "" if status.cpu < 0 else f" on core {status.cpu}"
     return f"FIFO {status.realtime}{core}" if status.realtime else ""
 
 
 def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
-    status = machine.status
+    status, silent_s = machine.status, machine.silent_s  # one look at the clock for all times
     return {
         "whiteboard": listing.board,
         "machine": machine.name,
         "state": status.state,
         "status": machine.condition,
-        "in_state_s": round(machine.in_state_s, 3),
-        "silent_s": round(machine.silent_s, 3),
+        "in_state_s": round(status.in_state_s + silent_s, 3),
+        "silent_s": round(silent_s, 3),
         "ringlets": status.ringlets,
         "overruns": status.overruns,
         "pid": status.pid,
         "host": status.host,
+        "as": listing.hosts.of_machine(machine.name) or None,
         "realtime": status.realtime or None,
         "cpu": None if status.cpu < 0 else status.cpu,
+        "paused": status.paused,
+        "overridden": _overrides(machine),
+        "caller": status.caller,
         "error": status.error,
         "error_state": status.error_state,
-        "error_s": round(status.error_s + machine.silent_s, 3) if status.failed else None,
+        "error_s": round(status.error_s + silent_s, 3) if status.failed else None,
         "contested": [
             slot
             for slot, commanders in listing.contested.items()

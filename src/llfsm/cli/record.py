@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import logging
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from pathlib import Path
 
 import click
 
 from llfsm.bridges.recording.board_recorder import BoardRecorder
 from llfsm.bridges.recording.board_recorder import record as record_until
-from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.journal_recorder import JournalRecorder
 from llfsm.bridges.recording.writer import EVENTS, RecordingWriter
 from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.runtime.presence.hosts import HostNames
 from llfsm.whiteboard import (
     BoardClosedError,
-    BoardNotFoundError,
     Whiteboard,
     WhiteboardError,
 )
 from llfsm.whiteboard.liveness import host_name
 
-from .options import board_option, end_with_input, slots_option, until_eof_option
+from . import VERSION
+from .options import (
+    BoardPlace,
+    board_option,
+    end_with_input,
+    host_option,
+    slots_option,
+    until_eof_option,
+)
+from .ps import shown_of
 
 __all__ = ["record"]
 
@@ -44,13 +50,17 @@ _MB = 1_000_000
 )
 @board_option
 @slots_option
+@host_option
+@click.option("--cdr", is_flag=True, help="Make a bag for ROS's tools: CDR, no machines' events.")
 @click.option("--max-size", metavar="MB", type=click.FloatRange(0.001), help="End at this size.")
 @click.option("--max-time", metavar="S", type=click.FloatRange(0), help="End after this time.")
 @until_eof_option
 def record(
     output: Path,
-    board: str,
+    board: BoardPlace,
     slots: tuple[str, ...],
+    host: str,
+    cdr: bool,
     max_size: float | None,
     max_time: float | None,
     until_eof: bool,
@@ -60,29 +70,33 @@ def record(
     A whiteboard that does not exist yet is created. `llfsm view` and other MCAP tools can read the
     recording; if this process is killed, all but the last second. `llfsm rerun` can run machines
     again that start after the recorder; of machines that run already, events are recorded from
-    now on.
+    now on. With --cdr it is a bag, as of rosbag2: slots with ROS types only. Of another host of the
+    fleet, machines' statuses and variables are recorded, not their events.
 
     \b
     llfsm record -o run.mcap
     llfsm record -o poses.mcap --slots '*/pose' --max-time 60
+    llfsm record -o robot7.mcap --host robot7
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     if until_eof:
         end_with_input()
     about = {
-        "board": board,
+        "board": board.name,
         "host": host_name(),
-        "version": importlib.metadata.version("llfsm"),
+        "version": VERSION,
     }
     signals: list[str] = []  # that asked this process to end
     with (
         stop_on_signals(signals.append),
-        _opened(board) as wb,
-        RecordingWriter(output, about) as writer,
+        board.open(create=False) if host else board.opened() as wb,
+        nullcontext(shown_of(wb, host)) as shown,  # before there is a file
+        _writer(output, about, cdr) as writer,
     ):
-        recorder = BoardRecorder(wb, writer, slots)
-        journals = _receiver(wb, writer) if recorder.wants(EVENTS) else None
-        click.echo(f"recording the whiteboard {board!r} to {output}")
+        recorder = BoardRecorder(wb, writer, slots, shown)
+        has_events = recorder.wants(EVENTS) and not cdr and host in ("", HostNames(wb).own)
+        journals = _receiver(wb, writer) if has_events else None
+        click.echo(f"recording the whiteboard {board.name!r} to {output}")
         sys.stdout.flush()
         until = float("inf") if max_time is None else time.monotonic() + max_time
         largest = float("inf") if max_size is None else max_size * _MB
@@ -103,25 +117,13 @@ def record(
     click.echo(text, err=True)
 
 
-@contextmanager
-def _opened(name: str) -> Iterator[Whiteboard]:
-    """Open a board; create it if need be, so that later machines are recorded from their start.
+def _writer(output: Path, about: dict[str, str], cdr: bool) -> RecordingWriter:
+    if not cdr:
+        return RecordingWriter(output, about)
+    from llfsm.bridges.recording.bag_writer import BagWriter
+    from llfsm.bridges.ros2.types import TypeLibrary
 
-    A board created here is removed if an error prevents the recording.
-    """
-    try:
-        wb = Whiteboard(name, create=False)
-        made = False
-    except BoardNotFoundError:
-        wb = Whiteboard(name)
-        made = True
-    with wb:
-        try:
-            yield wb
-        except RecordingError:
-            if made and not wb.slots():
-                wb.remove()
-            raise
+    return BagWriter(output, about, TypeLibrary())
 
 
 def _receiver(board: Whiteboard, writer: RecordingWriter) -> JournalRecorder | None:

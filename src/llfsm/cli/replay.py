@@ -9,13 +9,15 @@ from pathlib import Path
 
 import click
 
+from llfsm.bridges.recording.bags import BagTopics
 from llfsm.bridges.recording.board_replay import BoardReplay
 from llfsm.bridges.recording.reader import Recording
 from llfsm.runtime.engine.signals import stop_on_signals
-from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.schema import to_plain
 
-from .options import board_option, recording_argument, slots_option
+from .bridge.configured import Configured
+from .options import BoardPlace, board_option, recording_argument, slots_option, topics_option
+from .tables import OWN_SLOTS
 
 __all__ = ["replay"]
 
@@ -24,6 +26,7 @@ __all__ = ["replay"]
 @recording_argument
 @board_option
 @slots_option
+@topics_option
 @click.option(
     "--speed",
     metavar="X",
@@ -40,11 +43,14 @@ __all__ = ["replay"]
     help="Begin at this second, with every slot as it was then.",
 )
 @click.option("--loop", is_flag=True, help="Start over at the end, until Ctrl-C.")
-@click.option("--step", is_flag=True, help="Post the messages of one ringlet at each Enter.")
+@click.option(
+    "--step", is_flag=True, help="At each Enter, go on to the next message or transition."
+)
 def replay(
     file: Path,
-    board: str,
+    board: BoardPlace,
     slots: tuple[str, ...],
+    config: Path | None,
     speed: float,
     from_s: float,
     loop: bool,
@@ -52,15 +58,17 @@ def replay(
 ) -> None:
     """Post the messages of a recording to a whiteboard, at their recorded times.
 
+    FILE may be a bag of rosbag2, too: an MCAP file, a .db3 file or the folder of a bag.
+
     Requests to machines, as to suspend, are left out unless --slots names their slots.
 
     \b
     llfsm replay run.mcap -b again --speed 2
     llfsm replay run.mcap --slots turtle1/pose --loop
     """
-    recording = _open(file, from_s)
+    recording = _open(file, config, from_s)
     signals: list[str] = []  # that asked this process to end
-    with stop_on_signals(signals.append), Whiteboard(board) as wb:
+    with stop_on_signals(signals.append), board.open() as wb:
         player = BoardReplay(recording, wb, slots)
 
         def is_over() -> bool:
@@ -75,8 +83,8 @@ def replay(
             again = loop
 
 
-def _open(file: Path, from_s: float) -> Recording:
-    recording = Recording(file)
+def _open(file: Path, config: Path | None, from_s: float) -> Recording:
+    recording = Recording(file, BagTopics(Configured.read(config).config))
     begin_ns, end_ns = recording.span_ns
     if from_s > (end_ns - begin_ns) / 1e9:
         raise click.UsageError(f"--from {from_s:g}: it ends after {(end_ns - begin_ns) / 1e9:g} s")
@@ -84,9 +92,13 @@ def _open(file: Path, from_s: float) -> Recording:
 
 
 def _step(player: BoardReplay, from_s: float, is_over: Callable[[], bool]) -> None:
+    """Post step by step, and wait for Enter after each in which something is to be seen."""
     for step in player.steps(from_s=from_s):
+        posted = [each for each in step.posted if not each.slot.startswith(OWN_SLOTS)]
+        if not (posted or step.moved):
+            continue
         click.echo(f"{step.now_ns / 1e9:.6f} s  {step.text}".rstrip())
-        for slot, message in step.posted:
+        for slot, message in posted:
             click.echo(f"  {slot} {json.dumps(to_plain(message), ensure_ascii=False)}")
         if is_over() or not sys.stdin.readline():
             return

@@ -1,4 +1,4 @@
-"""``llfsm suspend``, ``resume``, ``restart`` and ``stop``: requests to machines of any process."""
+"""``llfsm suspend``, ``resume``, ``restart``, ``reload``, ``stop``: requests to any machine."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from typing import NamedTuple
 import click
 
 from llfsm.runtime.engine.events import Status
-from llfsm.runtime.presence.remote import SILENT_S, Directory, is_live
-from llfsm.whiteboard import Board, Whiteboard
+from llfsm.runtime.presence.hosts import find_machine
+from llfsm.runtime.presence.remote import SILENT_S, is_live
+from llfsm.whiteboard import Board
 from llfsm.whiteboard.messages.llfsm import Action, MachineStatus, status_slot
 
-from .options import board_option
+from .options import BoardPlace, board_option
 
-__all__ = ["carry_out", "restart", "resume", "stop", "suspend"]
+__all__ = ["carry_out", "reload", "restart", "resume", "stop", "suspend"]
 
 _PATIENCE_S = 5.0  # a machine's next turn may be that far away; with a long period, further
+_LOADING_S = 60.0  # a bundle may include what takes long to import
 
 
 class _Outcome(NamedTuple):
@@ -36,6 +38,7 @@ _OUTCOMES: dict[Action, _Outcome] = {
     "suspend": _Outcome(loaded=True, suspended=True, text="is suspended"),
     "resume": _Outcome(loaded=True, suspended=False, text="is running"),
     "restart": _Outcome(loaded=True, suspended=False, text="is running again"),
+    "reload": _Outcome(loaded=True, suspended=False, text="is reloaded and running again"),
     "stop": _Outcome(loaded=False, suspended=False, text="has ended"),
 }
 
@@ -44,11 +47,11 @@ def carry_out(board: Board, name: str, action: Action, *, patience_s: float = _P
     """Request `action` of a machine and wait until it has taken effect.
 
     Return the state it is in then, "" if it has ended. Raise `UnknownMachineError` if there is no
-    such machine, and ``click.ClickException`` if it does not obey within `patience_s` seconds or
-    ends instead.
+    such machine, and ``click.ClickException`` if it does not obey within `patience_s` seconds,
+    refuses to or ends instead.
     """
     outcome = _OUTCOMES[action]
-    remote = Directory(board).find(name)
+    remote = find_machine(board, name)
     if remote.request(action) is Status.ERROR:
         raise click.ClickException(f"{name} is about to restart; try again after that")
     slot = board[status_slot(name)]
@@ -56,6 +59,8 @@ def carry_out(board: Board, name: str, action: Action, *, patience_s: float = _P
     while sample is not None and is_live(sample):
         status = sample.message
         if status.obeyed > remote.status.obeyed and not status.pending:
+            if action == "reload" and status.refusal:
+                raise click.ClickException(f"{name} is not reloaded: {status.refusal}")
             if outcome.holds(status):
                 return status.state
             if status.failed and not outcome.suspended:
@@ -63,9 +68,10 @@ def carry_out(board: Board, name: str, action: Action, *, patience_s: float = _P
                 raise click.ClickException(f"{name} has failed {again}: {status.error}")
         left = until - time.monotonic()
         if left <= 0:
+            does = "is paused: try `llfsm continue`" if status.paused else "see `llfsm ps`"
             raise click.ClickException(
                 f"{name} did not carry out the request within {patience_s:g} s; "
-                f"it is in {status.state}, see `llfsm ps`"
+                f"it is in {status.state}, {does}"
             )
         sample = slot.wait(after=sample.count, timeout=min(left, SILENT_S)) or slot.sample()
     if outcome.loaded:
@@ -79,12 +85,13 @@ def _command(action: Action, text: str) -> click.Command:
     @click.command(action, help=f"{text}\n\n\b\nllfsm {action} RosPingPong\n")
     @click.argument("machine")
     @board_option
-    def command(machine: str, board: str) -> None:
-        with Whiteboard(board, create=False) as wb:
-            status = Directory(wb).find(machine).status
+    def command(machine: str, board: BoardPlace) -> None:
+        with board.open(create=False) as wb:
+            status = find_machine(wb, machine).status
             if status.failed:
                 click.echo(f"{machine} had failed: {status.error}")
-            state = carry_out(wb, machine, action)
+            patience_s = _LOADING_S if action == "reload" else _PATIENCE_S
+            state = carry_out(wb, machine, action, patience_s=patience_s)
         click.echo(f"{machine} {_OUTCOMES[action].text}" + (f" in {state}" if state else ""))
 
     return command
@@ -93,6 +100,11 @@ def _command(action: Action, text: str) -> click.Command:
 suspend = _command("suspend", "Suspend a machine at its next turn, whichever process runs it.")
 resume = _command("resume", "Return a suspended machine to its last state, at its next turn.")
 restart = _command("restart", "Start a machine again from its initial state, at its next turn.")
+reload = _command(
+    "reload",
+    "Start a machine again as its bundle is now, in the folder it was loaded from.\n\n"
+    "It takes its turns while the bundle is loaded, and goes on as it is if that has an error.",
+)
 stop = _command(
     "stop",
     "Ask a machine to end; if it has not ended after a second, it is unloaded.\n\n"

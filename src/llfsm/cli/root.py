@@ -1,7 +1,8 @@
 """The command line's root: ``llfsm``, and ``clfsm`` as another name for ``llfsm run``.
 
-Commands are imported when they are called; see :mod:`.lazy`. Every error of llfsm is handled here:
-one line on standard error and exit status 1, or its traceback with ``--debug``.
+Commands are imported when they are called; see :mod:`.lazy`. Every error of llfsm, and each of a
+file that cannot be reached, is handled here: one line on standard error and exit status 1, or its
+traceback with ``--debug``.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import click
 
 from llfsm.errors import LlfsmError
 
+from . import VERSION
 from .lazy import LazyGroup
 
 __all__ = ["clfsm", "main"]
@@ -24,13 +26,29 @@ _COMMANDS = {
     "suspend": ("llfsm.cli.requests:suspend", "Suspend a running machine."),
     "resume": ("llfsm.cli.requests:resume", "Resume a suspended machine."),
     "restart": ("llfsm.cli.requests:restart", "Restart a running machine."),
+    "reload": ("llfsm.cli.requests:reload", "Load the bundle of a running machine again."),
     "stop": ("llfsm.cli.requests:stop", "Ask a machine to end."),
+    "debug": ("llfsm.cli.debug.command:debug", "Run machines from a prompt, step by step."),
+    "dap": ("llfsm.cli.dap.command:dap", "Let an editor debug machines."),
+    "pause": ("llfsm.cli.pausing:pause", "Pause running machines between two turns."),
+    "step": ("llfsm.cli.pausing:step", "Let paused machines go on for a turn, or further."),
+    "continue": ("llfsm.cli.pausing:continue_", "Let paused machines go on."),
+    "override": ("llfsm.cli.pausing:override", "Override a sensor of a running machine."),
+    "why": ("llfsm.cli.why:why", "Show why a running machine is in its state."),
     "check": ("llfsm.cli.check:check", "Check machines without running them."),
+    "verify": (
+        "llfsm.cli.verify.command:verify",
+        "Explore all that machines can do, and decide properties.",
+    ),
     "draw": ("llfsm.cli.draw:draw", "Draw a machine."),
     "show": ("llfsm.cli.show:show", "Show the states and transitions of a machine."),
     "import": (
         "llfsm.cli.import_bundle:import_",
         "Translate a bundle of C++ to Python.",
+    ),
+    "convert": (
+        "llfsm.cli.convert:convert",
+        "Make a bundle of a class, or a class of a bundle.",
     ),
     "package": (
         "llfsm.cli.package:package",
@@ -41,6 +59,7 @@ _COMMANDS = {
         "Simulate turtles, on a whiteboard or as a ROS 2 node.",
     ),
     "router": ("llfsm.cli.router:router", "Run a Zenoh router for ROS 2 nodes."),
+    "edit": ("llfsm.cli.edit:edit", "Draw and write a machine in the browser."),
     "view": ("llfsm.cli.view:view", "Show a whiteboard and its machines in the browser."),
     "record": ("llfsm.cli.record:record", "Record a whiteboard to a file."),
     "replay": ("llfsm.cli.replay:replay", "Replay a recording to a whiteboard."),
@@ -64,14 +83,18 @@ class _Root(LazyGroup):
         try:
             return super().invoke(ctx)
         except Exception as error:
-            if ctx.params["debug"] or not isinstance(error, LlfsmError):
+            if ctx.params["debug"]:
                 raise
-            raise click.ClickException(str(error)) from error
+            if isinstance(error, LlfsmError):
+                raise click.ClickException(str(error)) from error
+            if isinstance(error, OSError) and error.filename is not None:
+                raise click.ClickException(f"{error.filename}: {error.strerror}") from error
+            raise
 
 
 @click.group(cls=_Root, table=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.version_option(package_name="llfsm")
+@click.version_option(VERSION)
 def main(debug: bool) -> None:
     """Deterministic robot behaviours: state machines that pull from a typed whiteboard.
 

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from llfsm.bridges.ros2.defaults import DOMAINS, TRANSPORTS
-from llfsm.bridges.ros2.opening import open_transport
-from llfsm.bridges.ros2.transport import Transport
+from llfsm.bridges.ros2.errors import RosArgumentError
 
-from .options import board_option, supervised_options
+from .options import BoardPlace, board_option, supervised_options
+
+if TYPE_CHECKING:  # what commands that have such options need only with ROS
+    from llfsm.bridges.ros2.ros_arguments import RosArguments
+    from llfsm.bridges.ros2.transport import Transport
 
 __all__ = [
     "BridgeOptions",
     "Command",
+    "RosCommand",
     "bridge_options",
+    "check_ros_arguments",
     "domain_option",
     "open_chosen",
+    "ros_arguments",
     "ros_options",
     "transport_option",
 ]
@@ -27,13 +33,50 @@ __all__ = [
 Command = Callable[..., Any]
 
 
+_META = "llfsm.ros_arguments"
+_BEGIN = "--ros-args"
+
+
+class RosCommand(click.Command):
+    """A command that is a ROS node, and so takes ROS's arguments from ``--ros-args`` on."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the command's own arguments; keep those of ROS for :func:`ros_arguments`."""
+        if _BEGIN in args:
+            from llfsm.bridges.ros2.ros_arguments import split_ros_arguments
+
+            try:
+                args, ctx.meta[_META] = split_ros_arguments(args)
+            except RosArgumentError as error:
+                raise click.UsageError(str(error), ctx) from error
+        return super().parse_args(ctx, args)
+
+
+def ros_arguments() -> RosArguments:
+    """Return the arguments of ROS that the current command has got."""
+    from llfsm.bridges.ros2.ros_arguments import RosArguments
+
+    found: RosArguments = click.get_current_context().meta.get(_META, RosArguments())
+    return found
+
+
+def check_ros_arguments(*, ros: bool, **options: object) -> None:
+    """Refuse `options` that are given, and arguments of ROS, without ``--ros``."""
+    given = [f"--{name}" for name, value in options.items() if value is not None]
+    if _META in click.get_current_context().meta:
+        given.append(_BEGIN)
+    if given and not ros:
+        raise click.UsageError(f"--ros is needed for {given[0]}")
+
+
 class BridgeOptions(NamedTuple):
     """Which ROS graph and which whiteboard to connect, and how to run."""
 
+    node: str | None
     transport: str
     domain: int | None
     router: tuple[str, ...]
-    board: str
+    board: BoardPlace
     remove_board: bool
     until_eof: bool
     quiet: bool
@@ -53,16 +96,25 @@ def bridge_options(command: Command) -> Command:
         supervised_options,
         board_option,
         ros_options(),
+        click.option(
+            "--node", metavar="NAME", help="The bridge's name in ROS, as robot/llfsm_bridge."
+        ),
     ):
         optioned = option(optioned)
     return optioned
 
 
-def open_chosen(transport: str, domain: int | None, router: tuple[str, ...]) -> Transport:
+def open_chosen(
+    transport: str, domain: int | None, router: tuple[str, ...], enclave: str = ""
+) -> Transport:
     """Open the transport that the options name; raise :class:`.TransportError`."""
+    from llfsm.bridges.ros2.allocator import keep_freed_memory
+    from llfsm.bridges.ros2.opening import open_transport
+
     if router and transport == "rclpy":
         raise click.UsageError("--router is for --transport zenoh: rclpy has its own configuration")
-    return open_transport(transport, domain, router=router)
+    keep_freed_memory()
+    return open_transport(transport, domain, router=router, enclave=enclave)
 
 
 def ros_options(only: str = "") -> Callable[[Command], Command]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import click
 
 from llfsm.runtime.bundles import Bundle, Fragment, read_bundle
 from llfsm.runtime.bundles.cpp import without_comments
+from llfsm.runtime.converting.class_outline import declared_lines
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.source_text import body_of
 
 from .machine_names import find_bundle, find_machine
@@ -62,12 +62,7 @@ def _of_bundle(bundle: Bundle) -> Iterator[str]:
 def _of_class(cls: type[Machine]) -> Iterator[str]:
     table = cls.table
     yield f"{cls.__name__}: {_count(len(table.states))}, class {table.path}"
-    yield from _indented(_port(name, port) for name, port in table.sensors.items())
-    yield from _indented(_port(name, port) for name, port in table.actuators.items())
-    for variable in table.variables.values():
-        kind = variable.annotation
-        kind = kind if isinstance(kind, str) else getattr(kind, "__name__", repr(kind))
-        yield f"  {variable.name}: {kind} = {variable.default!r}"
+    yield from _indented(declared_lines(table))
     states = [
         _Shown(
             state.name,
@@ -119,11 +114,6 @@ def _declared(fragment: Fragment | None) -> list[str]:
 
 def _label(expression: Fragment | None) -> str:
     return "true" if expression is None else " ".join(expression.text.split())
-
-
-def _port(name: str, port: Sensor[Any, Any] | Actuator[Any]) -> str:
-    slot = port.slot
-    return f"{name} = {type(port).__name__}({slot.name!r}, {slot.type.__name__})"
 
 
 def _indented(lines: Iterable[str]) -> Iterator[str]:

@@ -8,9 +8,11 @@ import time
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from llfsm.runtime.presence.remote import Directory, RemoteMachine
-from llfsm.whiteboard import Message, Sample, Whiteboard
+from llfsm.runtime.presence.shown import Shown
+from llfsm.whiteboard import Board, Message, Sample
+from llfsm.whiteboard.messages.llfsm import status_slot
 from llfsm.whiteboard.messages.turtlesim import Pose
-from llfsm.whiteboard.poller import BoardPoller
+from llfsm.whiteboard.poller import BoardPoller, is_data
 from llfsm.whiteboard.schema import to_plain
 
 if TYPE_CHECKING:
@@ -26,12 +28,13 @@ _ARROWS = "→↗↑↖←↙↓↘"
 _STYLES = {
     "running": "bold green",
     "suspended": "yellow",
+    "paused": "bold magenta",
     "failed": "bold red",
     "hung": "bold red",
     "silent": "red",
 }
 _RATE_S = 1.0  # over which changes are counted
-_OWN = "llfsm/"  # slots of llfsm's own processes: machines have a table of their own
+OWN_SLOTS = "llfsm/"  # slots of llfsm's own processes: machines have a table of their own
 
 
 class SlotRow(NamedTuple):
@@ -53,18 +56,20 @@ class SlotRow(NamedTuple):
 
 
 class Watcher:
-    """Poll everything on a board that is shown."""
+    """Poll everything on a board that is shown; by default all."""
 
-    def __init__(self, board: Whiteboard) -> None:
+    def __init__(self, board: Board, shown: Shown | None = None) -> None:
         self._directory = Directory(board)
-        self._poller = BoardPoller(board, wants=lambda name: not name.startswith(_OWN))
+        self._shown = shown or Shown(board)
+        self._poller = BoardPoller(board, wants=self._is_shown)
         self._counted: dict[str, tuple[float, int]] = {}
         self._rates: dict[str, float] = {}
         self.trail: dict[tuple[int, int], None] = {}
 
     def machines(self) -> list[RemoteMachine]:
-        """Return the machines that run on the board."""
-        return self._directory.machines()
+        """Return the machines that run on the board, or on the host that is shown."""
+        found = self._directory.machines()
+        return [each for each in found if self._shown.has(status_slot(each.name).name)]
 
     def pose(self) -> Pose | None:
         """Return the pose of turtle1, and add it to the trail."""
@@ -78,11 +83,15 @@ class Watcher:
 
     def slots(self) -> list[SlotRow]:
         """Return all slots but those of llfsm's own processes."""
+        self._shown.look()
         self._poller.poll()
         return [
             SlotRow(slot.name, slot.sample, self._rate(slot.name, slot.count), slot.problem)
             for slot in self._poller.slots.values()
         ]
+
+    def _is_shown(self, slot: str) -> bool:
+        return is_data(slot) and not slot.startswith(OWN_SLOTS) and self._shown.has(slot)
 
     def _rate(self, name: str, count: int) -> float:
         now = time.monotonic()

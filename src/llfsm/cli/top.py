@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import click
 
 from llfsm.runtime.engine.signals import stop_on_signals
-from llfsm.whiteboard import Whiteboard
 
-from .options import board_option
+from .options import BoardPlace, board_option, fleet_option, host_option
+from .ps import shown_of
 from .tables import Watcher, machine_table, slot_table
 
 if TYPE_CHECKING:
@@ -26,37 +26,41 @@ _WIDTH = 10_000  # columns without a terminal: nothing is cut off
 
 @click.command()
 @board_option
+@fleet_option
+@host_option
 @click.option("--once", is_flag=True, help="Print everything once, after a second, and exit.")
-def top(board: str, once: bool) -> None:
+def top(board: BoardPlace, fleet: bool, host: str, once: bool) -> None:
     """Show a whiteboard's slots and machines, refreshed four times a second, until Ctrl-C.
 
     For each machine it shows what `llfsm ps` lists; for each slot the number of messages, their
-    rate, and the last one with its age and writer.
+    rate, and the last one with its age and writer. What other hosts have is shown as far as it
+    travels to this one; with --fleet or --host it does so.
 
     \b
     llfsm top -b demo
     llfsm top --once > board.txt
+    llfsm top --host robot7
     """
     from rich.console import Console
     from rich.live import Live
 
     signals: list[str] = []  # that asked this process to end
-    with Whiteboard(board, create=False) as wb, stop_on_signals(signals.append):
-        watcher = Watcher(wb)
+    with board.open(create=False) as wb, stop_on_signals(signals.append):
+        watcher = Watcher(wb, shown_of(wb, host, fleet=fleet))
         if once or not sys.stdout.isatty():
             watcher.slots()
             time.sleep(_COUNTING_S)  # a rate needs two looks, this far apart
             if sys.stdout.isatty():
-                Console(highlight=False).print(_screen(watcher, board))
+                Console(highlight=False).print(_screen(watcher, board.name))
             else:
-                _print(_screen(watcher, board))
+                _print(_screen(watcher, board.name))
             return
         with Live(auto_refresh=False, screen=True, vertical_overflow="crop") as live:
             while wb.alive and not signals:
-                live.update(_screen(watcher, board), refresh=True)
+                live.update(_screen(watcher, board.name), refresh=True)
                 time.sleep(_FRAME_S)
     if not signals:
-        raise click.ClickException(f"the whiteboard {board!r} was removed")
+        raise click.ClickException(f"the whiteboard {board.name!r} was removed")
 
 
 def _print(screen: RenderableType) -> None:

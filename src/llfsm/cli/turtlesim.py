@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import importlib.util
 import logging
-import signal
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 
 import click
-from click.core import ParameterSource
 
+from llfsm.bridges.ros2.errors import RosArgumentError
+from llfsm.bridges.ros2.ros_arguments import RosArguments
+from llfsm.bridges.ros2.rosout import ConsoleFormat, logger_name
 from llfsm.bridges.ros2.transport import Transport
 from llfsm.bridges.turtlesim.field import draw
 from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator, run
-from llfsm.whiteboard import Whiteboard
+from llfsm.runtime.engine.signals import StopRequest
 
-from .options import board_option, end_with_input, supervised_options
-from .ros_options import open_chosen, ros_options
+from .ending import ignore_interrupts, stop_for_good
+from .options import BoardPlace, board_option, end_with_input, given_option, supervised_options
+from .ros_options import RosCommand, check_ros_arguments, open_chosen, ros_arguments, ros_options
 
-__all__ = ["turtlesim"]
+__all__ = ["draw_field", "turtlesim"]
 
 _LOG = logging.getLogger("turtlesim").log
 
@@ -41,7 +41,7 @@ def _parse_turtle(_: click.Context, __: click.Parameter, texts: tuple[str, ...])
     return spawns
 
 
-@click.command()
+@click.command(cls=RosCommand)
 @click.option(
     "--turtle",
     "turtles",
@@ -60,19 +60,19 @@ def _parse_turtle(_: click.Context, __: click.Parameter, texts: tuple[str, ...])
     is_flag=True,
     help="Run as the ROS 2 node turtlesim, without a whiteboard.",
 )
+@click.option("--clock", is_flag=True, help="Publish the simulated time on /clock (with --ros).")
 @ros_options(" (with --ros)")
 @board_option
 @supervised_options
-@click.pass_context
 def turtlesim(
-    context: click.Context,
     turtles: list[_Spawn],
     picture: Path | None,
     ros: bool,
+    clock: bool,
     transport: str,
     domain: int | None,
     router: tuple[str, ...],
-    board: str,
+    board: BoardPlace,
     until_eof: bool,
     remove_board: bool,
 ) -> None:
@@ -80,53 +80,61 @@ def turtlesim(
 
     For each turtle it reads <turtle>/cmd_vel and posts <turtle>/pose and <turtle>/color_sensor
     62.5 times a second; it answers requests on turtle_position/request. With --ros it runs as the
-    node turtlesim instead, with all of its topics, services, parameters and its action.
+    node turtlesim instead, with all of its topics, services, parameters and its action, and takes
+    the arguments of ROS after --ros-args.
 
     \b
     llfsm turtlesim --turtle bob,2,2,0
     llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 2}}'
     llfsm turtlesim --ros --transport zenoh
     """
-    _check_options(context, "ros" if ros else "board")
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
-    over = False
-
-    def end(_: int, __: FrameType | None) -> None:
-        nonlocal over
-        over = True
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+    _check_options("ros" if ros else "board")
+    check_ros_arguments(ros=ros)
+    arguments = ros_arguments()
+    logging.basicConfig(
+        level=logging.INFO,
+        format="%(message)s",
+        handlers=[logging.StreamHandler() if arguments.stdout else logging.NullHandler()],
+    )
+    asked = StopRequest()
+    stop_for_good(asked.make)
     if until_eof:
         end_with_input()
     if ros:
-        with open_chosen(transport, domain, router) as opened:
-            simulator = _run_on_ros(opened, turtles, lambda: over)
+        with open_chosen(transport, domain, router, arguments.enclave) as opened:
+            simulator = _run_on_ros(opened, turtles, asked.is_made, arguments, clock)
     else:
-        simulator = _run_on_board(board, turtles, lambda: over, remove_board)
+        simulator = _run_on_board(board, turtles, asked.is_made, remove_board)
+    ignore_interrupts()
     if picture is not None:
-        if not picture.suffix and importlib.util.find_spec("PIL") is None:
-            picture = picture.with_suffix(".svg")  # what this installation can draw
-        for path in draw(simulator, picture):
+        for path in draw_field(simulator, picture):
             click.echo(f"drawn: {path}", err=True)
 
 
-def _check_options(context: click.Context, world: str) -> None:
+def draw_field(simulator: Simulator, picture: Path) -> tuple[Path, ...]:
+    """Draw the field into the file, or into what this installation can draw; return what it is."""
+    if not picture.suffix and importlib.util.find_spec("PIL") is None:
+        picture = picture.with_suffix(".svg")
+    return draw(simulator, picture)
+
+
+def _check_options(world: str) -> None:
     """Refuse the options that apply to the other of the two worlds only."""
-    other = {"ros": ("board", "remove_board"), "board": ("transport", "domain", "router")}[world]
-    flags = {param.name: param.opts[-1] for param in context.command.params}
-    for name in other:
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            hint = "touches no whiteboard: leave out" if world == "ros" else "is needed for"
-            raise click.UsageError(f"--ros {hint} {flags[name]}")
+    other = {
+        "ros": ("board", "directory", "remove_board"),
+        "board": ("clock", "transport", "domain", "router"),
+    }[world]
+    if flag := given_option(*other):
+        hint = "touches no whiteboard: leave out" if world == "ros" else "is needed for"
+        raise click.UsageError(f"--ros {hint} {flag}")
 
 
 def _run_on_board(
-    name: str, turtles: list[_Spawn], is_over: Callable[[], bool], remove: bool
+    place: BoardPlace, turtles: list[_Spawn], is_over: Callable[[], bool], remove: bool
 ) -> Simulator:
     simulator = Simulator(log=_LOG)
     _spawn(turtles, simulator.spawn)
-    with Whiteboard(name) as board:
+    with place.open() as board:
         try:
             run(TurtlesimNode(simulator, board).step, lambda: is_over() or not board.alive)
         finally:
@@ -136,11 +144,22 @@ def _run_on_board(
 
 
 def _run_on_ros(
-    transport: Transport, turtles: list[_Spawn], is_over: Callable[[], bool]
+    transport: Transport,
+    turtles: list[_Spawn],
+    is_over: Callable[[], bool],
+    arguments: RosArguments,
+    clock: bool,
 ) -> Simulator:
     from llfsm.bridges.turtlesim.ros import RosTurtlesim
 
-    node = RosTurtlesim(transport, log=_LOG)
+    names = arguments.names("turtlesim")
+    logging.getLogger().setLevel(arguments.log_level(names.full_node))
+    for handler in logging.getLogger().handlers:
+        handler.setFormatter(ConsoleFormat(logger_name(names.full_node)))
+    try:
+        node = RosTurtlesim(transport, _LOG, arguments, clock=clock)
+    except RosArgumentError as error:
+        raise click.UsageError(str(error)) from error
     _spawn(turtles, node.spawn)
     run(node.step, lambda: is_over() or transport.closed)
     return node.simulator

@@ -11,12 +11,15 @@ from msgspec.structs import replace
 
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan, make_plan
+from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.plans.toml_files import line_of, read_toml
-from llfsm.whiteboard import BoardNotFoundError, Whiteboard
+from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board import SlotInfo
 
-__all__ = ["BadConfigurationError", "Configured", "slots_on"]
+from ..options import BoardPlace
+
+__all__ = ["BadConfigurationError", "Configured", "Findings", "slots_on"]
 
 
 class BadConfigurationError(click.ClickException):
@@ -25,13 +28,21 @@ class BadConfigurationError(click.ClickException):
     exit_code = 2
 
 
-def slots_on(board: str) -> list[SlotInfo]:
+def slots_on(board: BoardPlace) -> list[SlotInfo]:
     """Return the slots of a whiteboard; none if it does not exist."""
     try:
-        with Whiteboard(board, create=False) as wb:
+        with board.open(create=False) as wb:
             return wb.slots()
     except BoardNotFoundError:
         return []
+
+
+class Findings(NamedTuple):
+    """What was found in a configuration: a line for each, with its place."""
+
+    faults: list[str]
+    warnings: list[str]
+    notes: list[str]
 
 
 class Configured(NamedTuple):
@@ -51,25 +62,43 @@ class Configured(NamedTuple):
         relays = (*config.relay, *(relay for _, relay in flags))
         return cls(replace(config, relay=relays), file, tuple(text for text, _ in flags))
 
-    def plan(self, slots: list[SlotInfo]) -> BridgePlan:
-        """Return the plan for a board with these slots; raise `BadConfigurationError`."""
-        plan, faults = self.examine(slots)
-        if faults:
-            more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-            raise BadConfigurationError(faults[0] + more)
+    def named(self, node: str | None) -> Self:
+        """Return it with another name of the bridge's node, if one is given."""
+        return self if node is None else self._replace(config=replace(self.config, node=node))
+
+    def plan(self, slots: list[SlotInfo], arguments: RosArguments) -> BridgePlan:
+        """Return the plan for a board with these slots, and print its warnings and notes.
+
+        Raise `BadConfigurationError`.
+        """
+        plan, findings = self.examine(slots, arguments)
+        if findings.faults:
+            more = f" (and {len(findings.faults) - 1} more)" if len(findings.faults) > 1 else ""
+            raise BadConfigurationError(findings.faults[0] + more)
+        for line in (*findings.warnings, *findings.notes):
+            click.echo(line, err=True)
         return plan
 
-    def examine(self, slots: list[SlotInfo]) -> tuple[BridgePlan, list[str]]:
-        """Return the plan, and a line for each fault of the configuration."""
+    def examine(
+        self,
+        slots: list[SlotInfo],
+        arguments: RosArguments = RosArguments(),  # noqa: B008 (immutable)
+    ) -> tuple[BridgePlan, Findings]:
+        """Return the plan, and what was found in the configuration."""
         folder = Path() if self.file is None else self.file.parent
-        plan, faults = make_plan(self.config, folder, slots)
-        return plan, [self._located(fault) for fault in faults]
+        plan, faults = make_plan(self.config, folder, slots, arguments)
+        return plan, Findings(
+            [self._located(fault) for fault in faults],
+            [self._located(each, "warning: ") for each in plan.warnings],
+            [self._located(each, "note: ") for each in plan.notes],
+        )
 
-    def _located(self, fault: ConfigurationError) -> str:
+    def _located(self, fault: ConfigurationError, kind: str = "") -> str:
+        what = kind + fault.what
         match fault.where:
             case "relay", int(i), *_ if i >= len(self.config.relay) - len(self.flags):
-                return f"{self.flags[i - len(self.config.relay)]}: {fault.what}"
+                return f"{self.flags[i - len(self.config.relay)]}: {what}"
         if self.file is None:
-            return fault.what
+            return what
         line = line_of(self.file.read_text(encoding="utf-8"), fault.where)
-        return str(ConfigurationError(fault.what, file=self.file, line=line))
+        return str(ConfigurationError(what, file=self.file, line=line))

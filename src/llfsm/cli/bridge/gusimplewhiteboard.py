@@ -22,7 +22,9 @@ from llfsm.bridges.gusimplewhiteboard.relay_configuration import (
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
-from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.board_files import default_name
+
+from ..options import BoardPlace, directory_option
 
 __all__ = ["gusimplewhiteboard"]
 
@@ -48,6 +50,7 @@ _METAVAR = "NUMBER SLOT TYPE LAYOUT"
     metavar="NAME",
     help="The whiteboard; by default the file's, $WHITEBOARD_NAME, or `whiteboard`.",
 )
+@directory_option
 @click.option(
     "--period-ms",
     type=click.FloatRange(0, min_open=True),
@@ -55,7 +58,12 @@ _METAVAR = "NUMBER SLOT TYPE LAYOUT"
     help="The period of polling; by default 5.",
 )
 def gusimplewhiteboard(
-    config_file: Path | None, in_: _Relays, out: _Relays, both: _Relays, **given: str | float | None
+    config_file: Path | None,
+    in_: _Relays,
+    out: _Relays,
+    both: _Relays,
+    directory: str,
+    **given: str | float | None,
 ) -> None:
     """Relay slots to and from a gusimplewhiteboard of version 2207, until Ctrl-C.
 
@@ -82,15 +90,15 @@ def gusimplewhiteboard(
         check_configuration(config)
     except ConfigurationError as error:
         raise click.UsageError(str(error)) from error
-    _relay(config)
+    _relay(config, BoardPlace(config.board or default_name(), directory))
 
 
-def _relay(config: RelayConfiguration) -> None:
+def _relay(config: RelayConfiguration, place: BoardPlace) -> None:
     asked, period_s = StopRequest(), config.period_ms / 1000
     with (
         closing(GuWhiteboard(config.file)) as foreign,
-        Whiteboard(config.board) as board,
-        GuardThread(board.name),
+        place.open() as board,
+        GuardThread(*place),
     ):
         relays = [
             Relay(foreign, configured.number, board, *configured.resolve(), configured.direction)

@@ -8,20 +8,20 @@ import click
 
 from llfsm.bridges.ros2.bridging.bridge_config import Direction, RelayConfig
 
-from ..ros_options import BridgeOptions, bridge_options
+from ..ros_options import BridgeOptions, RosCommand, bridge_options
 from .configured import Configured
 from .running import run_bridge
 
 __all__ = ["ros2"]
 
 
-@click.command()
+@click.command(cls=RosCommand)
 @click.option(
     "--config",
     "file",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="What to connect, as TOML; see docs/ros2.md.",
+    help="What to connect, as TOML; see docs/how-to/ros2.md.",
 )
 @click.option(
     "--to-ros",
@@ -46,6 +46,8 @@ def ros2(
     options: BridgeOptions,
 ) -> None:
     """Relay messages between slots and topics, and serve services, until Ctrl-C.
+
+    It is a node, and takes the arguments of ROS after --ros-args.
 
     \b
     llfsm bridge ros2 --config bridge.toml

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import logging
-import sys
 import time
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 
 import click
 
 from llfsm.bridges.ros2.bridging.bridge import Bridge
-from llfsm.bridges.ros2.errors import DomainIdError
+from llfsm.bridges.ros2.errors import DomainIdError, RosArgumentError
+from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import SlotTypeError, Whiteboard
 
+from ..ending import ending_once, stop_for_good
 from ..options import end_with_input
-from ..ros_options import BridgeOptions, open_chosen
+from ..ros_options import BridgeOptions, open_chosen, ros_arguments
 from .configured import BadConfigurationError, Configured, slots_on
 from .counts import show_until
 
@@ -29,31 +30,43 @@ _MEET_S = 1.0  # for the robot's nodes to find the bridge's: a safe value must n
 def run_bridge(configured: Configured, options: BridgeOptions) -> None:
     """Run a bridge until SIGINT, SIGTERM or the removal of its whiteboard.
 
-    After the first signal it still relays for a while, for machines that post a stop at their end;
-    a second signal cuts that short.
+    After the first signal it still relays for a while, for machines that post a stop at their end.
+    Once it relays, a second signal changes nothing.
     """
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    arguments = ros_arguments()
+    logging.basicConfig(
+        level=logging.INFO,
+        format="%(message)s",
+        handlers=[logging.StreamHandler() if arguments.stdout else logging.NullHandler()],
+    )
     try:
-        _run(configured, options)
-    except (DomainIdError, SlotTypeError) as error:
+        asked, named = StopRequest(), configured.named(options.node)
+        ending_once(lambda: _run(named, options, arguments, asked), asked.is_made)
+    except (DomainIdError, RosArgumentError, SlotTypeError) as error:
         raise BadConfigurationError(str(error)) from error
 
 
-def _run(configured: Configured, options: BridgeOptions) -> None:
-    asked = StopRequest()
-    with suppress(KeyboardInterrupt), stop_on_signals(lambda _: asked.make()), ExitStack() as stack:
-        plan = configured.plan(slots_on(options.board))
+def _run(
+    configured: Configured, options: BridgeOptions, arguments: RosArguments, asked: StopRequest
+) -> None:
+    with stop_on_signals(lambda _: asked.make()), ExitStack() as stack:
+        plan = configured.plan(slots_on(options.board), arguments)
+        logging.getLogger().setLevel(arguments.log_level(plan.node.full_node))
         transport = stack.enter_context(
-            open_chosen(options.transport, options.domain, options.router)
+            open_chosen(options.transport, options.domain, options.router, arguments.enclave)
         )
-        board = stack.enter_context(Whiteboard(options.board))
+        board = stack.enter_context(options.board.open())
         if options.remove_board:
             stack.callback(board.remove)
         bridge = Bridge(plan, board, transport)
         stack.callback(bridge.close)
-        stack.enter_context(GuardThread(board.name, after_s=_MEET_S))
+        if arguments.rosout:
+            logging.getLogger().addHandler(bridge.log)
+            stack.callback(logging.getLogger().removeHandler, bridge.log)
+        stack.enter_context(GuardThread(*options.board, after_s=_MEET_S))
         if options.until_eof:
             end_with_input()
+        stop_for_good(asked.make)
         where = f"ROS domain {transport.domain}, whiteboard {board.name}"
         click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)
         _stay(bridge, board, asked, options.quiet)

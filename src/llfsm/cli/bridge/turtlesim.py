@@ -6,14 +6,14 @@ import click
 
 from llfsm.bridges.ros2.bridging.bridge_config import turtlesim_config
 
-from ..ros_options import BridgeOptions, bridge_options
+from ..ros_options import BridgeOptions, RosCommand, bridge_options
 from .configured import Configured
 from .running import run_bridge
 
 __all__ = ["turtlesim"]
 
 
-@click.command()
+@click.command(cls=RosCommand)
 @click.option(
     "--turtle",
     "turtles",
@@ -26,6 +26,8 @@ __all__ = ["turtlesim"]
 @bridge_options
 def turtlesim(turtles: tuple[str, ...], options: BridgeOptions) -> None:
     """Connect machines with the turtles of turtlesim_node, until Ctrl-C.
+
+    It is a node, and takes the arguments of ROS after --ros-args.
 
     For each turtle, <turtle>/cmd_vel is published to ROS, and <turtle>/pose and
     <turtle>/color_sensor are received from it. The slot pinpong is published on the topic pinpong.

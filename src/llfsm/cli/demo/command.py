@@ -6,18 +6,20 @@ import signal
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
 
 import click
 
-from llfsm.whiteboard import BoardError, BoardNotFoundError
+from llfsm.whiteboard import BoardError, BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.shared import boards
 
-from ..view import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
+from ..options import BoardPlace, board_option, given_option, local_option
+from ..page import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
+from ..tables import Watcher
 from .processes import Processes
 from .ros_graph import RosGraph, ros_options
 from .screen import LiveBoard, show
@@ -60,9 +62,7 @@ class _EndError(Exception):
     help="Draw the turtle's path: FILE.svg, FILE.png, or both if FILE has no suffix; by default "
     "demo-NAME.",
 )
-@click.option(
-    "-b", "--board", metavar="NAME", default="demo", show_default=True, help="The whiteboard."
-)
+@board_option(default="demo")
 @click.option("--view", is_flag=True, help="Show it on a page as well, and print its address.")
 @click.option(
     "--record",
@@ -70,14 +70,16 @@ class _EndError(Exception):
     type=click.Path(path_type=Path),
     help="Record it for llfsm rerun; not with --ros.",
 )
+@local_option
 @ros_options
 def demo(
     name: str,
     seconds: float | None,
     target: Path | None,
-    board: str,
+    board: BoardPlace,
     view: bool,
     record: Path | None,
+    local: bool,
     graph: RosGraph | None,
 ) -> None:
     """Watch machines and a turtle simulator, each in a process, work on one whiteboard.
@@ -92,6 +94,7 @@ def demo(
     the bridge and the machines. A process that is killed is started again, and the turtle goes on.
 
     \b
+    llfsm demo wall --local     # in one process, also on systems other than Linux
     llfsm demo wall --ros
     llfsm demo wall --ros --no-simulator    # with: ros2 run turtlesim turtlesim_node
     """
@@ -101,29 +104,70 @@ def demo(
         raise click.UsageError("--picture: a simulator draws the path, and this demo has none")
     if record is not None and graph is not None:
         raise click.UsageError("--record is not for --ros: a restarted recorder needs a new file")
+    if local and (other := given_option("board", "directory", "record", "ros")):
+        raise click.UsageError(f"--local shares nothing with other processes: leave out {other}")
     target = target or Path(f"demo-{name}")
-    where = f"whiteboard {board!r}" if graph is None else f"whiteboard {board!r}, {graph}"
-    title = f"llfsm demo {name}: {chosen.text} ({where})"
-    token = page_token() if view else ""
-    _clear(board)
-    with _ending_on_signals(), LiveBoard(board) as live:
-        try:
-            with _processes(graph, {TOKEN_VARIABLE: token} if view else {}) as processes:
-                if graph is None:
-                    _start(processes, chosen, board, target, record)
-                else:
-                    _start_on_ros(processes, chosen, board, target, graph)
-                if view:
-                    port = _free_port()
-                    processes.start("page", "view", "-b", board, "--no-open", "--port", str(port))
-                    title += f"\nin the browser: {page_address('127.0.0.1', port, token)}"
-                show(live, processes, title, seconds)
-        except _EndError:
-            pass
+    token = page_token() if view else None
+    title = f"llfsm demo {name}: {chosen.text}"
+    with _ending_on_signals():
+        if local:
+            _run_locally(chosen, title, seconds, target, token)
+        else:
+            _run(chosen, title, seconds, target, token, board, record, graph)
     if draws:
         endings = [""] if target.suffix else [".png", ".svg"]
         for path in filter(Path.exists, (Path(f"{target}{ending}") for ending in endings)):
             click.echo(f"the turtle's path: {path}")
+
+
+def _run(
+    chosen: _Demo,
+    title: str,
+    seconds: float | None,
+    target: Path,
+    token: str | None,
+    board: BoardPlace,
+    record: Path | None,
+    graph: RosGraph | None,
+) -> None:
+    where = f"whiteboard {board.name!r}" if graph is None else f"whiteboard {board.name!r}, {graph}"
+    title = f"{title} ({where})"
+    environment = {} if token is None else {TOKEN_VARIABLE: token}
+    _clear(board)
+    with LiveBoard(board) as live, _processes(graph, environment) as processes:
+        if graph is None:
+            _start(processes, chosen, board, target, record)
+        else:
+            _start_on_ros(processes, chosen, board, target, graph)
+        if token is not None:
+            port = _free_port()
+            processes.start("page", "view", *board.arguments, "--no-open", "--port", str(port))
+            title += f"\nin the browser: {page_address('127.0.0.1', port, token)}"
+        show(live.watcher, processes, title, seconds)
+
+
+def _run_locally(
+    chosen: _Demo, title: str, seconds: float | None, target: Path, token: str | None
+) -> None:
+    from llfsm.bridges.turtlesim.simulator import Simulator  # here, as other demos run none
+
+    from ..turtlesim import draw_field
+    from .local import Threads
+
+    with ExitStack() as stack:
+        board = stack.enter_context(Whiteboard.local("demo"))
+        simulator = Simulator()
+        if chosen.with_turtle:
+            stack.callback(draw_field, simulator, target)
+        threads = stack.enter_context(Threads(board))
+        if chosen.with_turtle:
+            threads.start_simulator(simulator)
+        threads.start_machines(chosen.machines)
+        title += " (one process)"
+        if token is not None:
+            title += f"\nin the browser: {threads.start_page(token)}"
+        watcher = Watcher(board)
+        show(lambda: watcher, threads, title, seconds)
 
 
 def _free_port() -> int:
@@ -143,10 +187,10 @@ def _processes(graph: RosGraph | None, environment: dict[str, str]) -> Processes
 
 
 def _start(
-    processes: Processes, chosen: _Demo, board: str, target: Path, record: Path | None
+    processes: Processes, chosen: _Demo, board: BoardPlace, target: Path, record: Path | None
 ) -> None:
     """Start a demo on a whiteboard; one process removes it if this one is killed."""
-    on_board = ("--board", board)
+    on_board = board.arguments
     if chosen.with_turtle:
         processes.start(
             "simulator", "turtlesim", *on_board, "--picture", str(target), "--remove-board"
@@ -157,30 +201,31 @@ def _start(
 
 
 def _start_on_ros(
-    processes: Processes, chosen: _Demo, board: str, target: Path, graph: RosGraph
+    processes: Processes, chosen: _Demo, board: BoardPlace, target: Path, graph: RosGraph
 ) -> None:
     graph.start_router(processes)
     if chosen.with_turtle:
         graph.start_simulator(processes, target)
     graph.start_bridge(processes, board)
-    processes.start("machine", "run", *chosen.machines, "-q", "--board", board)
+    processes.start("machine", "run", *chosen.machines, "-q", *board.arguments)
 
 
-def _clear(board: str) -> None:
+def _clear(board: BoardPlace) -> None:
     """Remove the board that a killed run left; raise `BoardError` if a process uses it."""
     until = time.monotonic() + _PATIENCE_S
     while True:
-        there = {info.name: info.used for info in boards()}
-        if board not in there:
+        there = {info.name: info.used for info in boards(board.directory)}
+        if board.name not in there:
             return
-        if not there[board]:
-            click.echo(f"removing the whiteboard {board!r} that an earlier run left", err=True)
+        if not there[board.name]:
+            click.echo(f"removing the whiteboard {board.name!r} that an earlier run left", err=True)
             with suppress(BoardNotFoundError):  # its last process has just removed it
-                remove_board(board)
+                remove_board(*board)
             return
         if time.monotonic() > until:
             raise BoardError(
-                f"the whiteboard {board!r} is in use; end its processes, or choose another --board"
+                f"the whiteboard {board.name!r} is in use; end its processes, "
+                f"or choose another --board"
             )
         time.sleep(0.05)  # nothing signals that the last process has closed a board
 

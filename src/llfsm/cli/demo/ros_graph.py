@@ -12,6 +12,7 @@ import click
 from llfsm.bridges.ros2.defaults import ROUTER, TRANSPORTS, default_domain, needs_router
 from llfsm.bridges.ros2.router import loopback_address, serves
 
+from ..options import BoardPlace
 from ..ros_options import Command, domain_option, transport_option
 from .processes import Processes
 
@@ -61,9 +62,9 @@ class RosGraph(NamedTuple):
             options = ("--ros", *self._options())
             processes.start("simulator", "turtlesim", *options, "--picture", str(picture))
 
-    def start_bridge(self, processes: Processes, board: str) -> None:
+    def start_bridge(self, processes: Processes, board: BoardPlace) -> None:
         """Start the bridge; it removes the board if this process is killed."""
-        on_board = ("--board", board, "--remove-board")
+        on_board = (*board.arguments, "--remove-board")
         processes.start("bridge", "bridge", "turtlesim", "--quiet", *self._options(), *on_board)
 
     def _domain(self) -> int | None:

@@ -5,23 +5,36 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Protocol, Self
 
 import click
 
-from llfsm.whiteboard import Whiteboard
-
+from ..options import BoardPlace
 from ..tables import Watcher, machine_table, slot_table, turtle_field
-from .processes import Processes, ProcessStatus
+from .processes import ProcessStatus
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["LiveBoard", "show"]
+__all__ = ["LiveBoard", "Parts", "show"]
 
 _FRAME_S = 0.1
 _NEWS = 5  # lines of it on the terminal
+
+
+class Parts(Protocol):
+    """The parts of a running demo: processes, or threads of this one."""
+
+    reports: deque[str]
+
+    def statuses(self) -> list[ProcessStatus]:
+        """Return the status of each part."""
+        ...
+
+    def wait(self, seconds: float) -> None:
+        """Wait while the parts work."""
+        ...
 
 
 class LiveBoard:
@@ -30,12 +43,12 @@ class LiveBoard:
     A process of the demo that ends removes it as well; then it is created again.
     """
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, place: BoardPlace) -> None:
+        self._place = place
         self._open()
 
     def _open(self) -> None:
-        self._board = Whiteboard(self._name)
+        self._board = self._place.open()
         self._watcher = Watcher(self._board)
 
     def __enter__(self) -> Self:
@@ -53,7 +66,7 @@ class LiveBoard:
         return self._watcher
 
 
-def show(board: LiveBoard, processes: Processes, title: str, seconds: float | None) -> None:
+def show(watcher: Callable[[], Watcher], parts: Parts, title: str, seconds: float | None) -> None:
     """Show a demo for `seconds`: as a screen on a terminal, else a line for each change."""
     started = time.monotonic()
     until = float("inf") if seconds is None else started + seconds
@@ -67,30 +80,30 @@ def show(board: LiveBoard, processes: Processes, title: str, seconds: float | No
         news: deque[str] = deque(maxlen=_NEWS)
         with Live(auto_refresh=False) as live:
             while time.monotonic() < until:
-                news.extend(map(timed, _reports(processes)))
-                shown = _picture(board.watcher(), title, processes.statuses(), news)
+                news.extend(map(timed, _reports(parts)))
+                shown = _picture(watcher(), title, parts.statuses(), news)
                 live.update(shown, refresh=True)
-                processes.wait(_FRAME_S)
+                parts.wait(_FRAME_S)
         return
     click.echo(title)
     printed: dict[str, str] = {}
     while time.monotonic() < until:
-        for report in _reports(processes):
+        for report in _reports(parts):
             click.echo(timed(report))
-        watcher = board.watcher()
-        pose = watcher.pose()
+        watched = watcher()
+        pose = watched.pose()
         where = "" if pose is None else f"  turtle1 at ({pose.x:.2f}, {pose.y:.2f})"
-        states = {machine.name: machine.state for machine in watcher.machines()}
+        states = {machine.name: machine.state for machine in watched.machines()}
         for machine, state in states.items():
             if printed.get(machine) != state:
                 click.echo(timed(f"{machine}: {state}{where}"))
         printed = states
-        processes.wait(_FRAME_S / 2)
+        parts.wait(_FRAME_S / 2)
 
 
-def _reports(processes: Processes) -> Iterator[str]:
-    while processes.reports:
-        yield processes.reports.popleft()
+def _reports(parts: Parts) -> Iterator[str]:
+    while parts.reports:
+        yield parts.reports.popleft()
 
 
 def _picture(

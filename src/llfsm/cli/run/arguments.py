@@ -28,7 +28,8 @@ class ResolvedPlan:
 
     def __init__(self, plan: Plan, folders: Sequence[Path], source: str = ""):
         found = [_find(planned, folders, source) for planned in plan.machines]
-        self.classes = dict(zip(names_of(plan, found), found, strict=True))
+        names = names_of(plan, [cls.__name__ for cls in found])
+        self.classes = dict(zip(names, found, strict=True))
         self.plan = plan
         beside = [Path(cls.table.path) for cls in found]
         bundles = [path.parent for path in beside if path.suffix == SUFFIX]

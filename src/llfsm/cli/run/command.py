@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import logging
-import sys
+import os
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import click
 from msgspec.structs import replace
 
-from llfsm.runtime.engine.events import Reason
-from llfsm.runtime.plans.plan import Plan, assemble
+from llfsm.runtime.engine.clock import Clock, DebugClock
+from llfsm.runtime.engine.environment import Environment
+from llfsm.runtime.plans.plan import Plan
+from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard
 
-from ..options import board_option, end_with_input, supervised_options
+from .. import VERSION
+from ..ending import ignore_interrupts
+from ..options import (
+    BoardPlace,
+    board_option,
+    break_option,
+    end_with_input,
+    given_option,
+    local_option,
+    supervised_options,
+)
+from ..ros_options import RosCommand, check_ros_arguments, open_chosen, ros_arguments, ros_options
 from .arguments import parse_arguments
 from .nonstop import run_nonstop
-from .recorder_process import recorded
-from .report import StateReport, SuspensionReport, latency_drawing, timing_table
+from .recorder_process import MakeEnvironment, recorded
+from .report import log_to_console
+from .running import Reports, load_machines, run_machines
 
 __all__ = ["run"]
 
@@ -34,7 +49,7 @@ class _Priority(click.IntRange):
         return super().convert(value, param, ctx)
 
 
-@click.command()
+@click.command(cls=RosCommand)
 @click.argument("machines", nargs=-1)
 @click.option(
     "-S", "suspended", metavar="MACHINE", multiple=True, help="Load MACHINE as well, suspended."
@@ -115,6 +130,15 @@ class _Priority(click.IntRange):
     type=click.IntRange(500),
     help="Let guards post the safe values also if this process is silent for MS milliseconds.",
 )
+@break_option
+@click.option(
+    "--on-pause",
+    type=click.Choice(["keep", "safe"]),
+    help="When paused: keep what was posted (the default), or post the safe values.",
+)
+@click.option(
+    "--debug-clock", is_flag=True, help="Let the states' clocks stand still while paused."
+)
 @click.option(
     "--record",
     "recording",
@@ -122,7 +146,33 @@ class _Priority(click.IntRange):
     type=click.Path(path_type=Path),
     help="Record the whiteboard and all that the machines do, for llfsm rerun.",
 )
+@click.option(
+    "--ros-time",
+    is_flag=True,
+    help="Run by the time on ROS's /clock, which a simulator or `ros2 bag play --clock` publishes.",
+)
+@click.option(
+    "--ros",
+    is_flag=True,
+    help="Be a ROS node: sensors and actuators are topics, and a whiteboard is used if named.",
+)
+@click.option(
+    "--config",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="With --ros: what to connect, as for `llfsm bridge ros2`; by default topics named as "
+    "the machines' slots.",
+)
+@click.option("--node", metavar="NAME", help="With --ros: the node's name.")
+@click.option(
+    "--lifecycle",
+    is_flag=True,
+    default=None,
+    help="With --ros: be a managed node, whose lifecycle others control.",
+)
+@ros_options(" (with --ros or --ros-time)")
 @board_option
+@local_option
 @supervised_options
 def run(
     machines: tuple[str, ...],
@@ -143,8 +193,20 @@ def run(
     realtime: int | None,
     cpu: int | None,
     will_after_ms: int | None,
+    breakpoints: tuple[str, ...],
+    on_pause: Literal["keep", "safe"] | None,
+    debug_clock: bool,
     recording: Path | None,
-    board: str,
+    ros_time: bool,
+    ros: bool,
+    config: Path | None,
+    node: str | None,
+    lifecycle: bool | None,
+    transport: str,
+    domain: int | None,
+    router: tuple[str, ...],
+    board: BoardPlace,
+    local: bool,
     until_eof: bool,
     remove_board: bool,
 ) -> None:
@@ -160,9 +222,25 @@ def run(
     llfsm run RosBlindTurttleBot TurtleSuspendResume -s
     llfsm run a=my_robot.patrol:Patrol a:rounds=3 a:turtle1/pose:=bob/pose
     llfsm run robot.toml -t
+    llfsm run RosPingPong -v --local
+    llfsm run --ros patrol.py:Patrol --ros-args -r __ns:=/robot
     """
     if nonstop and recording is not None:
         raise click.UsageError("--record keeps one run, -n may start several: leave out one")
+    if nonstop and (ros or ros_time):
+        raise click.UsageError(
+            "--ros and --ros-time keep a connection that -n cannot: leave it out"
+        )
+    shared = local and given_option(
+        "ros", "recording", "will_after_ms", "board", "directory", "remove_board"
+    )
+    if shared:
+        raise click.UsageError(f"--local shares nothing with other processes: leave out {shared}")
+    if nonstop and not hasattr(os, "fork"):
+        raise click.UsageError("-n needs the fork of Linux or macOS: leave it out")
+    check_ros_arguments(ros=ros, config=config, node=node, lifecycle=lifecycle)
+    if lifecycle and recording is not None:
+        raise click.UsageError("--record keeps one run, --lifecycle may start several")
     resolved = parse_arguments(machines, table, suspended, preloaded)
     plan = _with_options(
         resolved.plan,
@@ -175,48 +253,71 @@ def run(
         realtime=realtime,
         cpu=cpu,
         will_after_ms=will_after_ms,
+        breakpoints=breakpoints or None,
+        on_pause=on_pause,
+        debug_clock=debug_clock or None,
     )
-    _log()
-    with (
-        Whiteboard(_board(plan, board)) as wb,
-        recorded(recording, wb, plan, forks=nonstop) as environment,
-    ):
-        try:
-            arrangement = assemble(
-                plan, resolved.classes, environment, library=resolved.library, timed=timed
+    if ros_time and plan.debug_clock:
+        raise click.UsageError("the time on /clock passes with its publisher: no --debug-clock")
+    place = None if local else _place(plan, board, default=not ros)
+    if recording is not None and place is None:
+        raise click.UsageError(
+            "--record with --ros needs a whiteboard for the recorder: add --board"
+        )
+    log_to_console(ros_arguments() if ros else None)
+    where = ["a whiteboard of this process"] if local else []
+    if place is not None:
+        where.append(f"whiteboard {place.name}")
+    with ExitStack() as stack:
+        clock: Clock | None = DebugClock() if plan.debug_clock else None
+        live: MakeEnvironment = LiveEnvironment
+        if ros or ros_time:
+            enclave = ros_arguments().enclave
+            opened = stack.enter_context(open_chosen(transport, domain, router, enclave))
+        if ros_time:
+            from .ros_time import ros_clock  # here, as few machines need ROS
+
+            clock = stack.enter_context(ros_clock(opened))
+        if ros:
+            from .ros_world import connections, on_ros
+
+            connected = connections(plan, resolved.classes.values(), config, node, place)
+            logging.getLogger().setLevel(ros_arguments().log_level(connected.node.full_node))
+            live = stack.enter_context(on_ros(opened, connected, begin=not lifecycle))
+            where.append(f"ROS domain {opened.domain} as {connected.node.full_node}")
+        wb = None if place is None else stack.enter_context(place.open())
+        if local:
+            environment: Environment = live(stack.enter_context(Whiteboard.local()), clock)
+        elif wb is None or lifecycle:
+            environment = live(wb, clock)
+        else:
+            environment = stack.enter_context(
+                recorded(recording, wb, plan, clock, live, forks=nonstop)
             )
-            if verbose:
-                arrangement.attach(StateReport(arrangement, with_path=verbose > 1))
-            if report:
-                arrangement.attach(SuspensionReport(arrangement))
-            if not quiet:
-                version = importlib.metadata.version("llfsm")
-                names = ", ".join(resolved.classes)
-                click.echo(f"llfsm {version}: {names} on whiteboard {wb.name}", err=True)
-            if until_eof:
-                end_with_input()
+        if wb is not None and remove_board:
+            stack.callback(wb.remove)
 
-            def execute() -> None:
-                try:
-                    reason = arrangement.run()
-                finally:
-                    if timed:
-                        found = arrangement.statistics()
-                        texts = (timing_table(found), latency_drawing(found))
-                        click.echo("\n".join(filter(None, texts)), err=True)
-                if reason is Reason.FAILED:
-                    failed = ", ".join(arrangement.failed_machines)
-                    raise click.ClickException(
-                        f"{failed} failed, and no other process can resume it: the run has ended"
-                    )
+        load = partial(load_machines, resolved, plan, Reports(verbose, report, timed))
+        if lifecycle:
+            from .ros_world import managed_machines
 
-            if nonstop:
-                run_nonstop(execute, arrangement.stop)
-            else:
-                execute()
-        finally:
-            if remove_board:
-                wb.remove()
+            managed = managed_machines(environment, load, plan.will_after_ms)
+        arrangement = None if lifecycle else load(environment)
+        if not quiet:
+            names = ", ".join(resolved.classes)
+            click.echo(f"llfsm {VERSION}: {names} on {', '.join(where)}", err=True)
+        if until_eof:
+            end_with_input()
+        if arrangement is None:
+            managed.run()
+            ignore_interrupts()
+            return
+
+        execute = partial(run_machines, arrangement, timed=timed)
+        if nonstop:
+            run_nonstop(execute, arrangement.stop)
+        else:
+            execute()
 
 
 def _with_options(plan: Plan, *, keep: bool, no_wake: bool, **given: object) -> Plan:
@@ -231,16 +332,12 @@ def _with_options(plan: Plan, *, keep: bool, no_wake: bool, **given: object) -> 
     )
 
 
-def _log() -> None:
-    """Log messages of machines to standard output, warnings and errors to standard error."""
-    messages, problems = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
-    messages.addFilter(lambda record: record.levelno < logging.WARNING)
-    problems.setLevel(logging.WARNING)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[messages, problems])
+def _place(plan: Plan, board: BoardPlace, *, default: bool) -> BoardPlace | None:
+    """Return the whiteboard with the command line's name if given, else the file's or default.
 
-
-def _board(plan: Plan, board: str) -> str:
-    """Return the whiteboard's name: the command line's if given, else the file's or the default."""
-    source = click.get_current_context().get_parameter_source("board")
-    given = source is click.core.ParameterSource.COMMANDLINE
-    return board if given or plan.board is None else plan.board
+    If none is named and no default one is wanted, return None.
+    """
+    given = given_option("board") is not None
+    if given or plan.board is None:
+        return board if given or default else None
+    return board._replace(name=plan.board)

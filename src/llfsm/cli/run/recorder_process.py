@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeAlias
 
 import click
 
+from llfsm.runtime.engine.clock import Clock
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.journal.handover import HANDOVER_LIMIT, Handover, find_recorder
@@ -22,7 +24,11 @@ from llfsm.runtime.plans.plan import Plan
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard, WhiteboardError
 
-__all__ = ["recorded"]
+from ..options import BoardPlace
+
+__all__ = ["MakeEnvironment", "recorded"]
+
+MakeEnvironment: TypeAlias = Callable[..., LiveEnvironment]
 
 
 @contextmanager
@@ -30,12 +36,16 @@ def recorded(
     file: Path | None,
     board: Whiteboard,
     plan: Plan,
+    clock: Clock | None = None,
+    live: MakeEnvironment = LiveEnvironment,
     *,
     forks: bool = False,
     limit: int = HANDOVER_LIMIT,
     patience_s: float = 5.0,
 ) -> Iterator[Environment]:
     """Give the environment of an arrangement on `board`, journalled if a process records the board.
+
+    `live` makes it from the board, the clock and the options of `LiveEnvironment`.
 
     With `file`, a recorder that writes it is started; it ends with the ``with`` block. If the
     arrangement `forks`, only its events are recorded, from the time that it runs. `limit` bytes
@@ -50,27 +60,32 @@ def recorded(
                 f"end it, or leave out --record; nothing was run"
             )
         with _recorder(file, board, patience_s):
-            yield _recorded_environment(board, plan, limit, patience_s)
+            yield _recorded_environment(board, plan, clock, live, limit, patience_s)
         return
-    environment: Environment = LiveEnvironment(board, will_after_ms=plan.will_after_ms)
+    environment: Environment | None = None
     if recorder is not None and not forks:
         try:
-            environment = _recorded_environment(board, plan, limit, patience_s)
+            environment = _recorded_environment(board, plan, clock, live, limit, patience_s)
         except WhiteboardError as error:  # another's recording is no reason not to run
             logger().warning("the machines go on unrecorded: %s", error)
-    yield environment
+    yield environment or live(board, clock, will_after_ms=plan.will_after_ms)
 
 
 def _recorded_environment(
-    board: Whiteboard, plan: Plan, limit: int, patience_s: float
+    board: Whiteboard,
+    plan: Plan,
+    clock: Clock | None,
+    live: MakeEnvironment,
+    limit: int,
+    patience_s: float,
 ) -> Environment:
     recorder = find_recorder(board)
     if recorder is None:
         raise click.ClickException("the recorder does not record machines, nothing was run")
     handover = Handover(board, recorder, whole=True, limit=limit, patience_s=patience_s)
     handover.journal.add(("Plan", plan, str(Path.cwd())))
-    live = LiveEnvironment(board, handover=handover, will_after_ms=plan.will_after_ms)
-    return JournalledEnvironment(live, handover.journal)
+    world = live(board, clock, handover=handover, will_after_ms=plan.will_after_ms)
+    return JournalledEnvironment(world, handover.journal)
 
 
 @contextmanager
@@ -79,7 +94,8 @@ def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "llfsm.cli", "record", "--until-eof"),
-            *("-o", str(file), "-b", board.name),
+            *("-o", str(file)),
+            *BoardPlace(board.name, str(board.path.parent)).arguments,
         ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

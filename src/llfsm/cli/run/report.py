@@ -1,8 +1,11 @@
-"""What ``llfsm run`` prints with ``-v`` and ``-s``, in clfsm's format, and with ``-t``."""
+"""What ``llfsm run`` prints: with ``-v`` and ``-s`` in clfsm's format, with ``-t``, and logs."""
 
 from __future__ import annotations
 
+import logging
+import sys
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,17 +14,31 @@ from llfsm.runtime.engine.events import Event, Request, Turn
 from llfsm.runtime.engine.histogram import Spread
 from llfsm.runtime.engine.statistics import MachineStatistics
 
-__all__ = ["StateReport", "SuspensionReport", "latency_drawing", "timing_table"]
+if TYPE_CHECKING:
+    from llfsm.bridges.ros2.ros_arguments import RosArguments
+
+__all__ = [
+    "StateReport",
+    "SuspensionReport",
+    "latency_drawing",
+    "log_to_console",
+    "timing_table",
+]
 
 _HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "overruns", "worst us")
 
 
 class StateReport:
-    """Print each change of state: ``m  0 s  1 - Machine - STATE``."""
+    """Print each change of state: ``m  0 s  1 - Machine - STATE``.
 
-    def __init__(self, arrangement: Arrangement, *, with_path: bool) -> None:
+    With times, a line begins with the seconds since the first one.
+    """
+
+    def __init__(self, arrangement: Arrangement, *, with_path: bool, with_times: bool) -> None:
         self._arrangement = arrangement
         self._with_path = with_path
+        self._with_times = with_times
+        self._begin_ns: int | None = None
 
     def __call__(self, event: Event) -> None:
         """Take an event."""
@@ -31,10 +48,12 @@ class StateReport:
             # A suspend state that the machine does not declare comes after those it does.
             number = names.index(event.state) if event.state in names else len(names)
             path = f"{table.path:<30.30} / " if self._with_path else ""
-            click.echo(
-                f"m{event.index:3d} s{number:3d} - {path}{event.machine:<20.20} - {event.state}",
-                err=True,
-            )
+            if self._begin_ns is None:
+                self._begin_ns = event.time_ns
+            seconds = (event.time_ns - self._begin_ns) / 1e9
+            time = f"{seconds:10.6f} " if self._with_times else ""
+            change = f"m{event.index:3d} s{number:3d} - {path}{event.machine:<20.20}"
+            click.echo(f"{time}{change} - {event.state}", err=True)
 
 
 class SuspensionReport:
@@ -109,3 +128,12 @@ def latency_drawing(machines: Iterable[MachineStatistics]) -> str:
 
 def _spread(spread: Spread | None) -> str:
     return "-" if spread is None else f"{spread.p50:.1f} / {spread.p99:.1f} / {spread.max:.1f}"
+
+
+def log_to_console(arguments: RosArguments | None) -> None:
+    """Log messages of machines to standard output, warnings and errors to standard error."""
+    messages, problems = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
+    messages.addFilter(lambda record: record.levelno < logging.WARNING)
+    problems.setLevel(logging.WARNING)
+    handlers = [messages, problems] if arguments is None or arguments.stdout else []
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=handlers)

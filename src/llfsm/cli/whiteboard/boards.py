@@ -17,7 +17,7 @@ from llfsm.whiteboard.poller import BoardPoller
 from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.shared import boards
 
-from ..options import board_option
+from ..options import BoardPlace, board_option, directory_option
 
 __all__ = ["add", "get", "list_", "rm", "watch"]
 
@@ -26,11 +26,16 @@ _POLL_S = 0.02  # how often `watch` polls: a frame of a screen
 
 @click.command("list")
 @click.argument("board", required=False)
-def list_(board: str | None) -> None:
+@click.option("-b", "--board", "named", metavar="NAME", help="BOARD, as other commands take it.")
+@directory_option
+def list_(board: str | None, named: str | None, directory: str) -> None:
     """List the whiteboards of this host, or the slots of one BOARD."""
+    if board is not None and named is not None:
+        raise click.UsageError(f"two whiteboards are named, {board!r} and {named!r}; name one")
+    board = board or named
     if board is not None:
-        with Whiteboard(board, create=False) as wb:
-            poller = BoardPoller(wb, wants=lambda _: True)
+        with Whiteboard(board, directory=directory, create=False) as wb:
+            poller = BoardPoller(wb)
             poller.poll()
             for slot in poller.slots.values():
                 status = f"cannot be read: {slot.problem}" if slot.problem else _age(slot.sample)
@@ -38,16 +43,16 @@ def list_(board: str | None) -> None:
             for name, commanders in contested_slots(wb).items():
                 click.echo(described(name, commanders))
         return
-    for found in boards():
+    for found in boards(directory):
         click.echo(f"{found.name}  {'in use' if found.used else 'not in use'}")
 
 
 @click.command()
 @click.argument("slot")
 @board_option
-def get(slot: str, board: str) -> None:
+def get(slot: str, board: BoardPlace) -> None:
     """Print the latest message of SLOT as JSON."""
-    with Whiteboard(board, create=False) as wb:
+    with board.open(create=False) as wb:
         message = wb.get_message(wb.find(slot))
         if message is None:
             raise click.ClickException(f"nothing was added to {slot!r} yet")
@@ -64,9 +69,9 @@ def get(slot: str, board: str) -> None:
     help="For a new slot: package.module:Class, or a shipped type, as geometry_msgs/Twist.",
 )
 @board_option
-def add(slot: str, message: str, kind: str | None, board: str) -> None:
+def add(slot: str, message: str, kind: str | None, board: BoardPlace) -> None:
     """Add MESSAGE, a JSON object, to SLOT; omitted fields are zero. A new slot needs --type."""
-    with Whiteboard(board, create=kind is not None) as wb:
+    with board.open(create=kind is not None) as wb:
         try:
             target = wb.find(slot) if kind is None else Slot(slot, message_class(kind))
         except SlotNotFoundError as error:
@@ -79,12 +84,12 @@ def add(slot: str, message: str, kind: str | None, board: str) -> None:
 @click.argument("slots", nargs=-1)
 @click.option("-n", "--changes", type=click.IntRange(1), help="Stop after this many messages.")
 @board_option
-def watch(slots: tuple[str, ...], changes: int | None, board: str) -> None:
+def watch(slots: tuple[str, ...], changes: int | None, board: BoardPlace) -> None:
     """Print the messages of SLOTS (default: all) as they are added, until Ctrl-C.
 
     If a slot changes more often than 50 times a second, only its newest message is printed.
     """
-    with Whiteboard(board, create=False) as wb:
+    with board.open(create=False) as wb:
         try:
             for number, (name, sample) in enumerate(_changes(wb, slots), 1):
                 click.echo(f"{name} {sample.count} {_json(sample.message)}")
@@ -92,7 +97,7 @@ def watch(slots: tuple[str, ...], changes: int | None, board: str) -> None:
                     return
         except KeyboardInterrupt:
             return
-    raise click.ClickException(f"the whiteboard {board!r} was removed")
+    raise click.ClickException(f"the whiteboard {board.name!r} was removed")
 
 
 def _changes(wb: Whiteboard, names: tuple[str, ...]) -> Iterator[tuple[str, Sample[Message]]]:
@@ -112,16 +117,17 @@ def _changes(wb: Whiteboard, names: tuple[str, ...]) -> Iterator[tuple[str, Samp
 
 @click.command()
 @click.argument("names", metavar="BOARD...", nargs=-1, required=True)
+@directory_option
 @click.option("-f", "--force", is_flag=True, help="Remove them even if a process has them open.")
-def rm(names: tuple[str, ...], force: bool) -> None:
+def rm(names: tuple[str, ...], force: bool, directory: str) -> None:
     """Remove whiteboards; processes that have one open stop."""
-    used = {info.name for info in boards() if info.used}
+    used = {info.name for info in boards(directory) if info.used}
     for name in names:
         if name in used and not force:
             raise BoardError(
                 f"the whiteboard {name!r} is in use; end its processes, or use --force"
             )
-        remove_board(name)
+        remove_board(name, directory)
 
 
 def _age(sample: Sample[Any] | None) -> str:

@@ -14,19 +14,18 @@ import msgspec
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.runtime.plans.toml_files import read_toml
 from llfsm.runtime.presence.guard import GuardThread
-from llfsm.whiteboard import BoardNotFoundError, Whiteboard
+from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
 from llfsm.whiteboard.mirror.settings import DEFAULT_ENDPOINT, Settings
 from llfsm.whiteboard.schema import to_plain
 
-from ..options import board_option, directory_option
+from ..options import BoardPlace, board_option
 
 __all__ = ["daemon", "read_status", "status"]
 
 
 @click.command()
 @board_option
-@directory_option
 @click.option(
     "-c", "--config", metavar="FILE", type=click.Path(path_type=Path), help="Settings, in TOML."
 )
@@ -37,6 +36,8 @@ __all__ = ["daemon", "read_status", "status"]
     help=f"Where to listen for other hosts; by default {DEFAULT_ENDPOINT}.",
 )
 @click.option("--connect", metavar="ENDPOINT", multiple=True, help="Where another host listens.")
+@click.option("--as", "as_", metavar="NAME", help="This host's name: others see its slots there.")
+@click.option("--fleet", metavar="GLOB", multiple=True, help="Names of other hosts, for --as.")
 @click.option("--multicast", is_flag=True, help="Look for other hosts by multicast.")
 @click.option("--leave", metavar="GLOB", multiple=True, help="Publish only slots that match.")
 @click.option("--enter", metavar="GLOB", multiple=True, help="Accept only slots that match.")
@@ -45,7 +46,7 @@ __all__ = ["daemon", "read_status", "status"]
     "--rate", type=float, help="Publish a slot at most this often a second; by default 100."
 )
 @click.option("--zenoh", metavar="FILE", help="Zenoh's own configuration: TLS, access control.")
-def daemon(board: str, directory: str, config: Path | None, **flags: object) -> None:
+def daemon(board: BoardPlace, config: Path | None, **flags: object) -> None:
     """Mirror a whiteboard between hosts: run one on each.
 
     It prints a line when it is ready. Options override the file.
@@ -53,6 +54,7 @@ def daemon(board: str, directory: str, config: Path | None, **flags: object) -> 
     \b
     llfsm whiteboard daemon --listen tcp/0.0.0.0:7447
     llfsm whiteboard daemon --connect tcp/robot.local:7447 --enter 'robot/*'
+    llfsm whiteboard daemon --as robot7 --fleet 'robot*'
     """
     from llfsm.whiteboard.mirror.daemon import daemon, status_publisher
     from llfsm.whiteboard.mirror.zenoh_internals import refusal_log
@@ -60,7 +62,7 @@ def daemon(board: str, directory: str, config: Path | None, **flags: object) -> 
     settings = _settings(config, flags)
     logging.basicConfig(format="%(message)s", level=logging.WARNING)
     with ExitStack() as stack:
-        wb = stack.enter_context(Whiteboard(board, directory=directory))
+        wb = stack.enter_context(board.opened())
         # Only Zenoh's own configuration brings certificates, which can be refused.
         log = None if settings.zenoh is None else stack.enter_context(refusal_log())
         mirror = stack.enter_context(daemon(wb, settings))
@@ -68,11 +70,11 @@ def daemon(board: str, directory: str, config: Path | None, **flags: object) -> 
             log.report = mirror.refuse
         with stop_on_signals(lambda _: mirror.stop()):
             where = ", ".join(mirror.listens) or "nowhere"
-            stack.enter_context(GuardThread(board, directory))
-            click.echo(f"mirroring {board}, listening on {where}")
+            stack.enter_context(GuardThread(*board))
+            click.echo(f"mirroring {board.name}, listening on {where}")
             mirror.run(status_publisher(wb))
         if not wb.alive:
-            raise BoardNotFoundError(f"the whiteboard {board!r} was removed")
+            raise BoardNotFoundError(f"the whiteboard {board.name!r} was removed")
 
 
 def _settings(config: Path | None, flags: dict[str, object]) -> Settings:
@@ -80,39 +82,42 @@ def _settings(config: Path | None, flags: dict[str, object]) -> Settings:
     if config is not None and settings.zenoh is not None:
         beside = config.parent / settings.zenoh
         settings = msgspec.structs.replace(settings, zenoh=str(beside))
-    given = {name: value for name, value in flags.items() if value}
+    if config is not None and settings.keep is not None:
+        keep = msgspec.structs.replace(settings.keep, file=str(config.parent / settings.keep.file))
+        settings = msgspec.structs.replace(settings, keep=keep)
+    given = {name.removesuffix("_"): value for name, value in flags.items() if value}
     try:
-        return msgspec.convert({**msgspec.structs.asdict(settings), **given}, Settings)
+        return msgspec.convert({**msgspec.to_builtins(settings), **given}, Settings)
     except msgspec.ValidationError as error:
-        raise click.UsageError(str(error)) from error
+        what, _, place = str(error).partition(" - at `$.")
+        raise click.UsageError(f"{place.rstrip('`')}: {what}" if place else what) from error
 
 
 @click.command()
 @board_option
-@directory_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def status(board: str, directory: str, as_json: bool) -> None:
+def status(board: BoardPlace, as_json: bool) -> None:
     """Print the status of a whiteboard's daemon: hosts, rates, lag, conflicts, refusals."""
-    latest = read_status(board, directory)
-    click.echo(json.dumps(to_plain(latest)) if as_json else _text(board, latest))
+    latest = read_status(board)
+    click.echo(json.dumps(to_plain(latest)) if as_json else _text(board.name, latest))
 
 
-def read_status(board: str, directory: str, *, stale_s: float = 3.0) -> MirrorStatus:
+def read_status(board: BoardPlace, *, stale_s: float = 3.0) -> MirrorStatus:
     """Return the status that a board's daemon has published.
 
     Raise ``click.ClickException`` if there is no daemon, or if its status is older than `stale_s`
     seconds.
     """
-    with Whiteboard(board, directory=directory, create=False) as wb:
+    with board.open(create=False) as wb:
         sample = wb[MIRROR].sample() if MIRROR.name in {i.name for i in wb.slots()} else None
     if sample is None:
         raise click.ClickException(
-            f"no daemon mirrors the whiteboard {board!r}; start `llfsm whiteboard daemon`"
+            f"no daemon mirrors the whiteboard {board.name!r}; start `llfsm whiteboard daemon`"
         )
     silent_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
     if silent_s > stale_s:
         raise click.ClickException(
-            f"the daemon of {board!r}, process {sample.writer}, has ended or is stopped: "
+            f"the daemon of {board.name!r}, process {sample.writer}, has ended or is stopped: "
             f"it has published no status for {silent_s:.1f} s"
         )
     return sample.message
@@ -120,7 +125,8 @@ def read_status(board: str, directory: str, *, stale_s: float = 3.0) -> MirrorSt
 
 def _text(board: str, latest: MirrorStatus) -> str:
     lines = [
-        f"{board}: mirrored by process {latest.pid}, host {latest.host}",
+        f"{board}: mirrored by process {latest.pid}, host {latest.host}"
+        + (f", as {latest.name}" if latest.name else ""),
         f"slots      {latest.slots} may leave",
         f"left       {latest.left}, {latest.leave_rate:g} a second",
         f"entered    {latest.entered}, {latest.enter_rate:g} a second",

@@ -1,0 +1,1 @@
+"""``llfsm dap``: the Debug Adapter Protocol, for editors."""

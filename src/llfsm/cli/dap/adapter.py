@@ -1,0 +1,306 @@
+"""The adapter between an editor and a session: requests of the protocol, and its events.
+
+An arrangement is one thread.
+https://microsoft.github.io/debug-adapter-protocol/specification
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from llfsm.errors import LlfsmError
+from llfsm.runtime.engine.failure import one_line
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.board_files import default_name
+
+from ..debug.session import Session, clock_of
+from ..run.arguments import parse_arguments
+from ..run.recorder_process import recorded
+from .framing import Message, MessageStream, ProtocolError
+from .inspection import Inspection
+from .places import breakpoints_at
+
+if TYPE_CHECKING:
+    from llfsm.runtime.debugging.debugger import Debugger, Step
+
+__all__ = ["Adapter"]
+
+_THREAD: Final = 1
+_LOOK_S: Final = 0.02  # between two looks whether a pause is over
+_FAILURES: Final = "failures"
+_STEPS: Final[dict[str, Step]] = {"next": "turn", "stepIn": "round", "stepOut": "transition"}
+_CAPABILITIES: Final = {
+    "supportsConfigurationDoneRequest": True,
+    "supportsConditionalBreakpoints": True,
+    "supportsHitConditionalBreakpoints": True,
+    "supportsFunctionBreakpoints": True,
+    "supportsEvaluateForHovers": True,
+    "supportsTerminateRequest": True,
+    "exceptionBreakpointFilters": [
+        {"filter": _FAILURES, "label": "Failures of machines", "default": True}
+    ],
+}
+
+
+class Adapter:
+    """Serve one editor until it disconnects."""
+
+    def __init__(self, stream: MessageStream):
+        self._stream = stream
+        self._stack = ExitStack()
+        self._session: Session | None = None
+        self._stops_on_entry = self._has_breakpoints = True
+        self._watcher: threading.Thread | None = None
+        self._over = self._is_finished = False
+        self._lines: dict[str, list[str]] = {}  # breakpoints by file
+        self._planned: tuple[str, ...] = ()  # those of an arrangement file
+        self._functions: list[str] = []
+        self._failures: list[str] = []
+        self._inspection: Inspection | None = None  # of this pause
+        self._is_resumed = threading.Event()  # by the editor, since the last pause
+        self._handlers: dict[str, Callable[[Message], Message | None]] = {
+            "initialize": self._initialize,
+            "launch": self._launch,
+            "setBreakpoints": self._set_breakpoints,
+            "setFunctionBreakpoints": self._set_function_breakpoints,
+            "setExceptionBreakpoints": self._set_exception_breakpoints,
+            "configurationDone": self._start,
+            "threads": lambda arguments: {"threads": [{"id": _THREAD, "name": "arrangement"}]},
+            "stackTrace": lambda arguments: self._inspect().stack_trace(arguments),
+            "scopes": lambda arguments: self._inspect().scopes(arguments),
+            "variables": lambda arguments: self._inspect().variables(arguments),
+            "evaluate": lambda arguments: self._inspect().evaluate(arguments),
+            "pause": self._require_machines,
+            "terminate": self._require_machines,
+            "disconnect": self._end,
+            **dict.fromkeys(("continue", *_STEPS), self._resume),
+        }
+
+    def serve(self) -> None:
+        """Answer requests until the editor disconnects, or is gone. Raise `ProtocolError`."""
+        with self._stack:
+            self._stack.callback(self._watch_end)
+            while not self._over and (request := self._stream.receive()) is not None:
+                if request.get("type") == "request":
+                    self._answer(request)
+        if self._session is not None:
+            self._finish(self._session)
+
+    def print(self, category: str, text: str) -> None:
+        """Show the editor what was printed."""
+        self._event("output", category=category, output=text)
+
+    def _answer(self, request: Message) -> None:
+        command, arguments = str(request.get("command")), request.get("arguments") or {}
+        about = {"request_seq": request.get("seq", 0), "command": command}
+        try:
+            handler = self._handlers.get(command)
+            if handler is None:
+                raise ProtocolError(f"this adapter has no request {command!r}")
+            body = handler(arguments)
+        except Exception as error:  # also of a request that is wrong, or of code of a machine
+            is_ours = isinstance(error, LlfsmError | click.ClickException)
+            text = str(error) if is_ours else f"{type(error).__name__}: {error}"
+            self._stream.send(
+                "response",
+                **about,
+                success=False,
+                message=text,
+                body={"error": {"id": 1, "format": text, "showUser": True}},
+            )
+            return
+        self._stream.send("response", **about, success=True, body=body or {})
+        self._follow(command)
+
+    def _follow(self, command: str) -> None:
+        """Do what a request is for whose response has to come before the events of that."""
+        if command in _STEPS:
+            self._go_on(lambda debugger: debugger.step(_STEPS[command]))
+        match command:
+            case "launch":
+                self._event("initialized")
+            case "configurationDone":
+                if not self._stops_on_entry:
+                    self._go_on(lambda debugger: debugger.proceed())
+                self._watcher = threading.Thread(target=self._watch, name="watcher")
+                self._watcher.start()
+            case "continue":
+                self._go_on(lambda debugger: debugger.proceed())
+            case "pause":
+                self._launched.debugger.pause()
+            case "terminate" if self._watcher is None:
+                self._finish(self._launched)
+            case "terminate":
+                self._go_on(lambda _: self._launched.arrangement.stop("the editor has ended it"))
+
+    def _event(self, event: str, **body: Any) -> None:
+        self._stream.send("event", event=event, body=body)
+
+    def _initialize(self, arguments: Message) -> Message:
+        if not arguments.get("linesStartAt1", True) or arguments.get("pathFormat") == "uri":
+            raise ProtocolError("this adapter counts lines from 1, and takes paths, not URIs")
+        return _CAPABILITIES
+
+    # The machines
+
+    def _launch(self, arguments: Message) -> None:
+        given = arguments.get("machines")
+        if given is None:
+            given = [arguments["program"]] if "program" in arguments else []
+        if self._session is not None or not isinstance(given, list):
+            raise ProtocolError("launch one arrangement: `machines` is a list of them, or a file")
+        os.chdir(arguments.get("cwd") or ".")
+        resolved = parse_arguments([str(each) for each in given], None, (), ())
+        plan, board = resolved.plan, arguments.get("board")
+        wb = self._stack.enter_context(Whiteboard(board or plan.board or default_name()))
+        environment = self._stack.enter_context(recorded(None, wb, plan, clock_of(plan)))
+        self._session = Session(resolved, environment)
+        self._planned = plan.breakpoints
+        self._has_breakpoints = not arguments.get("noDebug")
+        self._stops_on_entry = bool(arguments.get("stopOnEntry")) and self._has_breakpoints
+        self._break()
+
+    @property
+    def _launched(self) -> Session:
+        if self._session is None:
+            raise ProtocolError("no machines were launched yet")
+        return self._session
+
+    def _inspect(self) -> Inspection:
+        """Return what answers for this pause; raise `ProtocolError` while the machines run."""
+        if not self._launched.debugger.paused or self._inspection is None:
+            raise ProtocolError("the machines run: pause them first")
+        return self._inspection
+
+    def _start(self, arguments: Message) -> None:
+        self._stack.enter_context(self._launched)
+        self._launched.wait()
+
+    def _require_machines(self, arguments: Message) -> None:
+        assert self._launched
+
+    def _end(self, arguments: Message) -> None:
+        self._over = True
+
+    def _resume(self, arguments: Message) -> Message:
+        self._inspect()  # it is done once the editor has the response
+        return {"allThreadsContinued": True}
+
+    def _go_on(self, how: Callable[[Debugger], None]) -> None:
+        self._inspection = None
+        self._is_resumed.set()
+        how(self._launched.debugger)
+
+    def _watch(self) -> None:
+        """Notify the editor of pauses, of ends of pauses that it has not requested, and of the end.
+
+        Other processes pause, step and continue the machines, too.
+        """
+        session, debugger = self._launched, self._launched.debugger
+        while why := session.wait():
+            self._is_resumed.clear()
+            self._inspection, number = Inspection(session), debugger.pauses
+            self._stopped(why)
+            while debugger.paused and debugger.pauses == number:
+                time.sleep(_LOOK_S)
+            if not self._is_resumed.is_set():
+                self._event("continued", threadId=_THREAD, allThreadsContinued=True)
+        self._finish(session)
+
+    def _watch_end(self) -> None:
+        if self._watcher is not None:
+            self._watcher.join()
+
+    def _stopped(self, why: str) -> None:
+        kind = why.partition(":")[0].partition(" ")[0]
+        reason = {"start": "entry", "breakpoint": "breakpoint", "step": "step"}.get(kind, "pause")
+        if self._failures and any(f"breakpoint {each}" in why for each in self._failures):
+            reason = "exception"
+        self._event(
+            "stopped",
+            reason=reason,
+            description=why,
+            text=why,
+            threadId=_THREAD,
+            allThreadsStopped=True,
+        )
+
+    def _finish(self, session: Session) -> None:
+        """Notify the editor, once, that the machines have ended."""
+        if self._is_finished:
+            return
+        self._is_finished = True
+        if session.error is not None:
+            self.print("stderr", f"{one_line(session.error)}\n")
+        self._event("exited", exitCode=int(session.error is not None))
+        self._event("terminated")
+
+    # Breakpoints
+
+    def _set_breakpoints(self, arguments: Message) -> Message:
+        file = str(arguments.get("source", {}).get("path", ""))
+        machines, texts, answers = self._launched.library, [], []
+        for wanted in arguments.get("breakpoints") or ():
+            line = int(wanted.get("line", 0))
+            places = breakpoints_at(machines, file, line)
+            new = [place.breakpoint + _suffix(wanted) for place in places]
+            answer: Message = {"verified": bool(new), "line": line, "message": ", ".join(new)}
+            if places:
+                answer["line"] = places[0].first if places[0].last < line else line
+            else:
+                answer["message"] = "no state, section or transition of these machines is here"
+            problem = self._problem(new)
+            if problem:
+                answer |= {"verified": False, "message": problem}
+            else:
+                texts += new
+            answers.append(answer)
+        self._lines[os.path.realpath(file)] = texts
+        self._break()
+        return {"breakpoints": answers}
+
+    def _set_function_breakpoints(self, arguments: Message) -> Message:
+        self._functions, answers = [], []
+        for wanted in arguments.get("breakpoints") or ():
+            text = str(wanted.get("name", "")) + _suffix(wanted)
+            problem = self._problem([text])
+            if not problem:
+                self._functions.append(text)
+            answers.append({"verified": not problem, "message": problem or text})
+        self._break()
+        return {"breakpoints": answers}
+
+    def _set_exception_breakpoints(self, arguments: Message) -> None:
+        wanted = _FAILURES in (arguments.get("filters") or ())
+        self._failures = [f"{machine}!" for machine in self._launched.library] if wanted else []
+        self._break()
+
+    def _problem(self, texts: list[str]) -> str:
+        """Return why breakpoints are refused, "" if they are not."""
+        try:
+            self._launched.break_at(*self._launched.debugger.breakpoints, *texts)
+        except LlfsmError as error:
+            return str(error)
+        return ""
+
+    def _break(self) -> None:
+        if not self._has_breakpoints:
+            self._launched.break_at()
+            return
+        lines = [text for texts in self._lines.values() for text in texts]
+        self._launched.break_at(
+            *dict.fromkeys([*self._planned, *self._functions, *lines, *self._failures])
+        )
+
+
+def _suffix(wanted: Message) -> str:
+    """Return the count and the condition of a breakpoint, as in its text."""
+    count, condition = wanted.get("hitCondition"), wanted.get("condition")
+    return (f"#{count}" if count else "") + (f" if {condition}" if condition else "")

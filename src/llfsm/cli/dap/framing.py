@@ -1,0 +1,65 @@
+"""Messages of the Debug Adapter Protocol: a header with their length, and JSON.
+
+https://microsoft.github.io/debug-adapter-protocol/overview#base-protocol
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from typing import IO, Any, Final, TypeAlias
+
+from llfsm.errors import LlfsmError
+
+__all__ = ["Message", "MessageStream", "ProtocolError"]
+
+Message: TypeAlias = dict[str, Any]
+
+_LONGEST: Final = 1 << 24  # bytes of a message: a longer one is nonsense
+
+
+class ProtocolError(LlfsmError):
+    """What has come is no message of the protocol."""
+
+
+class MessageStream:
+    """Read messages from one stream, and write to another, from any thread."""
+
+    def __init__(self, received: IO[bytes], sent: IO[bytes]):
+        self._received = received
+        self._sent = sent
+        self._lock = threading.Lock()
+        self._number = 0
+
+    def receive(self) -> Message | None:
+        """Wait for a message; None at the end of the stream. Raise `ProtocolError`."""
+        length = None
+        while True:
+            line = self._received.readline(1 << 12)
+            if not line:
+                return None
+            if not line.strip():
+                break
+            name, _, value = line.partition(b":")
+            if name.strip().lower() == b"content-length" and value.strip().isdigit():
+                length = int(value)
+        if length is None or length > _LONGEST:
+            raise ProtocolError("a message came without a Content-Length that is possible")
+        body = self._received.read(length)
+        if len(body) < length:
+            return None
+        try:
+            message = json.loads(body)
+        except (ValueError, RecursionError) as error:
+            raise ProtocolError(f"a message came that is no JSON: {error}") from error
+        if not isinstance(message, dict):
+            raise ProtocolError(f"a message came that is no object: {message!r}")
+        return message
+
+    def send(self, kind: str, **fields: Any) -> None:
+        """Send a message of this type."""
+        with self._lock:
+            self._number += 1
+            body = json.dumps({"seq": self._number, "type": kind, **fields}).encode()
+            self._sent.write(b"Content-Length: %d\r\n\r\n%s" % (len(body), body))
+            self._sent.flush()

@@ -1,0 +1,166 @@
+"""What an editor shows of machines that are paused: a stack, its variables, and expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import asdict
+
+from llfsm.runtime.debugging.operands import Operands, parsed
+from llfsm.runtime.debugging.published_causes import why_of
+from llfsm.runtime.value_text import ValueText
+from llfsm.whiteboard import Message as BoardMessage
+
+from ..debug.session import Session
+from .framing import Message, ProtocolError
+from .places import section_at, state_at
+
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.machine import Machine
+
+__all__ = ["Inspection"]
+
+_texts: Final = ValueText(1000)
+
+
+class Inspection:
+    """Answer what an editor asks of one pause of a session, by requests of the protocol.
+
+    The stack is what is to come: a section, in a state, of a machine, in the arrangement.
+    """
+
+    def __init__(self, session: Session):
+        self._session = session
+        self._referred: list[Callable[[], Iterable[tuple[str, object]]]] = []
+
+    def stack_trace(self, arguments: Message) -> Message:
+        """Return what is to come, innermost first."""
+        session = self._session
+        turn, arrangement = session.debugger.turn, session.arrangement
+        frames: list[Message] = []
+        if turn is not None:
+            machine = arrangement.machine(turn.machine)
+            cls, state = type(machine), arrangement.state_name_of(turn.machine)
+            enters = arrangement.arrival(turn.machine).entered_ns is None
+            section = "OnEntry" if enters else "transitions"
+            here = state_at(cls, state)
+            path = cls.table.path.rpartition(":")[0]
+            frames = [
+                _frame(1, f"{section} of {state}", section_at(cls, state, section) or here),
+                _frame(2, f"state {state}", here),
+                _frame(3, f"machine {turn.machine} ({path})", here),
+            ]
+        frames.append(_frame(4, f"arrangement, round {arrangement.rounds}", None))
+        first = int(arguments.get("startFrame") or 0)
+        end = first + int(arguments.get("levels") or len(frames))
+        return {"stackFrames": frames[first:end], "totalFrames": len(frames)}
+
+    def scopes(self, arguments: Message) -> Message:
+        """Return what there is of a frame's machine; of the arrangement's, all machines."""
+        session = self._session
+        arrangement = session.arrangement
+        if arguments.get("frameId") == 4:
+            standings = filter(None, arrangement.standings())
+            scopes = [
+                self._scope(f"{each.machine} in {each.state}", _all_of, each.machine)
+                for each in standings
+            ]
+        else:
+            scopes = [
+                self._scope("Sensors", _sensors_of, session.machine),
+                self._scope("Variables", _variables_of, session.machine),
+                self._scope("Transitions", self._transitions_of, session.machine),
+            ]
+        return {"scopes": scopes}
+
+    def _scope(
+        self,
+        name: str,
+        shown: Callable[[Machine], Iterable[tuple[str, object]]],
+        machine: str,
+    ) -> Message:
+        found = self._session.arrangement.machine(machine)
+        reference = self._refer(lambda: shown(found))
+        return {"name": name, "variablesReference": reference, "expensive": False}
+
+    def _transitions_of(self, machine: Machine) -> Iterator[tuple[str, object]]:
+        arrangement = self._session.arrangement
+        why = why_of(arrangement, machine.name, self._session.debugger.now_ns)
+        for each in why.transitions:
+            yield f"{each.label} -> {each.target}", _Text(f"{each.value}: {each.seen}")
+
+    def _refer(self, shown: Callable[[], Iterable[tuple[str, object]]]) -> int:
+        self._referred.append(shown)
+        return len(self._referred)
+
+    def variables(self, arguments: Message) -> Message:
+        """Return what a scope, or a value that has parts, consists of."""
+        number = int(arguments.get("variablesReference", 0))
+        if not 0 < number <= len(self._referred):
+            raise ProtocolError("these variables are of an earlier pause")
+        return {"variables": [self._variable(*each) for each in self._referred[number - 1]()]}
+
+    def _variable(self, name: str, value: object) -> Message:
+        reference = 0
+        if isinstance(value, BoardMessage):
+            fields = asdict(value)
+            reference = self._refer(fields.items)
+        elif isinstance(value, Mapping | tuple | list) and value:
+            pairs = value.items() if isinstance(value, Mapping) else enumerate(value)
+            named = [(str(key), each) for key, each in pairs]
+            reference = self._refer(lambda: named)
+        kind = "" if isinstance(value, _Text) else type(value).__name__
+        return {
+            "name": name,
+            "value": _texts.text(value),
+            "type": kind,
+            "variablesReference": reference,
+        }
+
+    def evaluate(self, arguments: Message) -> Message:
+        """Return the value of an expression over the machine whose turn is to come.
+
+        Nothing is called that could have an effect.
+        """
+        text, session = str(arguments.get("expression", "")), self._session
+        arrangement, name = session.arrangement, session.machine
+        entered_ns = arrangement.arrival(name).entered_ns
+        elapsed_ns = None if entered_ns is None else session.debugger.now_ns - entered_ns
+        state = arrangement.state_name_of(name)
+        try:
+            found = Operands(arrangement.machine(name), elapsed_ns, state=state).value(parsed(text))
+        except Exception as error:  # of a text that is no expression, or what operators raise
+            raise ProtocolError(f"{text}: {error or type(error).__name__}") from error
+        shown = self._variable(text, found)
+        return {"result": shown.pop("value"), **shown}
+
+
+class _Text(str):
+    """A text that is shown as it is."""
+
+    __slots__ = ()
+    __repr__ = str.__str__
+
+
+def _all_of(machine: Machine) -> Iterator[tuple[str, object]]:
+    yield from _sensors_of(machine)
+    yield from _variables_of(machine)
+
+
+def _sensors_of(machine: Machine) -> Iterator[tuple[str, object]]:
+    return ((name, getattr(machine, name)) for name in type(machine).table.sensors)
+
+
+def _variables_of(machine: Machine) -> Iterator[tuple[str, object]]:
+    return ((name, getattr(machine, name, None)) for name in type(machine).table.variables)
+
+
+def _frame(number: int, name: str, where: tuple[str, int] | None) -> Message:
+    frame: Message = {"id": number, "name": name, "line": 0, "column": 0}
+    if where is None:
+        return {**frame, "presentationHint": "label"}
+    file, line = where
+    source = {"name": Path(file).name, "path": file}
+    return {**frame, "line": line, "column": 1, "source": source}

@@ -1,0 +1,205 @@
+"""``llfsm debug``: machines with a prompt."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import NoReturn
+
+import click
+from msgspec.structs import replace
+from rich.console import Console
+
+from llfsm.errors import LlfsmError
+
+from ..options import BoardPlace, board_option, break_option, given_option, trust_option
+from ..run.arguments import parse_arguments
+from ..run.recorder_process import recorded
+from .prompt import Debugged, LivePrompt, Prompt
+from .session import Session, clock_of
+
+__all__ = ["debug"]
+
+_ENTRIES = 1000  # of the history
+_RECORDING = ".mcap"
+
+
+@click.command()
+@click.argument("machines", nargs=-1, required=True)
+@break_option
+@click.option(
+    "--record",
+    "recording",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record the whiteboard and all that the machines do, for llfsm rerun.",
+)
+@click.option(
+    "--pdb",
+    "place",
+    metavar="PLACE",
+    help="Of a recording: open Python's debugger when [MACHINE:]STATE.SECTION runs first.",
+)
+@trust_option
+@board_option
+def debug(
+    machines: tuple[str, ...],
+    breakpoints: tuple[str, ...],
+    recording: Path | None,
+    place: str | None,
+    trust: bool,
+    board: BoardPlace,
+) -> None:
+    """Run MACHINES, named as for llfsm run, from a prompt.
+
+    They are paused before their first turn; `help` shows the commands. They end with the prompt,
+    also when the connection to its terminal is lost. The first of MACHINES may be a recording: the
+    others, named as for llfsm rerun, run again in it, forwards and backwards.
+
+    \b
+    llfsm debug RosPingPong
+    llfsm debug robot.toml --break "Wall:STOP if turns > 3"
+    llfsm debug run.mcap Wall=RosWallTurttleBot --pdb STOP.OnEntry
+    """
+    file, *others = machines
+    if file.endswith(_RECORDING):
+        refused = given_option("recording", "board", "directory")
+        if refused is not None:
+            raise click.UsageError(f"{refused} is for machines that run, not for a recording")
+        _debug_recording(Path(file), others, breakpoints, place, trust=trust)
+    else:
+        refused = given_option("place", "trust")
+        if refused is not None:
+            raise click.UsageError(f"{refused} is for a recording: give FILE.mcap first")
+        _debug_live(machines, breakpoints, recording, board)
+
+
+def _debug_live(
+    machines: tuple[str, ...],
+    breakpoints: tuple[str, ...],
+    recording: Path | None,
+    board: BoardPlace,
+) -> None:
+    resolved = parse_arguments(machines, None, (), ())
+    resolved.plan = replace(resolved.plan, breakpoints=(*resolved.plan.breakpoints, *breakpoints))
+    place = board if resolved.plan.board is None else board._replace(name=resolved.plan.board)
+    with (
+        _ending_with_the_terminal(),
+        place.open() as wb,
+        recorded(recording, wb, resolved.plan, clock_of(resolved.plan)) as environment,
+        Session(resolved, environment) as session,
+    ):
+        _converse(LivePrompt(session), session)
+    if session.error is not None:
+        raise click.ClickException(str(session.error))
+
+
+def _debug_recording(
+    file: Path,
+    machines: Sequence[str],
+    breakpoints: Sequence[str],
+    place: str | None,
+    *,
+    trust: bool,
+) -> None:
+    """Debug the machines of a recording from a prompt."""
+    # here, as live machines need no library for recordings
+    from llfsm.bridges.recording.reader import Recording
+
+    from ..recorded_plans import plan_of_one, travel_through
+    from .travel_prompt import TravelPrompt
+
+    # Late turns and failures were reported at the time of the recording.
+    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
+    recording = Recording(file)
+    journal, resolved = plan_of_one(recording, machines, trust=trust)
+    with _ending_with_the_terminal(), travel_through(recording, journal, resolved) as travel:
+        travel.wait()  # which finds other machines
+        travel.break_at(*resolved.plan.breakpoints, *breakpoints)
+        _converse(TravelPrompt(travel), travel, [] if place is None else [f"pdb {place}"])
+
+
+def _converse(prompt: Prompt, session: Debugged, lines: Iterable[str] = ()) -> None:
+    """Carry out `lines`, then those that are entered, until there is nothing more to do."""
+    console = Console(markup=False, soft_wrap=True)
+    with _editing(prompt):
+        session.wait()
+        _print(console, prompt.where())
+        for line in lines:
+            _print(console, prompt.do(line))
+        while not prompt.over:
+            _enter(console, prompt, session)
+
+
+def _enter(console: Console, prompt: Prompt, session: Debugged) -> None:
+    """Take a line and carry it out; Ctrl-C pauses machines that run, and else drops the line."""
+    try:
+        _print(console, prompt.do(input("llfsm> ")))
+    except LlfsmError as error:
+        console.print(f"{error}", style="red")
+    except EOFError:
+        console.print()
+        _print(console, prompt.do("quit"))
+    except KeyboardInterrupt:
+        console.print()
+        if not session.debugger.paused:
+            session.debugger.pause("interrupt")
+            session.wait()
+            _print(console, prompt.where())
+
+
+def _print(console: Console, lines: Iterable[str]) -> None:
+    for line in lines:
+        console.print(line)
+
+
+@contextmanager
+def _ending_with_the_terminal() -> Iterator[None]:
+    """Let the machines end well when the connection to the terminal is lost, and at a SIGTERM."""
+
+    def end(number: int, _: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    names = [name for name in ("SIGHUP", "SIGTERM") if hasattr(signal, name)]
+    before = {name: signal.signal(getattr(signal, name), end) for name in names}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)
+
+
+@contextmanager
+def _editing(prompt: Prompt) -> Iterator[None]:
+    """Edit lines with a history, kept in a file, and complete words with Tab."""
+    try:
+        import readline
+    except ImportError:  # lines are as the terminal gives them
+        yield
+        return
+
+    def complete(text: str, number: int) -> str | None:
+        before = readline.get_line_buffer()[: readline.get_begidx()]
+        found = [f"{each} " for each in prompt.candidates(before) if each.startswith(text)]
+        return found[number] if number < len(found) else None
+
+    file = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local/state") / "llfsm/history"
+    readline.set_completer_delims(" ")
+    readline.set_completer(complete)
+    is_libedit = "libedit" in (readline.__doc__ or "")
+    readline.parse_and_bind("bind ^I rl_complete" if is_libedit else "tab: complete")
+    readline.set_history_length(_ENTRIES)
+    with suppress(OSError):
+        readline.read_history_file(file)
+    try:
+        yield
+    finally:
+        readline.set_completer(None)
+        with suppress(OSError):  # a folder that cannot be written is no reason to fail
+            file.parent.mkdir(parents=True, exist_ok=True)
+            readline.write_history_file(file)

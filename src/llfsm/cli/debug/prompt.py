@@ -1,0 +1,314 @@
+"""The prompt of ``llfsm debug``: its commands, and what each prints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Protocol
+
+from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.runtime.debugging.published_causes import why_of
+from llfsm.runtime.engine.failure import one_line
+from llfsm.runtime.value_text import ValueText
+from llfsm.whiteboard.message_text import parse_message
+
+from ..why import why_lines
+
+if TYPE_CHECKING:
+    from llfsm.runtime.debugging.debugger import Debugger, Step
+    from llfsm.runtime.engine.arrangement import Arrangement
+
+    from .session import Session
+
+__all__ = [
+    "LAST",
+    "SHARED",
+    "Command",
+    "Debugged",
+    "LivePrompt",
+    "Prompt",
+    "PromptError",
+    "step_of",
+]
+
+STEPS: Final[dict[str, Step]] = {
+    "turn": "turn",
+    "round": "round",
+    "fire": "transition",
+    "leave": "leave",
+}
+_texts: Final = ValueText(1000)
+_SHOWN: Final = ("machines", "sensors", "variables", "breakpoints")
+
+
+class PromptError(LlfsmError):
+    """A line is no command, or has not the arguments of one."""
+
+
+class Command(NamedTuple):
+    """A command of a prompt."""
+
+    usage: str
+    does: str
+    run: Callable[[Any, str], Iterable[str]]
+    """What carries it out, of a prompt and the rest of the line; it yields what is printed."""
+
+
+class Debugged(Protocol):
+    """Machines that a prompt debugs. What lets them go on returns when they are paused again."""
+
+    @property
+    def arrangement(self) -> Arrangement:
+        """The machines."""
+        ...
+
+    @property
+    def debugger(self) -> Debugger:
+        """What pauses them."""
+        ...
+
+    @property
+    def machine(self) -> str:
+        """The name of the machine whose turn is to come; of the first one if that is not known."""
+        ...
+
+    def break_at(self, *texts: str) -> None:
+        """Replace all breakpoints; raise `BreakpointError`."""
+        ...
+
+    def step(self, until: Step, machine: str | None = None) -> str:
+        """Make a step, and return as `wait` does."""
+        ...
+
+    def proceed(self) -> str:
+        """Go on, and return as `wait` does."""
+        ...
+
+    def wait(self) -> str:
+        """Wait until the machines are paused, and return why; "" once they have ended."""
+        ...
+
+
+class Prompt:
+    """Carry out commands on machines that are paused before and after each."""
+
+    commands: ClassVar[Mapping[str, Command]]
+    """By name, in the order of `help`."""
+
+    def __init__(self, session: Debugged):
+        self._session = session
+        self.over = False
+        """Whether there is nothing more to do: the machines have ended, or `quit` was entered."""
+
+    def do(self, line: str) -> Iterator[str]:
+        """Carry out a line and yield what is to be printed; raise `LlfsmError` if it is wrong.
+
+        The first letters of a command are enough: of several, the first in `help` is meant.
+        """
+        name, _, rest = line.strip().partition(" ")
+        found = next((each for each in self.commands if name and each.startswith(name)), None)
+        if found is None:
+            if name:
+                near = did_you_mean(name, self.commands)
+                raise PromptError(f"no command {name!r}{near}; try help")
+            return
+        yield from self.commands[found].run(self, rest.strip())
+
+    def where(self) -> Iterator[str]:
+        """Yield where the machines are paused, or how they have ended."""
+        debugger = self._session.debugger
+        if debugger.turn is not None:
+            machine = debugger.turn.machine
+            state = self._session.arrangement.state_name_of(machine)
+            yield f"{debugger.paused}: round {debugger.turn.round}, {machine} in {state}"
+        elif debugger.paused:  # at a failure that ends all
+            yield debugger.paused
+        else:
+            yield from self.end()
+
+    def end(self) -> Iterator[str]:
+        """Yield why the machines are not paused, though nothing runs."""
+        raise NotImplementedError
+
+    def candidates(self, before: str) -> list[str]:
+        """Return the words that may follow `before`, the part of a line before the last word."""
+        name, *words = before.split() or [""]
+        if not name:
+            return list(self.commands)
+        arrangement = self._session.arrangement
+        machines = [machine.name for machine in arrangement.machines]
+        command = next((each for each in self.commands if each.startswith(name)), "")
+        match command, len(words):
+            case ("step" | "back", 0):
+                return list(STEPS)
+            case ("show", 0):
+                return list(_SHOWN)
+            case ("post", 0):
+                return self._slots()
+            case ("clear", 0):
+                return list(self._session.debugger.breakpoints)
+            case ("break", 0):
+                return [*self._places(), *(f"@{slot}" for slot in arrangement.slots_read)]
+            case ("override" | "release", 1) if words[0] in machines:
+                return list(type(arrangement.machine(words[0])).table.sensors)
+            case ("override" | "release" | "why", 0) | ("step" | "back" | "show", 1):
+                return machines
+        return []
+
+    def _slots(self) -> list[str]:
+        board = self._session.arrangement.whiteboard
+        slots = () if board is None else board.slots()
+        return [info.name for info in slots if not info.name.startswith("llfsm/")]
+
+    def _places(self) -> Iterator[str]:
+        for machine in self._session.arrangement.machines:
+            yield f"{machine.name}!"
+            for state in type(machine).table.states:
+                yield f"{machine.name}:{state.name}"
+
+    # Commands: each takes the rest of its line
+
+    def _pause(self, rest: str) -> Iterator[str]:
+        yield from self.where()
+
+    def _step(self, rest: str) -> Iterator[str]:
+        self._session.step(*step_of(rest))
+        yield from self.where()
+
+    def _continue(self, rest: str) -> Iterator[str]:
+        self._session.proceed()
+        yield from self.where()
+
+    def _break(self, rest: str) -> Iterator[str]:
+        present = self._session.debugger.breakpoints
+        if rest:
+            self._session.break_at(*dict.fromkeys([*present, rest]))
+        yield from self._show("breakpoints")
+
+    def _clear(self, rest: str) -> Iterator[str]:
+        present = self._session.debugger.breakpoints
+        if rest and rest not in present:
+            raise PromptError(
+                f"no breakpoint {rest!r}{did_you_mean(rest, present)}; "
+                f"there are: {', '.join(present) or 'none'}"
+            )
+        self._session.break_at(*(each for each in present if rest and each != rest))
+        yield from self._show("breakpoints")
+
+    def _why(self, rest: str) -> Iterator[str]:
+        arrangement, machine = self._session.arrangement, rest or self._session.machine
+        yield from why_lines(why_of(arrangement, machine, self._session.debugger.now_ns))
+
+    def _show(self, rest: str) -> Iterator[str]:
+        what, machine = [*rest.split(), "", ""][:2]
+        session, arrangement = self._session, self._session.arrangement
+        match what:
+            case "breakpoints":
+                yield from session.debugger.breakpoints or ("no breakpoints",)
+            case "machines":
+                for each in filter(None, arrangement.standings()):
+                    yield f"{each.machine} in {each.state}"
+            case "sensors":
+                found = arrangement.machine(machine or session.machine)
+                overridden = arrangement.overridden(found.name)
+                for name in type(found).table.sensors:
+                    mark = "  (overridden)" if name in overridden else ""
+                    yield f"{name} = {_texts.text(getattr(found, name))}{mark}"
+            case "variables":
+                found = arrangement.machine(machine or session.machine)
+                for name in type(found).table.variables:
+                    yield f"{name} = {_texts.text(getattr(found, name, None))}"
+            case _:
+                raise PromptError(f"show what? There are: {', '.join(_SHOWN)}")
+
+    def _help(self, rest: str) -> Iterator[str]:
+        width = max(len(command.usage) for command in self.commands.values())
+        for command in self.commands.values():
+            yield f"{command.usage:{width}}  {command.does}"
+
+    def _quit(self, rest: str) -> Iterator[str]:
+        self.over = True
+        yield from ()
+
+
+class LivePrompt(Prompt):
+    """Carry out commands on the machines of a session; they may be given other messages, too."""
+
+    _session: Session
+
+    def end(self) -> Iterator[str]:
+        """Yield how the machines have ended: there is nothing more to do."""
+        self.over = True
+        session = self._session
+        how = session.arrangement.reason if session.error is None else one_line(session.error)
+        yield f"the machines have ended: {how}"
+
+    def _post(self, rest: str) -> Iterator[str]:
+        name, text = _two(rest, "post SLOT MESSAGE")
+        board = self._session.arrangement.whiteboard
+        assert board is not None
+        slot = board.find(name)
+        yield f"message {board.add_message(slot, parse_message(slot, text))} of {name}"
+
+    def _override(self, rest: str) -> Iterator[str]:
+        machine, more = _two(rest, "override MACHINE SENSOR MESSAGE")
+        sensor, text = _two(more, "override MACHINE SENSOR MESSAGE")
+        self._session.debugger.override(machine, sensor, text)
+        yield f"{machine}: {sensor} is overridden"
+
+    def _release(self, rest: str) -> Iterator[str]:
+        machine, sensor = _two(rest, "release MACHINE SENSOR")
+        self._session.arrangement.release(machine, sensor)
+        yield f"{machine}: {sensor} is released"
+
+
+def step_of(rest: str) -> tuple[Step, str | None]:
+    """Return which step a line asks for, and of which machine; raise `PromptError`."""
+    until, machine = [*rest.split(), "", ""][:2]
+    until = until or "turn"
+    if until not in STEPS:
+        raise PromptError(
+            f"no step {until!r}{did_you_mean(until, STEPS)}; there are: {', '.join(STEPS)}"
+        )
+    return STEPS[until], machine or None
+
+
+def _two(text: str, usage: str) -> tuple[str, str]:
+    """Return the first word of a text, and what follows; raise `PromptError` without either."""
+    first, _, rest = text.partition(" ")
+    if not rest.strip():
+        raise PromptError(f"usage: {usage}")
+    return first, rest.strip()
+
+
+SHARED: Final = {
+    "step": Command(
+        "step [turn|round|fire|leave] [MACHINE]",
+        "go on to the next turn, round or transition, or until MACHINE leaves its state",
+        Prompt._step,
+    ),
+    "continue": Command("continue", "go on to a breakpoint; Ctrl-C pauses", Prompt._continue),
+    "why": Command("why [MACHINE]", "show what its transitions see", Prompt._why),
+    "break": Command("break [BREAKPOINT]", "add one, as Wall:STOP if x > 9", Prompt._break),
+    "clear": Command("clear [BREAKPOINT]", "remove one, or all", Prompt._clear),
+    "show": Command(
+        "show machines|sensors|variables|breakpoints [MACHINE]",
+        "show them; sensors as MACHINE has last found them",
+        Prompt._show,
+    ),
+}
+LAST: Final = {
+    "pause": Command("pause", "show where the machines are paused", Prompt._pause),
+    "help": Command("help", "show this", Prompt._help),
+    "quit": Command("quit", "end the machines, and this", Prompt._quit),
+}
+LivePrompt.commands = {
+    **SHARED,
+    "post": Command("post SLOT MESSAGE", "post a message, in JSON", LivePrompt._post),
+    "override": Command(
+        "override MACHINE SENSOR MESSAGE",
+        "let its sensor find this message, in JSON, until released",
+        LivePrompt._override,
+    ),
+    "release": Command("release MACHINE SENSOR", "end that", LivePrompt._release),
+    **LAST,
+}

@@ -1,0 +1,202 @@
+"""``llfsm pause``, ``step`` and ``continue``, for all machines of a process, and ``override``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, TypeVar, get_args
+
+import click
+
+from llfsm.runtime.debugging.debugger import LEASE_S, Step
+from llfsm.runtime.presence.hosts import find_machine
+from llfsm.runtime.presence.remote import SILENT_S, Directory, RemoteMachine, is_live
+from llfsm.whiteboard import Board
+from llfsm.whiteboard.liveness import identity
+from llfsm.whiteboard.messages.llfsm import MachineRequest, MachineStatus, status_slot
+
+from .options import BoardPlace, board_option
+from .why import fetch_why
+
+__all__ = ["continue_", "override", "pause", "step"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_PATIENCE_S = 5.0
+
+_machine = click.argument("machine", required=False)
+
+
+def _lease_option(help_text: str) -> Callable[[F], F]:
+    return click.option(
+        "--for",
+        "lease_s",
+        metavar="SECONDS",
+        type=click.FloatRange(0, min_open=True),
+        default=LEASE_S,
+        show_default=True,
+        help=help_text,
+    )
+
+
+_lease = _lease_option("Go on after so long, unless paused or stepped again.")
+
+
+@click.command()
+@_machine
+@_lease
+@board_option
+def pause(machine: str | None, lease_s: float, board: BoardPlace) -> None:
+    """Pause all machines of the process that runs MACHINE, before their next turn.
+
+    MACHINE may be left out where one process runs all.
+
+    \b
+    llfsm pause
+    llfsm pause Wall --for 600
+    """
+    with board.open(create=False) as wb:
+        status = _debug(wb, _find(wb, machine), MachineRequest("pause", "", lease_s))
+        click.echo(f"paused in {status.state}; `llfsm continue`, or {lease_s:g} s, end that")
+
+
+@click.command()
+@_machine
+@click.option(
+    "--until",
+    type=click.Choice(get_args(Step)),
+    default="turn",
+    show_default=True,
+    help="The end of a turn, of a round, a transition, or MACHINE leaves its state.",
+)
+@_lease
+@board_option
+def step(machine: str | None, until: Step, lease_s: float, board: BoardPlace) -> None:
+    """Let all machines of the process that runs MACHINE go on, and pause them again.
+
+    MACHINE may be left out where one process runs all.
+
+    \b
+    llfsm step
+    llfsm step Wall --until leave
+    """
+    with board.open(create=False) as wb:
+        status = _debug(wb, _find(wb, machine), MachineRequest("step", until, lease_s))
+        click.echo(f"paused in {status.state} ({status.paused})")
+
+
+@click.command("continue")
+@_machine
+@board_option
+def continue_(machine: str | None, board: BoardPlace) -> None:
+    """Let all machines of the process that runs MACHINE go on.
+
+    MACHINE may be left out where one process runs all.
+
+    \b
+    llfsm continue
+    """
+    with board.open(create=False) as wb:
+        status = _debug(wb, _find(wb, machine), MachineRequest("continue"))
+        click.echo(f"running in {status.state}")
+
+
+@click.command()
+@click.argument("machine")
+@click.argument("sensor")
+@click.argument("message", required=False)
+@click.option("--release", is_flag=True, help="End that.")
+@_lease_option("End that after so long, unless it is overridden again.")
+@board_option
+def override(
+    machine: str,
+    sensor: str,
+    message: str | None,
+    release: bool,
+    lease_s: float,
+    board: BoardPlace,
+) -> None:
+    """Let SENSOR of MACHINE find MESSAGE, in JSON, for a while, or until the machine ends.
+
+    Nothing is posted: others read what is in the slot. `null` is as if there were no message.
+
+    \b
+    llfsm override Wall pose '{"x": 9.5}'
+    llfsm override Wall pose --release
+    """
+    if release is (message is not None):
+        raise click.UsageError("give either a MESSAGE or --release")
+    request = MachineRequest("release", sensor)
+    if message is not None:
+        request = MachineRequest("override", f"{sensor} {message}", lease_s)
+    with board.open(create=False) as wb:
+        remote = find_machine(wb, machine)
+        _carry_out(wb, remote, request, lambda status: True)
+        if problem := fetch_why(wb, remote.name).problem:
+            raise click.ClickException(problem)
+        how = "released" if release else f"overridden; `--release`, or {lease_s:g} s, end that"
+        click.echo(f"{machine}: {sensor} is {how}")
+
+
+def _debug(board: Board, remote: RemoteMachine, request: MachineRequest) -> MachineStatus:
+    """Have the machines of a process paused, stepped or continued; return the status then.
+
+    Raise ``click.ClickException`` if that takes more than a few seconds, or it ends instead.
+    """
+
+    def is_done(status: MachineStatus) -> bool:
+        return bool(status.paused) == (request.action != "continue")
+
+    status = _carry_out(board, remote, request, is_done)
+    for other in Directory(board).machines():  # their statuses are published one by one
+        if identity(other.status) == identity(status):
+            with suppress(click.ClickException):  # it may end: only the first one is asked for
+                _await(board, other, request, is_done)
+    return status
+
+
+def _carry_out(
+    board: Board,
+    remote: RemoteMachine,
+    request: MachineRequest,
+    is_done: Callable[[MachineStatus], bool],
+) -> MachineStatus:
+    remote.send(request)
+    before = remote.status.obeyed
+    return _await(board, remote, request, lambda status: status.obeyed > before and is_done(status))
+
+
+def _await(
+    board: Board,
+    remote: RemoteMachine,
+    request: MachineRequest,
+    is_done: Callable[[MachineStatus], bool],
+) -> MachineStatus:
+    slot, until = board[status_slot(remote.name)], time.monotonic() + _PATIENCE_S
+    sample = slot.sample()
+    while sample is not None and is_live(sample):
+        status = sample.message
+        if is_done(status):
+            return status
+        left = until - time.monotonic()
+        if left <= 0:
+            does = "it runs on until it does" if request.action == "step" else "see `llfsm ps`"
+            raise click.ClickException(
+                f"{remote.name} has not reached that within {_PATIENCE_S:g} s: {does}"
+            )
+        sample = slot.wait(after=sample.count, timeout=min(left, SILENT_S)) or slot.sample()
+    raise click.ClickException(f"{remote.name} has ended in the meantime")
+
+
+def _find(board: Board, name: str | None) -> RemoteMachine:
+    if name is not None:
+        return find_machine(board, name)
+    machines = Directory(board).machines()
+    first = {identity(machine.status): machine for machine in reversed(machines)}
+    if len(first) == 1:
+        return next(iter(first.values()))
+    if not first:
+        raise click.ClickException(f"no machine runs on {board.name}")
+    names = ", ".join(machine.name for machine in first.values())
+    raise click.UsageError(f"{len(first)} processes run machines: name one of {names}")

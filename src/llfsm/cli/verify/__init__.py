@@ -1,0 +1,1 @@
+"""``llfsm verify``: machines are explored."""

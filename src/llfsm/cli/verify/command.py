@@ -1,0 +1,269 @@
+"""``llfsm verify``: explore machines, and decide what must never or always hold of them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+import msgspec
+
+from llfsm.errors import LlfsmError
+from llfsm.runtime.counterexamples.regression import regression_of, script_of
+from llfsm.runtime.plans.plan import Verification
+from llfsm.runtime.verification import Progress, Space, Verdict, explore, reachable
+from llfsm.runtime.verification.exporting import EXPORTS
+
+from .report import as_data, as_text
+from .subject import VerifiedMachines
+
+__all__ = ["verify"]
+
+_EVERYTHING = reachable(lambda _: False, "every state")
+"""What is never decided before all states are found."""
+_STDOUT = Path("-")
+
+
+class _Refused(click.ClickException):
+    """What is asked cannot be done: nothing is known of the properties."""
+
+    exit_code = 2
+
+
+class _Interrupted(click.ClickException):
+    """Ctrl-C came before or after the exploration: some property is undecided."""
+
+    exit_code = 3
+
+
+@click.command()
+@click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
+@click.option(
+    "-p",
+    "--property",
+    "properties",
+    metavar="MODULE:NAME",
+    multiple=True,
+    help="A property to decide, or MODULE alone: all that it defines. May be repeated.",
+)
+@click.option(
+    "--sensor",
+    "sensors",
+    metavar="SLOT=DOMAIN",
+    multiple=True,
+    help="What the environment may put into SLOT: every, JSON, or MODULE:NAME.",
+)
+@click.option(
+    "--period-ms",
+    metavar="MS",
+    type=click.FloatRange(0, min_open=True),
+    help="The time from one round to the next; by default 10, the idle time of a run.",
+)
+@click.option("--any-time", is_flag=True, help="Any time may pass between two rounds.")
+@click.option(
+    "--choices",
+    type=click.Choice(["turns", "rounds"]),
+    help="When the environment may change: at each turn (the default), or once a round.",
+)
+@click.option("--stop", is_flag=True, help="A stop may come before any turn, as by Ctrl-C.")
+@click.option(
+    "--suspend",
+    metavar="MACHINE",
+    multiple=True,
+    help="Anybody may suspend, resume or restart MACHINE at any time. May be repeated.",
+)
+@click.option(
+    "--abstract",
+    metavar="MACHINE.VARIABLE=MODULE:FUNCTION",
+    multiple=True,
+    help="Replace a variable's value by the function's result after each turn.",
+)
+@click.option("--max-states", metavar="N", type=click.IntRange(1), help="End at so many states.")
+@click.option("--max-seconds", metavar="S", type=click.FloatRange(0), help="End after this time.")
+@click.option(
+    "--record",
+    "recording",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record the first counterexample, for llfsm view and llfsm rerun.",
+)
+@click.option(
+    "--pytest",
+    "tests",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write a test for each counterexample; - prints them.",
+)
+@click.option(
+    "--export",
+    "exports",
+    metavar="FILE",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Write all states for Storm (.drn), SPIN (.pml) or Aldebaran (.aut). May be repeated.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
+def verify(
+    machines: tuple[str, ...],
+    properties: tuple[str, ...],
+    sensors: tuple[str, ...],
+    period_ms: float | None,
+    any_time: bool,
+    choices: Literal["turns", "rounds"] | None,
+    stop: bool,
+    suspend: tuple[str, ...],
+    abstract: tuple[str, ...],
+    max_states: int | None,
+    max_seconds: float | None,
+    recording: Path | None,
+    tests: Path | None,
+    exports: tuple[Path, ...],
+    as_json: bool,
+) -> None:
+    """Explore all that MACHINES can do, and decide whether properties hold.
+
+    Machines are named as for `llfsm run`; of an arrangement file, the table [verify] counts, too.
+    The exit status is 0 if all properties hold, 1 if one is violated, 2 for wrong usage, and 3 if
+    one is undecided because the exploration was ended: by --max-states, --max-seconds or Ctrl-C.
+
+    \b
+    llfsm verify OvenTimer OvenCooker -p oven_properties:no_radiation
+    llfsm verify robot.toml --record counterexample.mcap
+    """
+    asked = Verification(
+        properties=properties,
+        sensors=dict(_pair(text, "SLOT=DOMAIN", _json) for text in sensors),
+        period_ms=period_ms,
+        any_time=any_time,
+        choices=choices or "turns",
+        stop=stop,
+        suspend=suspend,
+        abstract=dict(_pair(text, "MACHINE.VARIABLE=MODULE:FUNCTION", str) for text in abstract),
+        max_states=max_states,
+        max_seconds=max_seconds,
+    )
+    _check_files(recording, tests, exports)
+    try:
+        subject = VerifiedMachines(machines, asked)
+        sought = [each.property for each in subject.named]
+        with _progress(quiet=as_json) as progress:
+            space = explore(
+                subject.members,
+                properties=[*sought, *([_EVERYTHING] if exports else [])],
+                progress=progress,
+                **subject.options(),
+            )
+        verdicts = [each for each in space.verdicts if each.property is not _EVERYTHING]
+        undecided = any(verdict.holds is None for verdict in verdicts)
+        ended = _why(subject.wanted, space) if undecided else ""
+        report = as_data if as_json else as_text
+        found = report(space, verdicts, subject.period_ms, ended)
+        click.echo(msgspec.json.encode(found).decode() if as_json else found)
+        violated = [verdict for verdict in verdicts if verdict.holds is False]
+        _write(subject, space, violated, recording, tests)
+        for file in exports:
+            space.export(file)
+    except LlfsmError as error:
+        raise _Refused(str(error)) from error
+    except KeyboardInterrupt:
+        raise _Interrupted("interrupted: nothing more is known") from None
+    if violated or undecided:
+        raise click.exceptions.Exit(1 if violated else 3)
+
+
+def _pair(text: str, form: str, read: Callable[[str], Any]) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise click.UsageError(f"{text!r}: give it as {form}")
+    return name, read(value)
+
+
+def _json(text: str) -> Any:
+    """Return a domain: JSON, or a word as it is."""
+    if text[:1] not in ("[", "{"):
+        return text
+    try:
+        return msgspec.json.decode(text)
+    except msgspec.DecodeError as error:
+        raise click.UsageError(f"{text!r} is not JSON: {error}") from error
+
+
+def _check_files(recording: Path | None, tests: Path | None, exports: Sequence[Path]) -> None:
+    """Find out before anything is explored that a file cannot be written."""
+    for file in exports:
+        if file.suffix not in EXPORTS:
+            raise click.UsageError(f"{file}: its name must end with one of {', '.join(EXPORTS)}")
+    for each in (recording, tests):
+        if each is not None and each != _STDOUT and each.exists():
+            raise _Refused(f"{each} is there already: remove it, or write to another file")
+    for each in (recording, tests, *exports):
+        if each is not None and not each.absolute().parent.is_dir():
+            raise _Refused(f"{each} cannot be written: there is no folder {each.parent}")
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], object]]:
+    """Give what shows how far an exploration is: a line on a terminal, unless `quiet`."""
+    from rich.console import Console
+
+    console = Console(stderr=True, quiet=quiet or not sys.stderr.isatty())
+    with console.status("exploring") as status:
+        yield lambda now: status.update(
+            f"{now.states:,} states, {now.depth:,} turns deep, {now.seconds:.0f} s"
+        )
+
+
+def _why(wanted: Verification, space: Space) -> str:
+    """Return what ended an exploration before its end."""
+    if wanted.max_states is not None and space.states >= wanted.max_states:
+        return f"there are {wanted.max_states:,} or more (max_states)"
+    if wanted.max_seconds is not None and space.seconds >= wanted.max_seconds:
+        return f"it took longer than {wanted.max_seconds:g} s (max_seconds)"
+    if space.cut:
+        return "interrupted"
+    return "the times of the way to a violation are not possible; give --period-ms"
+
+
+def _write(
+    subject: VerifiedMachines,
+    space: Space,
+    violated: Sequence[Verdict],
+    recording: Path | None,
+    tests: Path | None,
+) -> None:
+    """Write the counterexamples."""
+    ways = [(each, each.witness) for each in violated if each.witness is not None]
+    if not ways:
+        shown = "no run shows that a state is not reachable" if violated else "nothing is violated"
+        for file in (recording, tests):
+            if file is not None:
+                click.echo(f"{file}: not written, as {shown}", err=True)
+        return
+    if recording is not None:
+        from llfsm.bridges.recording.replay_recorder import record_replay
+
+        first, way = ways[0]
+        record_replay(
+            recording,
+            space.members,
+            script_of(way, space.slots),
+            plan=subject.plan_with(space.members),
+            folder=subject.folder,
+            unload_accepting=space.unload_accepting,
+        )
+        click.echo(f"{recording}: recorded how {first.property} is violated", err=True)
+    if tests is not None:
+        where = {each.property: each.where for each in subject.named}
+        folder = None if tests == _STDOUT else tests.absolute().parent
+        text = "\n\n".join(
+            regression_of(space, witness, where[each.property], folder=folder)
+            for each, witness in ways
+        )
+        if tests == _STDOUT:
+            click.echo(text, nl=False)
+        else:
+            tests.write_text(text, encoding="utf-8")
+            click.echo(f"{tests}: fails under pytest until the machines are mended", err=True)

@@ -1,0 +1,65 @@
+"""``llfsm why``: the transitions of a machine's state, with the values that their guards see."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, Iterator
+
+import click
+
+from llfsm.runtime.presence.hosts import HostNames, find_machine
+from llfsm.whiteboard import Board
+from llfsm.whiteboard.messages.debugging import MachineWhy, SeenTransition, why_slot
+from llfsm.whiteboard.messages.llfsm import Viewer
+
+from .options import BoardPlace, board_option
+
+__all__ = ["fetch_why", "why", "why_lines"]
+
+_PATIENCE_S = 5.0
+_VALUES = {True: "true", False: "false", None: "?"}
+
+
+@click.command()
+@click.argument("machine")
+@board_option
+def why(machine: str, board: BoardPlace) -> None:
+    """Show why MACHINE is still in its state: each transition, with the values that it sees.
+
+    A `?` is a guard whose value cannot be known without a call that may have an effect.
+
+    \b
+    llfsm why Wall
+    """
+    with board.open(create=False) as wb:
+        for line in why_lines(fetch_why(wb, find_machine(wb, machine).name)):
+            click.echo(line)
+
+
+def fetch_why(board: Board, machine: str) -> MachineWhy:
+    """Have a machine publish why it is in its state; raise ``click.ClickException`` if not soon."""
+    slot, until = board[why_slot(machine)], time.monotonic() + _PATIENCE_S
+    names, before = HostNames(board), slot.count
+    while time.monotonic() < until:
+        names.ask(board, names.of_machine(machine), Viewer(os.getpid(), why=True))
+        found = slot.wait(after=before, timeout=0.25)
+        if found is not None:
+            return found.message
+    raise click.ClickException(f"{machine} does not answer; see `llfsm ps`")
+
+
+def why_lines(why: MachineWhy) -> Iterator[str]:
+    """Yield what is printed of a machine."""
+    if why.source:
+        yield f"it has left {why.source}:"
+        yield from _table(why.before)
+    yield f"it is in {why.state}:" if why.transitions else f"it is in {why.state}"
+    yield from _table(why.transitions)
+
+
+def _table(transitions: Iterable[SeenTransition]) -> Iterator[str]:
+    rows = [(_VALUES[each.value], each.target, each.label, each.seen) for each in transitions]
+    target, label = (max((len(row[i]) for row in rows), default=0) for i in (1, 2))
+    for row in rows:
+        yield f"  {row[0]:<5}  -> {row[1]:<{target}}  {row[2]:<{label}}  {row[3]}".rstrip()
