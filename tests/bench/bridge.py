@@ -36,7 +36,7 @@ from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
-__all__ = ["rows"]
+__all__ = ["free_port", "go", "line_of", "ready", "rows", "until_over"]
 
 _TOPICS, _HZ = 10, 1000
 _TYPE = "geometry_msgs/msg/Twist"
@@ -101,7 +101,7 @@ def talk(place: Place) -> None:
     session, _ = open_session([place.router])
     encode = TypeLibrary().message(_TYPE).encode
     publishers = [session.declare_publisher(key) for key in _keys()]
-    _ready()
+    ready()
 
     def send(topic: int, twist: Twist) -> None:
         publishers[topic].put(encode(twist), attachment=pack(1, time.time_ns(), _GID))
@@ -114,7 +114,7 @@ def write(place: Place) -> None:
     """Add to slots, as machines do."""
     with Whiteboard(place.board) as board:
         slots = _slots(board)
-        _ready()
+        ready()
         _in_turns(place.seconds, lambda topic, twist: slots[topic].add(twist))
 
 
@@ -128,7 +128,7 @@ def hear(place: Place) -> None:
         latencies.append(time.monotonic_ns() - unpack_from("<d", data, 4)[0])
 
     subscribers = [session.declare_subscriber(key, on_sample) for key in _keys()]
-    _ready()
+    ready()
     before = time.process_time_ns()
     sys.stdin.readline()
     wait_for(lambda: latencies)
@@ -138,7 +138,7 @@ def hear(place: Place) -> None:
     session.close()
 
 
-def _ready() -> None:
+def ready() -> None:
     print("ready", flush=True)
     sys.stdin.readline()
 
@@ -147,7 +147,7 @@ _ROLES = {"talk": talk, "write": write, "hear": hear}
 
 
 @contextmanager
-def _until_over(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
+def until_over(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
     try:
         with process:
             yield process
@@ -156,13 +156,13 @@ def _until_over(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str
         process.kill()
 
 
-def _go(process: subprocess.Popen[str]) -> None:
+def go(process: subprocess.Popen[str]) -> None:
     assert process.stdin is not None
     process.stdin.write("go\n")
     process.stdin.flush()
 
 
-def _line(process: subprocess.Popen[str]) -> str:
+def line_of(process: subprocess.Popen[str]) -> str:
     assert process.stdout is not None
     return process.stdout.readline()
 
@@ -176,28 +176,28 @@ def measure(place: Place, sender: str, bridge: str | None, *, hearing: bool) -> 
     """Run one round."""
     with ExitStack() as stack:
         board = stack.enter_context(Whiteboard(place.board))
-        between = bridge and stack.enter_context(_until_over(place.bridge(bridge)))
+        between = bridge and stack.enter_context(until_over(place.bridge(bridge)))
         if between:
             assert between.stderr is not None
             between.stderr.readline()
-        hearer = stack.enter_context(_until_over(place.role("hear"))) if hearing else None
-        talker = stack.enter_context(_until_over(place.role(sender)))
+        hearer = stack.enter_context(until_over(place.role("hear"))) if hearing else None
+        talker = stack.enter_context(until_over(place.role(sender)))
         for process in filter(None, (hearer, talker)):
-            _line(process)
+            line_of(process)
         time.sleep(1)  # until all know of each other
         if hearer:
-            _go(hearer)
+            go(hearer)
         reader = _Reader(board) if not hearer else None
         before = _cpu_ns(between) if between else 0.0
-        _go(talker)
+        go(talker)
         talker.wait()
         time.sleep(0.2)  # for what is still on its way; no process knows that it was the last
         if reader:
             wait_for(lambda: reader.latencies)
         used = _cpu_ns(between) - before if between else 0.0
         if hearer:
-            _go(hearer)
-            return Round(*json.loads(_line(hearer)))
+            go(hearer)
+            return Round(*json.loads(line_of(hearer)))
         assert reader is not None
         return Round(reader.median(), used / sum(slot.count for slot in _slots(board)))
 
@@ -230,7 +230,7 @@ def rows(rounds: int, seconds: float) -> Iterator[Row]:
     """Measure all three ways in turns; before several rounds, one more is thrown away."""
     name = f"bench-bridge-{os.getpid()}"
     warm = 1 if rounds > 1 else 0
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     raw: list[Round] = []
     into: list[Round] = []
     out: list[Round] = []
@@ -258,7 +258,7 @@ def _row(what: str, ours: list[float], its: list[float], score: Score, promised:
     return Row(what, sides, score, promised)
 
 
-def _free_port() -> int:
+def free_port() -> int:
     import socket
 
     with socket.socket() as probe:
@@ -267,15 +267,21 @@ def _free_port() -> int:
     return port
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+def main(
+    what: str | None,
+    rows: Callable[[int, float], Iterator[Row]],
+    roles: dict[str, Callable[[Any], None]],
+    place: Callable[..., Any],
+) -> int:
+    """Print rows, or be the process of a role, as the command line says; return the exit status."""
+    parser = argparse.ArgumentParser(description=(what or "").partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=2.0, help="of one round")
-    parser.add_argument("--role", choices=_ROLES, help=argparse.SUPPRESS)
+    parser.add_argument("--role", choices=roles, help=argparse.SUPPRESS)
     parser.add_argument("--place", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role:
-        _ROLES[options.role](Place(*json.loads(options.place)))
+        roles[options.role](place(*json.loads(options.place)))
         return 0
     print(HEAD, flush=True)
     measured = []
@@ -286,4 +292,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(__doc__, rows, _ROLES, Place))

@@ -8,10 +8,16 @@ get all the bad slices, and ratios are off by a factor of two.)
 
 from __future__ import annotations
 
+import os
+import shlex
+import shutil
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from timeit import Timer
 from typing import NamedTuple, TypeAlias
 
@@ -21,14 +27,19 @@ __all__ = [
     "Sampler",
     "Side",
     "Subject",
+    "answering",
+    "compiled",
     "in_turns",
     "process",
     "statement",
+    "undisturbed",
     "wait_for",
 ]
 
 _PAUSE_S = 0.02  # so that each message is alone, and no slot changes as often as it may leave
 _PATIENCE_S = 30.0
+_WAITED_NS = 20_000  # it takes less to get a processor that is free
+_BEHIND_NS = 1_000_000  # a period
 
 Sampler: TypeAlias = Callable[[], float]
 """Takes one sample: nanoseconds, or bytes."""
@@ -43,7 +54,10 @@ class Pace(NamedTuple):
     idle_s: float  # of waiting for a message
     schedule_s: float  # of keeping to a timetable
     bridge: tuple[int, float]  # rounds, and seconds of each
+    through: tuple[int, float] | None  # likewise, through a bridge
+    fleet_s: float | None  # of hosts that read of each other
     page_s: float  # of showing a page
+    explorations: tuple[int, int | None]  # of a microwave; states of two ovens, None for all
 
 
 @dataclass(frozen=True)
@@ -105,6 +119,39 @@ def process(who: str, *command: str) -> Meter:
     return Meter(who, " ".join(command[1:]), sample)
 
 
+@contextmanager
+def compiled(source: str) -> Iterator[str | None]:
+    """Compile a program in C that lies here, and yield its path; None without a compiler."""
+    compiler = shlex.split(os.environ.get("CC", "cc"))
+    if not shutil.which(compiler[0]):
+        yield None
+        return
+    with TemporaryDirectory() as folder:
+        program = str(Path(folder, "program"))
+        path = str(Path(__file__).with_name(source))
+        subprocess.run([*compiler, "-std=c11", "-O2", path, "-o", program], check=True)
+        yield program
+
+
+@contextmanager
+def answering(*command: str) -> Iterator[Callable[[], str]]:
+    """Start a process that answers each line by one; yield what returns its next answer."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, text=True, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL
+    ) as process:
+        asks, answers = process.stdin, process.stdout
+        assert asks is not None
+        assert answers is not None
+
+        def ask() -> str:
+            asks.write("\n")
+            asks.flush()
+            return answers.readline().strip()
+
+        yield ask
+
+
 def wait_for(arrived: Callable[[], object]) -> None:
     """Wait for a message, looking so rarely that this is not in its way."""
     begin = time.monotonic()
@@ -124,3 +171,21 @@ def in_turns(meters: list[Meter], times: int) -> list[Side]:
                 side.samples.append(meter.sample())
         turn.reverse()
     return sides
+
+
+def undisturbed(printed: list[int], starting: int) -> list[float]:
+    """Return the lateness of the rounds for which no other process had the processor.
+
+    Nor a while ago, so that this one was still behind: what is left is the program's own, and not
+    what else runs here. `printed` are, for each round, the nanoseconds by which it was late, and
+    for which the thread had waited for a processor by then. The first `starting` do not count.
+    """
+    late, waited = printed[0:-1:2], printed[1::2]
+    found: list[float] = []
+    behind = True
+    for number in range(starting, len(late)):
+        others = waited[number] - waited[number - 1] > _WAITED_NS
+        behind = others or (behind and late[number] > _BEHIND_NS)
+        if not behind:
+            found.append(float(late[number]))
+    return found

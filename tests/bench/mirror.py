@@ -114,6 +114,7 @@ def _raw() -> Iterator[Callable[[], float]]:
             "mode": "peer",
             "scouting/multicast/enabled": False,
             "listen/endpoints": [endpoint],
+            "transport/shared_memory/enabled": False,  # not used; the killed one would leave it
         }
         stack.enter_context(_process("-c", _RECEIVER, json.dumps(settings), file.name))
         config = zenoh.Config()

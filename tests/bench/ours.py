@@ -12,8 +12,10 @@ from pathlib import Path
 from measure import Sampler, Subject
 
 from llfsm.machines import RosWallTurttleBot
-from llfsm.runtime import Arrangement, Machine, State
+from llfsm.runtime import Arrangement, Machine, MonotonicClock, State, TimeSlot, Timetable
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
+from llfsm.runtime.debugging import Debugger
+from llfsm.runtime.engine.pacing import Pacer
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 
@@ -103,7 +105,7 @@ def subjects() -> Iterator[dict[str, Subject]]:
     name = f"bench-{os.getpid()}"
     with Whiteboard(name) as board, Whiteboard(name) as elsewhere:
         try:
-            yield _on_board(board, elsewhere) | _machines() | _walls(board)
+            yield _on_board(board, elsewhere) | _machines() | _paced() | _walls(board)
         finally:
             board.remove()
 
@@ -140,15 +142,25 @@ def _machines() -> dict[str, Subject]:
     many = [Staying() for _ in range(MANY)]
     bundle = compile_bundle(COUNTING)
     classes, watched, others = ([Counting() for _ in range(MANY)] for _ in range(3))
+    debugged, released = ([Counting() for _ in range(MANY)] for _ in range(2))
     bundles = [bundle() for _ in range(MANY)]
     ten, ten_timed = ([Counting() for _ in range(10)] for _ in range(2))
     observed = Arrangement(watched, observers=[lambda event: None])
+    with_breakpoints = Arrangement(debugged)
+    Debugger(with_breakpoints).break_at(*(f"Counting.{i}:there->" for i in range(20)))
+    without_breakpoints = Arrangement(released)
+    Debugger(without_breakpoints).break_at("Counting:there")
+    Debugger.of(without_breakpoints).break_at()
     return {
         "firing": Subject("arrangement.round()", {"arrangement": Arrangement([Firing])}),
         "guarded": Subject("arrangement.round()", {"arrangement": Arrangement([Guarded])}),
         "class": Subject("arrangement.round()", {"arrangement": Arrangement(classes)}, MANY),
         "bundle": Subject("arrangement.round()", {"arrangement": Arrangement(bundles)}, MANY),
         "observed": Subject("arrangement.round()", {"arrangement": observed}, MANY),
+        "breakpoints": Subject("arrangement.round()", {"arrangement": with_breakpoints}, MANY),
+        "no breakpoints": Subject(
+            "arrangement.round()", {"arrangement": without_breakpoints}, MANY
+        ),
         "timed": Subject(
             "arrangement.round()", {"arrangement": Arrangement(others, timed=True)}, MANY
         ),
@@ -165,6 +177,37 @@ def _machines() -> dict[str, Subject]:
         "firing, defined": Subject("arrangement.round()", {"arrangement": Defined([Firing])}),
         "empty method": Subject("machine.empty()", {"machine": Staying()}),
     }
+
+
+class Hurried(MonotonicClock):
+    """A clock of which nobody waits for a time."""
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Return at once."""
+
+
+class Unmeasured(Pacer):
+    """Wait for turns, and measure nothing."""
+
+    def _wait(self, due_ns: int, deadline_ns: int, lateness: object) -> bool:
+        return self._sleep_until(due_ns)
+
+
+def _paced() -> dict[str, Subject]:
+    """Make ten machines whose turns are due at once, with a stopwatch and with none."""
+    names = [f"machine{number}" for number in range(10)]
+    slots = Timetable([TimeSlot(name, start, 1) for start, name in enumerate(names)], 1000)
+    found = {}
+    for what, plan in (("period", {"period_us": 1000}), ("timetable", {"timetable": slots})):
+        for suffix in ("", ", untimed"):
+            arrangement = Arrangement(clock=Hurried(), **plan)
+            for name in names:
+                arrangement.load(Counting(), name=name)
+            if suffix:
+                arrangement._stopwatch = None
+                arrangement._pacer.__class__ = Unmeasured
+            found[what + suffix] = Subject("round()", {"round": arrangement.round}, 10)
+    return found
 
 
 def _walls(board: Whiteboard) -> dict[str, Subject]:

@@ -5,28 +5,25 @@ To compare with, two processes in C that wake each other and do nothing else.
 
 from __future__ import annotations
 
-import os
-import shlex
-import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from measure import Sampler
+from measure import Sampler, answering, compiled
 
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
 
-__all__ = ["Echo", "idle_percent", "samplers"]
+__all__ = ["Echo", "idle_percents", "samplers"]
 
 ASK, ANSWER = Slot("ask", Int32), Slot("answer", Int32)
 _PAUSE_S = 0.003  # so that the other side sleeps
 _PATIENCE_S = 30.0
+_IDLE_US = 10_000  # the default
 
 
 class Echo(Machine):
@@ -91,35 +88,35 @@ def samplers(board: str) -> Iterator[tuple[Sampler, Sampler | None]]:
 
 @contextmanager
 def _round_trips() -> Iterator[Sampler | None]:
-    compiler = shlex.split(os.environ.get("CC", "cc"))
-    if not shutil.which(compiler[0]):
-        yield None
-        return
-    with TemporaryDirectory() as folder:
-        program = str(Path(folder, "futex"))
-        source = str(Path(__file__).with_name("futex.c"))
-        subprocess.run([*compiler, "-std=c11", "-O2", source, "-o", program], check=True)
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        with subprocess.Popen([program], text=True, **pipes) as process:
-            asks, answers = process.stdin, process.stdout
-            assert asks is not None
-            assert answers is not None
+    with compiled("futex.c") as program:
+        if program is None:
+            yield None
+            return
+        with answering(program) as ask:
 
             def sample() -> float:
                 time.sleep(_PAUSE_S)
-                asks.write("\n")
-                asks.flush()
-                return float(answers.readline())
+                return float(ask())
 
             yield sample
 
 
-def idle_percent(board: str, machines: int, seconds: float) -> float:
-    """Return which part of a core machines take that wait for a message."""
-    with _running(board, machines) as (pid, _):
+def idle_percents(board: str, machines: int, seconds: float) -> tuple[list[float], list[float]]:
+    """Return which part of a core machines take that wait for a message, and a loop that sleeps.
+
+    The loop is in C and wakes as often; there is none without a compiler.
+    """
+    ours, its = [], []
+    with _running(board, machines) as (pid, _), compiled("sleep.c") as program:
         begin_s, before_s = time.monotonic(), _cpu_s(pid)
-        time.sleep(seconds)
-        return 100 * (_cpu_s(pid) - before_s) / (time.monotonic() - begin_s)
+        if program is None:
+            time.sleep(seconds)
+        else:
+            sleeps = str(max(round(seconds * 1e6 / _IDLE_US), 1))
+            with answering(program, "cost", str(_IDLE_US), sleeps, "0") as ask:
+                its.append(float(ask()) / (_IDLE_US * 10))
+        ours.append(100 * (_cpu_s(pid) - before_s) / (time.monotonic() - begin_s))
+    return ours, its
 
 
 def _cpu_s(pid: int) -> float:

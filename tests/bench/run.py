@@ -20,21 +20,37 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import bridge
+import exploring
+import fleet
 import mirror
 import ours
 import reaction
 import safety
-from measure import Meter, Pace, Side, Subject, in_turns, process, statement
+import through
+from measure import (
+    Meter,
+    Pace,
+    Side,
+    Subject,
+    answering,
+    compiled,
+    in_turns,
+    process,
+    statement,
+    undisturbed,
+)
 from peers import PEERS, open_peer, version_of
 from table import (
     ADDED_MS,
     ADDED_NS,
     ALONE_MIB,
     ALONE_MS,
+    BESIDE,
     FASTER,
     FRAMES,
     HEAD,
     MEDIANS,
+    P99S,
     PERCENT,
     PERIODS,
     SLOWER,
@@ -48,7 +64,10 @@ FULL = Pace(
     idle_s=10,
     schedule_s=60,
     bridge=(5, 4.0),
+    through=(5, 4.0),
+    fleet_s=4,
     page_s=10,
+    explorations=(5, None),
 )
 QUICK = Pace(
     samples=3,
@@ -57,8 +76,13 @@ QUICK = Pace(
     idle_s=0.3,
     schedule_s=0.2,
     bridge=(1, 0.3),
+    through=None,  # its processes take seconds to start, and are those of the bridge
+    fleet_s=None,  # likewise
     page_s=1,
+    explorations=(1, 20_000),
 )
+
+_STARTING, _ROUNDS = 50, 500  # of a period of 1 ms: those in which machines are published, and then
 
 # what, of ours, the peer, of the peer's, how many times faster ours is promised to be
 COMPARED: list[tuple[str, str, str, str, float | None]] = [
@@ -91,8 +115,14 @@ def rows(pace: Pace) -> Iterator[Row]:
     yield from _processes(pace)
     yield from _reaction(pace)
     yield from _schedule(pace)
+    yield from _lateness(pace)
     yield from bridge.rows(*pace.bridge)
+    if pace.through is not None:
+        yield from through.rows(*pace.through)
     yield from _mirror(pace)
+    if pace.fleet_s is not None:
+        yield from fleet.rows(pace.fleet_s)
+    yield from exploring.rows(*pace.explorations)
     yield from _page(pace)
 
 
@@ -116,10 +146,18 @@ def _calls(pace: Pace) -> Iterator[Row]:
             ("a ringlet of a bundle", mine["bundle"], "the same class", plain, SLOWER, 1.5)
         )
         pairs.append(("a ringlet, observed", mine["observed"], "unobserved", plain, SLOWER, None))
+        for what, name, promised in (
+            ("a ringlet, with a debugger", "no breakpoints", 1.02),
+            ("  with 20 breakpoints on other states", "breakpoints", 1.2),
+        ):
+            pairs.append((what, mine[name], "without one", plain, SLOWER, promised))
         pairs.append(("a ringlet, timed", mine["timed"], "untimed", plain, SLOWER, None))
-        pairs.append(
-            ("  of ten machines", mine["ten timed"], "untimed", mine["ten"], ADDED_NS, 150)
-        )
+        for what, timed, untimed in (
+            ("  of ten machines", "ten timed", "ten"),
+            ("  and with a period", "period", "period, untimed"),
+            ("  and with a timetable", "timetable", "timetable, untimed"),
+        ):
+            pairs.append((what, mine[timed], "untimed", mine[untimed], ADDED_NS, 150))
         for what, subject, who, other, score, promised in pairs:
             meters = [
                 statement("llfsm", subject, pace.sample_s),
@@ -182,8 +220,9 @@ def _reaction(pace: Pace) -> Iterator[Row]:
         ]
         promised = {"p50": 4, "p99": 6}[name]
         yield Row(f"an answer of a machine, {name}", shown, SLOWER, promised)
-    percent = reaction.idle_percent(board, 10, pace.idle_s)
-    yield Row("  ten machines that wait", [Side("llfsm", "llfsm run", [percent])], PERCENT, 1)
+    ours, its = reaction.idle_percents(board, 10, pace.idle_s)
+    sides = [Side("llfsm", "llfsm run", ours), Side("sleep.c", "sleep.c", its)]
+    yield Row("  ten machines that wait", sides, BESIDE, 1)
 
 
 def _quantile(samples: list[float], part: float) -> float:
@@ -203,6 +242,37 @@ def _schedule(pace: Pace) -> Iterator[Row]:
     yield Row(
         f"  drift after {pace.schedule_s:g} s", [Side("llfsm", call, [ours["drift"]])], PERIODS, 1
     )
+
+
+def _lateness(pace: Pace) -> Iterator[Row]:
+    """Let ten machines keep a period of 1 ms, and a loop in C that only sleeps, in turns.
+
+    What is late is a round's begin, with its first turn; the loop, too, wakes once a period.
+    """
+    rounds = str(_STARTING + _ROUNDS)
+    script = str(Path(__file__).with_name("schedule.py"))
+    for what, priority in (("rounds of 10 at 1 kHz, late, p99", "0"), ("  with --realtime", "50")):
+        board = f"bench-{os.getpid()}-lateness"
+        sides = [Side("llfsm", "schedule.py", []), Side("sleep.c", "sleep.c", [])]
+        with ExitStack() as stack:
+            ask = answering(sys.executable, script, "lateness", rounds, board, priority)
+            asked = [stack.enter_context(ask)]
+            program = stack.enter_context(compiled("sleep.c"))
+            if program is not None:
+                ask = answering(program, "lateness", "1000", rounds, priority)
+                asked.append(stack.enter_context(ask))
+            try:
+                pairs = list(zip(sides, asked, strict=False))
+                for _ in range(max(round(pace.schedule_s), 1)):
+                    for side, rounds_of in pairs:
+                        printed = [int(number) for number in rounds_of().split()]
+                        side.samples.extend(undisturbed(printed, _STARTING))
+                    pairs.reverse()
+                why = None
+            except ValueError:  # what it prints is no number
+                sides = [side._replace(samples=[]) for side in sides]
+                why = "SCHED_FIFO is not permitted here"
+        yield Row(what, sides, P99S, 1.2, why)
 
 
 def _mirror(pace: Pace) -> Iterator[Row]:

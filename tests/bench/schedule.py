@@ -3,14 +3,19 @@
 Or, to compare with, an empty loop that sleeps from one millisecond to the next. The output is
 JSON: nanoseconds of jitter (the time between two turns less the planned one), the drift in
 periods at the end, the turns and how many were late.
+
+Or run them with a period for so many rounds whenever a line comes. Print by how many nanoseconds
+each round began late, and for how many the thread had waited for a processor by then; to compare
+with, sleep.c does the same.
 """
 
 import json
+import os
 import sys
 import time
 from itertools import pairwise
 
-from llfsm.runtime import Arrangement, Machine, Requirement, State, Timetable
+from llfsm.runtime import Arrangement, Machine, RealtimeError, Requirement, State, Timetable
 from llfsm.whiteboard import Whiteboard
 
 PERIOD_US = 1000
@@ -37,6 +42,20 @@ class Worker(Machine):
     @work.to(done)
     def all_done(self) -> bool:
         return self.turns >= self.wanted
+
+
+class Watched(Worker):
+    """Note of each round by how much it was late, as the arrangement itself times it."""
+
+    schedstat: int
+    seen: list[int]
+
+    @Worker.work.internal
+    def _(self) -> None:
+        self.turns += 1
+        watch = self._seat.arrangement._stopwatch
+        waited = os.pread(self.schedstat, 64, 0).split()[1]
+        self.seen += (watch.begin_ns - watch.due_ns, int(waited))
 
 
 def machines(seconds: float, board: str) -> dict[str, float]:
@@ -83,7 +102,30 @@ def loop(seconds: float) -> dict[str, float]:
     return {"p50": steps[len(steps) // 2], "p99": steps[len(steps) * 99 // 100]}
 
 
-if __name__ == "__main__":
+def lateness(rounds: int, board: str, realtime: int | None) -> None:
+    """Run the machines with a period for so many rounds, for each line of the input."""
+    schedstat = os.open("/proc/thread-self/schedstat", os.O_RDONLY)
+    with Whiteboard(board) as whiteboard:
+        try:
+            for _ in sys.stdin:
+                first = Watched(wanted=rounds, schedstat=schedstat, seen=[])
+                machines = [first, *(Worker(wanted=rounds) for _ in range(MACHINES - 1))]
+                arrangement = Arrangement(
+                    machines, whiteboard=whiteboard, period_us=PERIOD_US, realtime=realtime
+                )
+                try:
+                    arrangement.run()
+                except RealtimeError:
+                    print("refused", flush=True)
+                    return
+                print(*first.seen, flush=True)
+        finally:
+            whiteboard.remove()
+
+
+if __name__ == "__main__" and sys.argv[1] == "lateness":
+    lateness(int(sys.argv[2]), sys.argv[3], int(sys.argv[4]) or None)
+elif __name__ == "__main__":
     what, seconds, board = sys.argv[1], float(sys.argv[2]), sys.argv[3]
     figures = machines(seconds, board) if what == "machines" else loop(seconds)
     print(json.dumps(figures))

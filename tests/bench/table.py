@@ -14,16 +14,27 @@ __all__ = [
     "ADDED_NS",
     "ALONE_MIB",
     "ALONE_MS",
+    "ALONE_S",
+    "BESIDE",
+    "BYTES",
     "FASTER",
     "FRAMES",
     "HEAD",
     "MEDIANS",
+    "MORE_BYTES",
+    "MORE_PERCENT",
+    "P99S",
     "PERCENT",
     "PERIODS",
+    "RATE",
     "SLOWER",
     "Row",
     "Score",
 ]
+
+
+def _p99(samples: list[float]) -> float:
+    return sorted(samples)[len(samples) * 99 // 100]
 
 
 class Score(NamedTuple):
@@ -41,11 +52,18 @@ class Score(NamedTuple):
 FASTER = Score(lambda ours, its: median(map(truediv, its, ours)), "x", more_is_better=True)
 SLOWER = Score(lambda ours, its: median(map(truediv, ours, its)), "x")
 MEDIANS = Score(lambda ours, its: median(ours) / median(its), "x")
+P99S = Score(lambda ours, its: _p99(ours) / _p99(its), "x", shown=_p99)
 ADDED_NS = Score(lambda ours, its: min(ours) - min(its), " ns", shown=min)
 ADDED_MS = Score(lambda ours, its: (min(ours) - min(its)) / 1e6, " ms", shown=min)
 ALONE_MS = Score(lambda ours: min(ours) / 1e6, " ms", shown=min)
+ALONE_S = Score(lambda ours: min(ours) / 1e9, " s", shown=min)
 ALONE_MIB = Score(lambda ours: median(ours) / 2**20, " MiB", sampled="bytes")
+MORE_BYTES = Score(lambda ours, its: ours[0] / its[0], "x", sampled="B")
+MORE_PERCENT = Score(lambda ours, its: ours[0] / its[0], "x", sampled="%")
+BYTES = Score(median, " B", sampled="B")
+RATE = Score(max, "/s", more_is_better=True, sampled="/s", shown=max)
 PERCENT = Score(max, " %", sampled="%")
+BESIDE = Score(lambda ours, its: max(ours), " %", sampled="%")  # what it is, is shown beside
 FRAMES = Score(min, "/s", more_is_better=True, sampled="/s")
 PERIODS = Score(max, " periods", sampled="periods")
 
@@ -119,7 +137,7 @@ def _readable(side: Side, score: Score) -> str:
     value = score.shown(side.samples)
     if score.sampled == "bytes":
         return f"{value / 2**20:.1f} MiB"
-    if score.sampled in ("%", "periods", "/s"):
+    if score.sampled in ("%", "periods", "/s", "B"):
         return f"{value:.3g} {score.sampled}"
     if value >= 1e6:
         return f"{value / 1e6:.1f} ms"

@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 from mutation import damaged, damaged_text
+from page_socket import PageServer
 
 from hostile_peer import Hostile
 from llfsm.bridges.recording.reader import Recording
@@ -200,7 +201,17 @@ class _Source:
         return self._board
 
 
+@cache
+def _server() -> PageServer:
+    return PageServer(_MESSAGES)
+
+
 def websocket(choose: Random, folder: Path) -> None:
+    """Whatever a client sends, the server goes on, and serves another page at once."""
+    _server().attack(choose, _REQUESTS)
+
+
+def requests(choose: Random, folder: Path) -> None:
     """A request of a page is carried out or refused."""
     text = damaged_text(choose, json.dumps(choose.choice(_REQUESTS)))
     with Whiteboard("page", directory=folder) as board:
@@ -285,6 +296,7 @@ TARGETS: dict[str, Callable[[Random, Path], None]] = {
         mirror,
         recordings,
         websocket,
+        requests,
         bundles,
         configuration,
     )

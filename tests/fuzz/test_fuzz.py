@@ -12,7 +12,8 @@ import pytest
 
 HERE = Path(__file__).parent
 SEEDS: dict[str, list[int]] = json.loads((HERE / "seeds.json").read_text())
-TARGETS = ["segments", "cdr", "mirror", "recordings", "websocket", "bundles", "configuration"]
+TARGETS = ["segments", "cdr", "mirror", "recordings", "websocket", "requests", "bundles",
+           "configuration"]  # fmt: skip
 
 TRY = """
 import logging, sys, tempfile
@@ -48,7 +49,7 @@ def test_the_seeds_are_of_targets() -> None:
 
 def test_a_fault_is_found_with_its_seed(tmp_path: Path) -> None:
     """In a copy of the fuzzers, with a target that fails for some seeds."""
-    for name in ("run.py", "mutation.py", "targets.py", "seeds.json"):
+    for name in ("run.py", "mutation.py", "page_socket.py", "targets.py", "seeds.json"):
         (tmp_path / name).write_text((HERE / name).read_text())
     with (tmp_path / "targets.py").open("a") as targets:
         targets.write(

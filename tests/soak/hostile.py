@@ -30,6 +30,7 @@ from hostile_peer import Hostile
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import MIRROR
 from llfsm.whiteboard.mirror.batches import VERSION
+from llfsm.whiteboard.mirror.groups import group_of
 
 _HOSTS, _SLOTS, _RATE = 3, 10, 20.0
 _PROMISED_MS = 1000.0
@@ -45,6 +46,7 @@ def attack(config: str, seconds: float, endpoints: Sequence[str]) -> None:
     opened = zenoh.Config.from_file(config)
     opened.insert_json5("mode", '"client"')
     opened.insert_json5("scouting/multicast/enabled", "false")
+    opened.insert_json5("transport/shared_memory/enabled", "false")  # a killed one leaves its files
     sessions = []
     for endpoint in endpoints:
         opened.insert_json5("connect/endpoints", json.dumps([endpoint]))
@@ -53,9 +55,9 @@ def attack(config: str, seconds: float, endpoints: Sequence[str]) -> None:
     root, end = f"llfsm/{VERSION}/{BOARD}", time.monotonic() + seconds
     options: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.BLOCK}
     publishers = [
-        session.declare_publisher(f"{root}/{kind}/{name}", **options)
+        session.declare_publisher(f"{root}/slots/{name}/{group_of('hostile/x')}/{kind}", **options)
         for session in sessions
-        for kind in ("batches", "beats")
+        for kind in ("batch", "beat")
         for name in ("hostile", "host0")
     ]
     while time.monotonic() < end:
@@ -67,7 +69,7 @@ def attack(config: str, seconds: float, endpoints: Sequence[str]) -> None:
         for session in sessions:
             host = hostile.random.randrange(_HOSTS)
             with suppress(zenoh.ZError):
-                session.get(f"{root}/state/host{host}/*/hostile/{'7':0>16}",
+                session.get(f"{root}/state/host{host}/*/all/hostile/{'7':0>16}",
                             lambda _: None, payload=hostile.query(), timeout=0.5)  # fmt: skip
             sent["queries"] += 1
     print(f"sent: {dict(sent)}", flush=True)

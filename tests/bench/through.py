@@ -1,0 +1,178 @@
+"""Measure what a message takes from topic to topic, through a bridge and a slot between them.
+
+raw      a Zenoh publisher in one process, a Zenoh subscriber in another
+through  the same publisher, a bridge with two relays of one slot, the same subscriber
+
+That is twice the way. A small message may be no more than 0.4 ms later; of a large one, which takes
+its time on the way, the bridge may add half.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from statistics import median
+from struct import pack_into, unpack_from
+from subprocess import PIPE, Popen
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from bridge import free_port, go, line_of, main, ready, until_over
+from measure import Side, wait_for
+from table import ADDED_MS, MEDIANS, Row
+
+from llfsm.bridges.ros2.router import open_router
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.bridges.ros2.zenoh_transport.attachment import pack
+from llfsm.bridges.ros2.zenoh_transport.session import open_session
+from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
+from llfsm.whiteboard import BoardNotFoundError
+from llfsm.whiteboard.board_files import remove_board
+
+__all__ = ["rows"]
+
+_GID = b"bench-of-bridges"
+_DOMAIN = 78
+_STAMP, _STAMP_AT = "<iI", 4  # a header's stamp, behind the encapsulation of the message
+
+
+class Load(NamedTuple):
+    """What is sent, and how often."""
+
+    type_name: str
+    hz: float
+    fields: dict[str, Any]
+
+
+LOADS = {
+    "Odometry": Load("nav_msgs/msg/Odometry", 100, {}),
+    "a cloud of 1 MB": Load(
+        "sensor_msgs/msg/PointCloud2",
+        20,
+        {"width": 62_500, "height": 1, "point_step": 16, "row_step": 10**6, "data": bytes(10**6)},
+    ),
+}
+
+
+class Place(NamedTuple):
+    """Where the processes meet, and what they send."""
+
+    router: str
+    board: str
+    seconds: float
+    load: str
+    topic: str  # where the subscriber is: "in", as the publisher, or "out"
+
+    def role(self, name: str) -> Popen[str]:
+        """Start this file as one of the processes."""
+        command = [sys.executable, __file__, "--role", name, "--place", json.dumps(self)]
+        return Popen(command, text=True, stdin=PIPE, stdout=PIPE)
+
+    def bridge(self, folder: Path) -> Popen[str]:
+        """Start a bridge from the topic `in` to `out`."""
+        relay = '[[relay]]\nslot = "s"\ntype = "{}"\ntopic = "/{}"\ndirection = "{}"\n'
+        of = LOADS[self.load].type_name
+        file = folder / "bridge.toml"
+        ways = (("in", "from_ros"), ("out", "to_ros"))
+        file.write_text("".join(relay.format(of, topic, way) for topic, way in ways))
+        where = ["--router", self.router, "--board", self.board, "--domain", str(_DOMAIN)]
+        command = [sys.executable, "-m", "llfsm.cli", "bridge", "ros2", "--transport", "zenoh"]
+        return Popen([*command, "--config", str(file), *where, "--quiet"], text=True, stderr=PIPE)
+
+    def key(self, topic: str) -> str:
+        """Return the key of a topic with the type of the load."""
+        of = TypeLibrary().message(LOADS[self.load].type_name)
+        return data_key(_DOMAIN, topic, of.dds_name, of.type_hash)
+
+
+def talk(place: Place) -> None:
+    """Publish as a ROS node does, each message with the time."""
+    load = LOADS[place.load]
+    session, _ = open_session([place.router])
+    of = TypeLibrary().message(load.type_name)
+    data = bytearray(of.encode(of.message(**load.fields)))
+    publisher = session.declare_publisher(place.key("in"))
+    ready()
+    begin = time.monotonic()
+    for number in range(int(place.seconds * load.hz)):
+        time.sleep(max(0.0, begin + number / load.hz - time.monotonic()))
+        pack_into(_STAMP, data, _STAMP_AT, *divmod(time.monotonic_ns(), 10**9))
+        publisher.put(bytes(data), attachment=pack(number + 1, time.time_ns(), _GID))
+    session.close()
+
+
+def hear(place: Place) -> None:
+    """Subscribe without llfsm, and look at nothing but the time in each message."""
+    session, _ = open_session([place.router])
+    latencies: list[float] = []
+
+    def on_sample(sample: Any) -> None:
+        second, ns = unpack_from(_STAMP, sample.payload.to_bytes(), _STAMP_AT)
+        latencies.append(time.monotonic_ns() - second * 10**9 - ns)
+
+    subscriber = session.declare_subscriber(place.key(place.topic), on_sample)
+    ready()
+    wait_for(lambda: latencies)
+    print(json.dumps(median(latencies)), flush=True)
+    del subscriber
+    session.close()
+
+
+_ROLES = {"talk": talk, "hear": hear}
+
+
+def measure(place: Place, folder: Path) -> float:
+    """Return the median latency of one round, in nanoseconds."""
+    with ExitStack() as stack:
+        if place.topic == "out":
+            between = stack.enter_context(until_over(place.bridge(folder)))
+            assert between.stderr is not None
+            while "bridge: " not in between.stderr.readline():
+                pass
+        hearer = stack.enter_context(until_over(place.role("hear")))
+        talker = stack.enter_context(until_over(place.role("talk")))
+        for process in (hearer, talker):
+            line_of(process)
+        time.sleep(1)  # until all know of each other
+        go(talker)
+        talker.wait()
+        time.sleep(0.2)  # for what is still on its way; no process knows that it was the last
+        go(hearer)
+        return float(line_of(hearer))
+
+
+def rows(rounds: int, seconds: float) -> Iterator[Row]:
+    """Measure both ways in turns; before several rounds, one more is thrown away."""
+    warm = 1 if rounds > 1 else 0
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = open_router([endpoint])
+    try:
+        for load, score, promised in (
+            ("Odometry", ADDED_MS, 0.4),
+            ("a cloud of 1 MB", MEDIANS, 1.5),
+        ):
+            raw: list[float] = []
+            through: list[float] = []
+            for _ in range(rounds + warm):
+                for topic, found in (("in", raw), ("out", through)):
+                    place = Place(endpoint, f"bench-through-{os.getpid()}", seconds, load, topic)
+                    with TemporaryDirectory() as folder:
+                        found.append(measure(place, Path(folder)))
+                    with suppress(BoardNotFoundError):
+                        remove_board(place.board)
+            sides = [
+                Side("llfsm", "bridge", through[warm:]),
+                Side("raw Zenoh", "subscriber", raw[warm:]),
+            ]
+            yield Row(f"{load}, topic to topic, p50", sides, score, promised)
+    finally:
+        router.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main(__doc__, rows, _ROLES, Place))

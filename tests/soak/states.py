@@ -1,0 +1,56 @@
+"""Compare the counts of case studies with SPIN's, and random machines with naive and real runs."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from agreement import Situation, assert_agreement, situations
+from containment import Happenings, assert_contained, happenings
+from llfsm.machines.properties.mine import MINE
+from llfsm.machines.properties.oven import OVEN
+from llfsm.runtime.verification import explore
+from spin import count
+
+MODELS = Path(__file__).parents[1] / "runtime" / "verification"
+PERIODS_MS = (60_000, 1000, 500, 200, 50)
+
+
+@settings(max_examples=1_000, suppress_health_check=list(HealthCheck), deadline=None)
+@given(situations)
+def agreement(situation: Situation) -> None:
+    """Compare random machines."""
+    assert_agreement(situation, most=2_000)
+
+
+@settings(max_examples=1_000, suppress_health_check=list(HealthCheck), deadline=None)
+@given(happenings)
+def containment(happened: Happenings) -> None:
+    """Run random machines, with requests at every boundary."""
+    assert_contained(happened, most=1_000)
+
+
+def main() -> None:
+    """Print the counts; fail at the first difference."""
+    for name, machines in (("microwave", OVEN), ("mine_pump", MINE)):
+        for period_ms in PERIODS_MS:
+            space = explore(machines, period_ms=period_ms)
+            found = space.states, space.transitions
+            with tempfile.TemporaryDirectory() as folder:
+                counted = count(MODELS / f"{name}.pml", Path(folder), PERIOD=period_ms)
+            print(f"{name} {period_ms} ms: {found[0]:,} states, {found[1]:,} transitions")
+            assert found == counted, f"SPIN has {counted}"
+
+
+if __name__ == "__main__":
+    agreement()
+    print("1,000 arrangements of random machines agree with the naive explorer")
+    containment()
+    print("1,000 arrangements that ran did what was explored")
+    try:
+        main()
+    except pytest.skip.Exception as reason:
+        print(f"not compared: {reason}")
