@@ -6,10 +6,14 @@ SOURCES := pyproject.toml setup.py setup.cfg \
 SANITIZED := $(abspath $(VENV))/sanitized
 SANITIZE_SECONDS ?= 20
 ADDRESS := -fsanitize=address,undefined -fno-sanitize-recover=all
-UNDER_ASAN = ASAN_OPTIONS=detect_leaks=0 PYTHONMALLOC=malloc LLFSM_STRESS=0.5 \
+UNDER_ASAN = ASAN_OPTIONS=detect_leaks=0 PYTHONMALLOC=malloc LLFSM_STRESS=2 \
     PYTHONPATH=$(SANITIZED)/site LD_PRELOAD="$$($(CC) -print-file-name=libasan.so)"
 STRESS_FLAGS := -std=c11 -O1 -g -Wall -Wextra -Werror -I whiteboard/include -pthread
 THREAD := -fsanitize=thread -Wno-tsan # which does not know fences; the header argues them
+
+# Containers often ask Python to keep no compiled modules. Then every process that starts compiles all
+# of llfsm that it imports, which is half of what the tests cost.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Where a ROS 2 environment is sourced, PYTHONPATH leads to its packages, but not to what they need of
 # the system's. So the venv sees that, too, and is of the same Python.
@@ -22,22 +26,33 @@ VENV_MADE := $(VENV)/pyvenv.cfg
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test fallback check safety bench soak sanitize sanitized fuzz wheel lock clean
+.PHONY: help setup demo rover fleet test test-aarch64 fallback fallback-all check safety bench soak sanitize sanitized fuzz wheel docs docs-serve docs-check pictures screenshots codemirror lock clean
 
 help:
 	@echo "make demo      watch a turtle keep away from the walls (20 s)"
+	@echo "make rover     let a rover with range sensors and a camera find a beacon between walls"
+	@echo "make fleet     let ten turtles, driven on two hosts, form a circle on a third"
 	@echo "make test      run the tests"
 	@echo "make fallback  run those of machines without the extensions in C"
+	@echo "make fallback-all  run all of them so; what needs shared memory is skipped"
+	@echo "make test-aarch64  test the whiteboard and the order of turns on aarch64, under qemu"
 	@echo "make setup     install llfsm into .venv; then: .venv/bin/llfsm --help"
 	@echo "make check     types, style, C warnings"
 	@echo "make safety    measure how soon the robot stops, whatever happens (2 min)"
 	@echo "make bench     measure us and the peers in one run"
 	@echo "make soak      the whiteboard while writers are killed, the bridge for ten minutes while its"
-	@echo "               processes are, ten topics at 1 kHz, three hosts, a hostile one, killed machines:"
-	@echo "               half an hour"
-	@echo "make fuzz      damaged boards, messages, recordings and files for 20 minutes (MINUTES=...)"
+	@echo "               processes are, ten topics at 1 kHz, three hosts, a fleet of 32, a hostile host, killed"
+	@echo "               machines, a hundred thousand of all that comes and goes, states beside SPIN: an hour"
+	@echo "make fuzz      damaged boards, messages, recordings and files for 20 minutes (MINUTES=...),"
+	@echo "               then all tests of hypothesis with twenty times as many examples"
 	@echo "make sanitize  the C core under TSan, ASan and UBSan"
 	@echo "make wheel     build the wheels and test ours on each Python of this machine"
+	@echo "make docs      build the documentation as a site in out/site"
+	@echo "make docs-serve  show it, and each change of it, at http://127.0.0.1:8000"
+	@echo "make docs-check  look at each of its pages in Chromium: links, widths, contrast, search"
+	@echo "make pictures  draw those in docs/pictures"
+	@echo "make screenshots  of the pages, for docs/"
+	@echo "make codemirror  bundle the editor of texts that the editor's page uses"
 	@echo "make lock      lock the newest versions of all dependencies that pyproject.toml allows"
 	@echo "make clean     remove .venv and what was built"
 
@@ -46,6 +61,14 @@ setup: $(VENV)/.ready-setup
 
 demo: $(VENV)/.ready-setup
 	@$(BIN)/llfsm demo wall --seconds 20 --picture out/wall --view
+
+rover: $(VENV)/.ready-setup
+	@mkdir -p out
+	@$(BIN)/python examples/rover/drive.py out/rover.svg
+
+fleet: $(VENV)/.ready-setup
+	@mkdir -p out
+	@$(BIN)/python examples/fleet/start.py out/fleet.svg
 
 # Without other plugins: a sourced ROS 2 environment brings some of its own. A worker more than there
 # are processors, as tests also wait; each takes whole files, so that what a file's tests share is made
@@ -56,10 +79,18 @@ TEST := $(PYTEST) -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadfile --n
 test: $(VENV)/.ready-test
 	$(TEST)
 
-# What runs machines, once more, as where there is no compiler: the extensions are hidden, and what
-# needs shared memory is skipped.
+# On Debian, with its packages qemu-user-static and gcc-aarch64-linux-gnu. The emulated
+# tests are many times slower: on two cores, they took some five minutes.
+test-aarch64: $(VENV)/.ready-test
+	$(BIN)/python .ci/aarch64.py
+
+# What runs machines, or all, once more, as where there is no compiler: the extensions are hidden, and
+# what needs shared memory is skipped.
+HIDING = PYTHONPATH=$(abspath tests/without_extensions)$${PYTHONPATH:+:$$PYTHONPATH}
+fallback-all: $(VENV)/.ready-test
+	$(HIDING) $(TEST)
 fallback: $(VENV)/.ready-test
-	PYTHONPATH=$(abspath tests/without_extensions)$${PYTHONPATH:+:$$PYTHONPATH} $(TEST) \
+	$(HIDING) $(TEST) \
 	    tests/conformance tests/machines tests/runtime/bundles tests/runtime/engine \
 	    tests/runtime/journal tests/runtime/presence tests/runtime/testing
 
@@ -79,11 +110,15 @@ sanitize: sanitized
 	$(SANITIZED)/thread $(SANITIZE_SECONDS)
 	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/stress.c -o $(SANITIZED)/address
 	$(SANITIZED)/address $(SANITIZE_SECONDS)
+	$(CC) $(STRESS_FLAGS) $(THREAD) tests/stress/names.c -o $(SANITIZED)/thread
+	$(SANITIZED)/thread threads $(SANITIZE_SECONDS)
+	$(CC) $(STRESS_FLAGS) $(ADDRESS) tests/stress/names.c -o $(SANITIZED)/address
+	$(SANITIZED)/address processes $(SANITIZE_SECONDS)
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/whiteboard tests/stress \
 	    --ignore tests/whiteboard/mirror \
 	    --deselect tests/whiteboard/test_shared.py::test_a_process_that_uses_a_hundred_slots_is_small
 	$(UNDER_ASAN) $(BIN)/python -m pytest -p no:cacheprovider tests/conformance \
-	    $(addprefix tests/runtime/engine/test_,twin.py failures.py loading.py watchdog.py)
+	    $(addprefix tests/runtime/engine/test_,clock.py twin.py resting.py failures.py loading.py watchdog.py)
 
 # Alone: the same tests are part of `make test`, where times depend on what else runs.
 safety: $(VENV)/.ready-test
@@ -102,6 +137,7 @@ sanitized: $(VENV)/.ready-test
 MINUTES ?= 20
 fuzz: sanitized
 	$(UNDER_ASAN) PYTHONPATH=$(SANITIZED)/site:tests $(BIN)/python tests/fuzz/run.py --minutes $(MINUTES)
+	LLFSM_EXAMPLES=20 $(TEST) -m hypothesis --timeout 3600
 
 bench: $(VENV)/.ready-bench
 	@mkdir -p out
@@ -109,19 +145,23 @@ bench: $(VENV)/.ready-bench
 
 SOAK_SECONDS ?= 600
 soak: $(VENV)/.ready-test
-	LLFSM_STRESS=20 $(PYTEST) -s tests/stress/test_stress.py
+	LLFSM_STRESS=80 $(PYTEST) -s tests/stress/test_stress.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/turtle.py --seconds $(SOAK_SECONDS)
 	PYTHONPATH=tests $(BIN)/python tests/soak/relays.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/hosts.py
+	$(BIN)/python tests/bench/fleet.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/hostile.py
 	PYTHONPATH=tests $(BIN)/python tests/soak/guard.py
+	PYTHONPATH=tests $(BIN)/python tests/soak/states.py
+	PYTHONPATH=tests:tests/fuzz $(BIN)/python tests/soak/flat.py
 
 # What each kind of work needs: a stamp says that it is installed, and a lock file exactly what that is.
 # Beside ROS 2, what is installed with it counts, in the versions that it has.
-EXTRAS_setup := draw,ros,hosts,record,view
+EXTRAS_setup := draw,ros,hosts,record,view,examples
 EXTRAS_test := test,$(EXTRAS_setup)
 EXTRAS_bench := bench,draw,ros,hosts,view
 EXTRAS_release := release
+EXTRAS_docs := docs
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 $(VENV)/.ready-%: .ci/locks/%.txt $(SOURCES) $(VENV_MADE)
@@ -141,9 +181,31 @@ endif
 wheel: $(VENV)/.ready-release $(VENV)/.ready-test
 	$(BIN)/python .ci/wheel.py
 
+# Strict: a link that leads nowhere is an error. Nothing is fetched.
+docs: $(VENV)/.ready-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+docs-serve: $(VENV)/.ready-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs serve
+
+docs-check: docs $(VENV)/.ready-test
+	$(BIN)/python .ci/browse.py
+
+pictures: $(VENV)/.ready-test
+	$(BIN)/python .ci/pictures.py
+
+# With Chromium, which must be installed.
+screenshots: $(VENV)/.ready-test
+	$(BIN)/python .ci/screenshots.py
+
+# The only script of others: needs npm, and fetches what the lock file names.
+codemirror:
+	rm -rf build/codemirror && mkdir -p build && cp -r .ci/codemirror build/codemirror
+	cd build/codemirror && npm ci --silent && npx esbuild entry.js --bundle --format=esm --minify \
+	    --legal-comments=none --outfile=$(abspath bridges/edit/codemirror/codemirror.js)
+
 lock: $(VENV)/.ready-release
 	$(BIN)/python .ci/lock.py setup=$(EXTRAS_setup) test=$(EXTRAS_test) bench=$(EXTRAS_bench) \
-	    release=$(EXTRAS_release)
+	    release=$(EXTRAS_release) docs=$(EXTRAS_docs)
 
 $(VENV)/pyvenv.cfg:
 	@python=$$(sh .ci/prerequisites) && $$python -m venv $(VENV)

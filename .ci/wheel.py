@@ -1,7 +1,8 @@
-"""Build the wheels into dist/, check them, and test ours on each Python of this machine.
+"""Build what is published into dist/, check it, and test our wheel on each Python of this machine.
 
-A wheel serves every Python from 3.11 (abi3), and every Linux with glibc 2.17 or newer: zig compiles
-and links for that, whatever is installed here. The tests run without a compiler.
+A binary wheel serves every Python from 3.11 (abi3), and every Linux with glibc 2.17 or newer: zig
+compiles and links for that, whatever is installed here. The tests run without a compiler. On other
+systems, pip takes the wheel without extensions.
 """
 
 import os
@@ -38,7 +39,7 @@ def run(*command: object, **environment: str) -> None:
 
 
 def build() -> None:
-    """Compile a wheel for each machine."""
+    """Compile a wheel for each machine; also make the one without extensions, and the sources."""
     # The headers are alike on both machines. Debian keeps one in a folder of the machine's name.
     headers, installed = BUILD / "headers", Path(sysconfig.get_path("include"))
     shutil.copytree(installed, headers)
@@ -52,17 +53,22 @@ def build() -> None:
             "--log", BUILD / "pip.log", "--wheel-dir", BUILD / "wheels", ".",
             CC=compiler, LDSHARED=f"{compiler} -shared", CFLAGS=f"-I{headers}", LDFLAGS="-s",
             ZIG_GLOBAL_CACHE_DIR=str(TOOLS.parent / "zig"),
-            _PYTHON_HOST_PLATFORM=f"linux-{machine}",
+            _PYTHON_HOST_PLATFORM=f"linux-{machine}", LLFSM_EXTENSIONS="required",
         )  # fmt: skip
         for left in (*BUILD.glob("lib.*"), *BUILD.glob("temp.*")):  # the next build would take them
             shutil.rmtree(left)
+    run(
+        sys.executable, "-m", "build", "--quiet", "--no-isolation", "--sdist", "--wheel",
+        "--outdir", DIST, LLFSM_EXTENSIONS="none",
+    )  # fmt: skip
 
 
 def check() -> None:
     """Give the wheels the tag of what they need, and compare that with what we promise."""
     for wheel in sorted((BUILD / "wheels").iterdir()):
         run("auditwheel", "repair", "--wheel-dir", DIST, wheel)
-    run("abi3audit", "--strict", "--summary", *sorted(DIST.iterdir()))
+    run("abi3audit", "--strict", "--summary", *sorted(DIST.glob("*-abi3-*.whl")))
+    run("twine", "check", "--strict", *sorted(DIST.iterdir()))
     run(sys.executable, "-m", "pytest", "-q", "tests/project/wheels.py")
 
 
@@ -93,6 +99,13 @@ def try_out(version: str, python: str) -> None:
     )  # fmt: skip
 
 
+def try_as_a_tool() -> None:
+    """Start the wheel's command as a stranger would, who installs nothing."""
+    (wheel,) = DIST.glob(f"*_{platform.machine()}.whl")
+    demo = ("llfsm", "demo", "wall", "--seconds", "2", "--picture", BUILD / "wall")
+    run("uvx", "--from", wheel, *demo)
+
+
 if __name__ == "__main__":
     for folder in (BUILD, DIST):
         shutil.rmtree(folder, ignore_errors=True)
@@ -101,5 +114,6 @@ if __name__ == "__main__":
     found = pythons()
     for version, python in found.items():
         try_out(version, python)
-    print("built", *sorted(wheel.name for wheel in DIST.iterdir()), sep="\n  ")
+    try_as_a_tool()
+    print("built", *sorted(file.name for file in DIST.iterdir()), sep="\n  ")
     print(f"tested on Python {', '.join(found)}")
