@@ -1,0 +1,1 @@
+bell(Bell(on=False))

@@ -1,0 +1,2 @@
+drug(Drug(Rate.BASAL))
+stop_at_fault()

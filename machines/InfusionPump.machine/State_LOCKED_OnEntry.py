@@ -1,0 +1,1 @@
+drug(Drug(Rate.BASAL))

@@ -1,0 +1,1 @@
+evacuate(Evacuate(now=True))

@@ -1,0 +1,1 @@
+pump(Pump(on=False))

@@ -1,0 +1,3 @@
+water = Sensor(WATER, default=Water(), domain=WATERS)
+pump = Sensor(PUMP, default=Pump())
+failure = Actuator(PUMP_FAILURE)

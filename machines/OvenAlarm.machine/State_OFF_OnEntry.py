@@ -1,0 +1,1 @@
+sound(Sound(on=False))

@@ -1,0 +1,1 @@
+lamp(Lamp(on=True))

@@ -1,0 +1,1 @@
+permit(Permit(close=False))

@@ -1,0 +1,1 @@
+ram(Ram(Way.UP))
