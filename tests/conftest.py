@@ -1,30 +1,56 @@
 """What all tests need of the process that runs them."""
 
 import gc
+import os
 import signal
 import sys
+import tempfile
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-HIDDEN = sys.modules.get("llfsm.whiteboard._shm", ...) is None
+from calling import modules_forgotten
+from second_try import SecondTry
+from thoroughness import SEARCHING, examples
+
+HIDDEN = hasattr(sys.modules.get("sitecustomize"), "EXTENSIONS")  # see without_extensions
+REFUSED: list[BaseException] = []  # the errors of tests that were refused shared memory
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 # How long an example takes depends on what else the machine does.
-settings.register_profile("llfsm", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "llfsm",
+    max_examples=examples(30),
+    derandomize=not SEARCHING,  # whether a change may land must not depend on luck
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 settings.load_profile("llfsm")
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Take SIGINT as a terminal's program does, also when a shell's background job runs us.
 
     There it is ignored, and every process that a test starts would inherit that.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    gc.disable()
+    if "LLFSM_SECOND_TRY" in os.environ:
+        config.pluginmanager.register(SecondTry())
+    if HIDDEN:
+        handle, os.environ["LLFSM_REFUSALS"] = tempfile.mkstemp(prefix="llfsm-refusals-")
+        os.close(handle)
+
+
+def pytest_unconfigure() -> None:
+    """Remove the file of refusals."""
+    if HIDDEN:
+        Path(os.environ.pop("LLFSM_REFUSALS")).unlink(missing_ok=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -37,6 +63,7 @@ def pytest_collection_finish() -> None:
     """Leave all that was collected out of the garbage collections of tests."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
@@ -48,13 +75,28 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
+def pytest_runtest_protocol() -> Iterator[Any]:
+    """Forget what the test before was refused."""
+    if HIDDEN:
+        Path(os.environ["LLFSM_REFUSALS"]).write_bytes(b"")
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> Iterator[Any]:
     """Count a test as skipped if it, or a process of it, lacks the shared memory that is hidden."""
     report = yield
-    if HIDDEN and report.failed and "SharedMemoryUnavailableError" in str(report.longrepr):
+    if HIDDEN and report.failed and call.excinfo is not None and _was_refused(call.excinfo.value):
         report.outcome = "skipped"
         report.longrepr = (str(item.path), 0, "Skipped: it needs shared memory, which is hidden")
     return report
+
+
+def _was_refused(error: BaseException) -> bool:
+    """Whether a refusal is noted: now, or when a fixture failed that several tests have."""
+    if Path(os.environ["LLFSM_REFUSALS"]).stat().st_size > 0:
+        REFUSED.append(error)
+    return any(error is each for each in REFUSED)
 
 
 @pytest.fixture(autouse=True)
@@ -67,11 +109,7 @@ def _signal_handlers() -> Iterator[None]:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def here(tmp_path: Path) -> Iterator[Path]:
     """An empty current folder; the modules that a test imports are forgotten."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    before = {*sys.modules}
-    yield tmp_path
-    for name in {*sys.modules} - before:
-        del sys.modules[name]
+    with chdir(tmp_path), modules_forgotten():
+        yield tmp_path

@@ -10,6 +10,7 @@ import logging
 import subprocess
 import sys
 
+from forked import Forked
 from llfsm.runtime import Actuator, Arrangement, LiveEnvironment, Machine, State
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32, String
@@ -60,7 +61,7 @@ class Runs:
         self, *, once: bool = False, will_after_ms: int | None = None
     ) -> subprocess.Popen[str]:
         """Start a process with the machine, and wait until it drives."""
-        process = subprocess.Popen(
+        process = Forked(
             [
                 sys.executable,
                 __file__,

@@ -28,6 +28,7 @@ class Number(Message, type_name="test/Number"):
 
 _SLOT = Slot("slot", Number)
 _FINGERPRINT = _SLOT.fingerprint
+_MANY = {f"f{n}": {"type": "integer"} for n in range(3000)}
 
 
 class Hostile:
@@ -59,10 +60,10 @@ class Hostile:
         count = (
             choose.choice((1, 10, 500, 4096, 4097)) if kind == "many" else choose.randrange(1, 20)
         )
-        known = [self._prefix + str(choose.randrange(20)) for _ in range(count)]
-        fresh = [self._prefix + str(choose.getrandbits(40)) for _ in range(count)]
-        names = known if kind == "many" else fresh
+        bits = 4 if kind == "many" else 40  # names that are known, or new ones
+        names = [self._prefix + str(choose.getrandbits(bits)) for _ in range(min(count, 40))]
         values = [[name, self._kind(), self._version(), self._payload()] for name in names]
+        values = (values * (1 + count // len(values)))[:count]  # making each would take the time
         declared = names[:0] if kind == "unknown" else names[:20]
         declarations = [self._declared(name) for name in declared]
         data = [*self._head(), values, declarations]
@@ -102,15 +103,17 @@ class Hostile:
         choose = self.random
         schema: dict[str, Any] = dict(_SLOT.schema)
         if choose.random() < 0.1:
-            schema = choose.choice(
-                (
-                    {},
-                    {"title": "X", "type": "object", "properties": 3},
-                    {**schema, "properties": self._nested(choose.randrange(60))},
-                    {**schema, "description": "d" * choose.choice((10, 100_000, 2_000_000))},
-                    {**schema, "properties": {f"f{n}": {"type": "integer"} for n in range(3000)}},
-                )
-            )
+            match choose.randrange(5):
+                case 0:
+                    schema = {}
+                case 1:
+                    schema = {"title": "X", "type": "object", "properties": 3}
+                case 2:
+                    schema["properties"] = self._nested(choose.randrange(60))
+                case 3:
+                    schema["description"] = "d" * choose.choice((10, 100_000, 2_000_000))
+                case 4:
+                    schema["properties"] = _MANY
         return [name, choose.choice((1, 64, 1 << 16, 1 << 26, 1 << 30, 1 << 40)), schema]
 
     def _nested(self, depth: int) -> Any:

@@ -17,6 +17,8 @@ _PROGRAMS = {  # by package of Debian and Ubuntu: the names it may have
     "chromium": ("chromium", "chromium-browser"),
     "openssl": ("openssl",),
     "iproute2": ("ip",),
+    "spin": ("spin",),
+    "systemd": ("systemd-analyze",),
 }
 
 

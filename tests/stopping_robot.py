@@ -27,7 +27,7 @@ __all__ = ["TWIST", "Command", "Robot", "memory_bridge", "memory_robot", "report
 
 TWIST = "geometry_msgs/msg/Twist"
 STRICT = os.environ.get("LLFSM_TIMES") == "check"
-"""Whether the times in docs/safety.md are checked: by `make safety`, which runs nothing else."""
+"""Whether to check the times in docs/how-to/safety.md: for `make safety`, which runs no others."""
 
 
 def report(what: str, took_s: float, within_s: float) -> None:

@@ -7,6 +7,8 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from thoroughness import examples
+
 SECTIONS = ("OnEntry", "OnExit", "Internal", "OnSuspend", "OnResume")
 NAMES = st.sampled_from(["A", "B", "C", "P", "P.0"])
 
@@ -93,7 +95,9 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
     }
 
 
-anything = settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+anything = settings(
+    max_examples=examples(20), deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 
 
 @anything

@@ -45,7 +45,13 @@ class MemoryPublisher(Publisher[M], Member):
 
     def publish(self, message: M) -> None:
         """Encode a message and hand it to every subscription that fits."""
-        data = self._encode(message)
+        self._send(self._encode(message))
+
+    def forward(self, arrival: SerializedMessage[M]) -> None:
+        """Hand what came to every subscription that fits."""
+        self._send(arrival.data)
+
+    def _send(self, data: bytes) -> None:
         with self.site.world.changed:  # a subscription that comes now gets it once
             self._check_open()
             self._sequence += 1

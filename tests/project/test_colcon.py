@@ -7,19 +7,22 @@ import configparser
 import json
 import os
 import runpy
-import shutil
 import subprocess
 import sys
 import tomllib
 import types
-import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 import pytest
 from catkin_pkg.package import parse_package
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from ruamel.yaml import YAML
 
+from llfsm.cli import VERSION
 from llfsm.cli.root import main
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +61,7 @@ def test_manifests_are_in_order_and_say_what_the_project_says(path: str) -> None
     manifest = parse_package(str(ROOT / path), warnings=warnings)
     assert warnings == []
     assert manifest.package_format == 3
-    assert manifest.version == PROJECT["version"]
+    assert manifest.version == PROJECT["version"] == VERSION
     assert [str(licence) for licence in manifest.licenses] == ["Apache-2.0"]
 
 
@@ -92,34 +95,27 @@ def test_it_is_installed_where_ros_looks(setup: dict[str, Any]) -> None:
     assert config["develop"]["script_dir"] == "$base/lib/llfsm"
 
 
-def test_a_wheel_has_it_all(tmp_path: Path) -> None:
-    """Without a C compiler, to be quick: an installation lacks only the extension then."""
-    source = tmp_path / "source"
-    source.mkdir()
-    for name in ("pyproject.toml", "setup.py", "setup.cfg", "package.xml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    for name in ("src", "launch", "resource", "whiteboard", "runtime", "machines", "bridges"):
-        ignored = shutil.ignore_patterns("*.so", "*.egg-info", "__pycache__")
-        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=ignored)
-    subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check",
-         "--no-deps", "--no-build-isolation", "--no-index", "-w", str(tmp_path), str(source)],
-        env=os.environ | {"CC": "/bin/false"},
-        check=True,
-    )  # fmt: skip
-    (wheel,) = tmp_path.glob("*.whl")
-    with zipfile.ZipFile(wheel) as file:
-        names = {name.partition("/")[2] for name in file.namelist()}
-        (metadata,) = (name for name in file.namelist() if name.endswith("/METADATA"))
-        told = file.read(metadata).decode().splitlines()
-    assert {
-        "data/share/ament_index/resource_index/packages/llfsm",
-        "data/share/llfsm/package.xml",
-        "data/share/llfsm/launch/wall.launch.py",
-        "cli/root.py",
-        "machines/RosPingPong.machine/States",
-    } <= names
-    assert {"Requires-Python: >=3.11", "License: Apache-2.0"} <= set(told)
+def test_each_dependency_has_a_key_of_rosdep() -> None:
+    """Common ones are in rosdistro; for the others, ours are ready."""
+    known = {"click", "pillow", "rich", "rosbags", "ruamel-yaml", "uvicorn", "websockets"}
+    keys = YAML(typ="safe").load(ROOT / "ros" / "rosdep.yaml")
+    needed = {*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["all"]}
+    names = {canonicalize_name(Requirement(line).name) for line in needed}
+    packages = {key.removeprefix("python3-").removesuffix("-pip"): key for key in keys}
+    assert names - known == packages.keys()
+    for package, key in packages.items():
+        pip = {"pip": {"packages": [package]}}
+        rule = pip if key.endswith("-pip") else [key]
+        assert keys[key] == {"debian": rule, "ubuntu": rule}
+
+
+def test_a_debian_package_has_all_that_it_needs() -> None:
+    """It compiles the extensions; and apt cannot install what only pip has."""
+    package = parse_package(str(ROOT))
+    assert [each.name for each in package.build_depends] == ["python3-dev"]
+    names = {each.name for each in package.exec_depends}
+    assert {"python3-click", "python3-rich"} <= names
+    assert not [name for name in names if name.endswith("-pip")]
 
 
 def test_links_to_some_of_its_files_are_enough(tmp_path: Path) -> None:
@@ -137,33 +133,78 @@ def test_links_to_some_of_its_files_are_enough(tmp_path: Path) -> None:
     assert (tmp_path / "whiteboard" / "_shm.c").is_file()
 
 
-def test_the_launch_file_starts_commands_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[dict[str, Any]]]:
+    """Run the launch file with values of its arguments, and return what it starts."""
+
     def module(name: str, **contents: object) -> None:
         fake = types.ModuleType(name)
         vars(fake).update(contents)
         monkeypatch.setitem(sys.modules, name, fake)
 
-    module("launch", LaunchDescription=list)
-    module("launch.actions", ExecuteProcess=dict, Shutdown=lambda: "shutdown")
+    module("launch", LaunchDescription=list, LaunchContext=object)
+    module(
+        "launch.actions",
+        DeclareLaunchArgument=lambda name, **rest: {"name": name, **rest},
+        ExecuteProcess=dict,
+        OpaqueFunction=lambda function: function,
+        SetEnvironmentVariable=lambda name, value: {name: value},
+        Shutdown=lambda: "shutdown",
+    )
     module("launch_ros")
     module("launch_ros.actions", Node=dict)
-    module("launch_ros.substitutions", ExecutableInPackage=dict)
-    file = runpy.run_path(str(ROOT / "launch" / "wall.launch.py"))
-    node, *processes = file["generate_launch_description"]()
-    assert (node["package"], node["executable"]) == ("turtlesim", "turtlesim_node")
-    started = []
-    for process in processes:
-        program, *words = process["cmd"]
-        assert program == {"package": "llfsm", "executable": "llfsm"}
-        started.append(" ".join(words[:2]))
-        command: click.Command = main
-        while isinstance(command, click.Group):
-            context = click.Context(command)
-            _, found, words = command.resolve_command(context, words)
-            assert found is not None
-            command = found
-        command.make_context("llfsm", words)  # which raises if an argument is wrong
-    assert started == ["bridge turtlesim", "run RosWallTurttleBot"]
+
+    def launch(**given: str) -> list[dict[str, Any]]:
+        file = runpy.run_path(str(ROOT / "launch" / "wall.launch.py"))
+        *declared, start = file["generate_launch_description"]()
+        defaults = {each["name"]: each["default_value"] for each in declared}
+        assert given.keys() <= defaults.keys()
+        found: list[dict[str, Any]] = start(
+            types.SimpleNamespace(launch_configurations=defaults | given)
+        )
+        return found
+
+    return launch
+
+
+def _checked(node: dict[str, Any]) -> click.Context:
+    """Return the command that launch would start as a node, which raises if there is none."""
+    assert (node["package"], node["executable"]) == ("llfsm", "llfsm")
+    remaps = [word for pair in node["remappings"] for word in ("-r", ":=".join(pair))]
+    words = [*node["arguments"], "--ros-args", "-r", f"__node:={node['name']}", *remaps]
+    command: click.Command = main
+    while isinstance(command, click.Group):
+        context = click.Context(command)
+        _, found, words = command.resolve_command(context, words)
+        assert found is not None
+        command = found
+    return command.make_context("llfsm", words)
+
+
+def test_the_launch_file_starts_commands_that_there_are(
+    launched: Callable[..., list[dict[str, Any]]],
+) -> None:
+    turtlesim, machine = launched()
+    assert turtlesim == {
+        "package": "turtlesim",
+        "executable": "turtlesim_node",
+        "on_exit": "shutdown",
+    }
+    given = _checked(machine).params
+    assert (given["ros"], given["machines"]) == (True, ("RosWallTurttleBot",))
+    assert (given["transport"], given["remove_board"]) == ("auto", False)
+
+
+def test_the_launch_file_has_arguments(launched: Callable[..., list[dict[str, Any]]]) -> None:
+    arguments = {"turtle": "bob", "machine": "RosBlindTurttleBot", "transport": "zenoh"}
+    environment, _, spawn, machine = launched(**arguments, domain="7", board="shown")
+    assert environment == {"ROS_DOMAIN_ID": "7"}
+    assert spawn["cmd"][:4] == ["ros2", "service", "call", "/spawn"]
+    assert YAML(typ="safe").load(spawn["cmd"][-1])["name"] == "bob"
+    assert ("turtle1/cmd_vel", "bob/cmd_vel") in machine["remappings"]
+    given = _checked(machine).params
+    assert (given["machines"], given["transport"]) == (("RosBlindTurttleBot",), "zenoh")
+    assert (given["board"], given["remove_board"]) == ("shown", True)
 
 
 def make(sourced: bool, venv: Path) -> str:

@@ -21,7 +21,7 @@ NEEDED: dict[str, list[str]] = {
 MAKEFILE = (ROOT / "Makefile").read_text()
 KINDS: dict[str, str] = dict(re.findall(r"^EXTRAS_(\w+) := (.*)$", MAKEFILE, re.MULTILINE))
 LOCKS = sorted((ROOT / ".ci" / "locks").glob("*.txt"))
-LICENCES = {"Apache-2.0", "BSD-3-Clause"}  # those under which we may pass on what we vendor
+LICENCES = {"Apache-2.0", "BSD-3-Clause", "MIT"}  # those under which we may pass on what we vendor
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,11 @@ LICENCES = {"Apache-2.0", "BSD-3-Clause"}  # those under which we may pass on wh
 def test_every_dependency_has_a_tested_range(line: str) -> None:
     operators = {part.operator for part in Requirement(line).specifier}
     assert operators == {">=", "<"}, "from which version, and before which one?"
+
+
+def test_all_is_what_every_extra_for_users_needs() -> None:
+    of_users = EXTRAS.keys() - {"all", "test", "examples", "bench", "docs", "release"}
+    assert {*EXTRAS["all"]} == {line for extra in of_users for line in EXTRAS[extra]}
 
 
 def locked(lock: Path) -> dict[str, set[str]]:
@@ -85,6 +90,15 @@ def test_all_that_is_vendored_has_a_licence() -> None:
     assert all(folder.is_dir() for folder in listed)
     definitions = ROOT / "bridges/ros2/definitions"
     assert {path for path in definitions.iterdir() if path.is_dir()} <= listed
+
+
+def test_the_script_of_others_is_what_its_command_bundles() -> None:
+    entry = (ROOT / ".ci/codemirror/entry.js").read_text()
+    lists = re.findall(r"^export \{ (.*) \} from", entry, re.MULTILINE)
+    exported = [name for each in lists for name in each.split(", ")]
+    script = (ROOT / "bridges/edit/codemirror/codemirror.js").read_text()
+    assert set(re.findall(r" as (\w+)", script.rpartition("export{")[2])) == set(exported)
+    assert set(re.findall(r"https?://[\w.]+", script)) == {"http://www.w3.org"}
 
 
 def test_no_file_claims_another_author() -> None:

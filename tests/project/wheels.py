@@ -1,4 +1,4 @@
-"""The wheels in dist/ are for every Python and Linux that they claim. `make wheel` runs this."""
+"""What is in dist/ is for every Python and Linux that it claims. `make wheel` runs this."""
 
 from __future__ import annotations
 
@@ -80,3 +80,19 @@ def test_it_has_the_licences_but_no_tests_and_no_sources(wheel: Path) -> None:
     top = {name.partition("/")[0].partition("-")[0] for name in names}
     assert top == {"llfsm"}
     assert not [name for name in names if name.endswith((".c", ".o")) or "/tests/" in name]
+
+
+def test_one_wheel_is_for_all_others(machine: str, wheel: Path) -> None:
+    """It has what the binary ones have, but for their extensions."""
+
+    def contents(path: Path) -> set[str]:
+        with zipfile.ZipFile(path) as files:
+            return {
+                name for name in files.namelist() if name[-1] != "/" and ".dist-info/" not in name
+            }
+
+    (pure,) = (ROOT / "dist").glob("*-py3-none-any.whl")
+    missing = {name for name in contents(wheel) if name.endswith(".so")}
+    assert len(missing) == 2
+    assert contents(wheel) - contents(pure) == missing
+    assert not contents(pure) - contents(wheel)

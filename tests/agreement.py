@@ -1,0 +1,111 @@
+"""Random machines in random environments: what is explored agrees with the naive explorer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from hypothesis import assume, event, reject
+from hypothesis import strategies as st
+
+from llfsm.runtime.verification import UnsupportedError, explore, leads_to, never, reachable
+from llfsm.whiteboard.messages.std_msgs import Int32
+from naive_explorer import Explored, May, naively_explored
+from random_machines import LEFT, RIGHT, SHARED, built, specs
+
+__all__ = ["DOMAINS", "Situation", "assert_agreement", "situations"]
+
+_ZERO_OR_ONE = [Int32(data=0), Int32(data=1)]
+DOMAINS = {LEFT: [None, *_ZERO_OR_ONE], RIGHT: _ZERO_OR_ONE}
+
+Naively = Callable[[Mapping[str, Any]], bool]
+
+
+class Situation(NamedTuple):
+    """Machines, as `built` makes them, and how they run."""
+
+    machines: Any
+    unload_accepting: bool
+    period_ms: int
+    may: May
+
+
+situations = st.builds(
+    Situation,
+    specs,
+    st.booleans(),
+    st.sampled_from([5, 8, 10]),
+    st.builds(May, st.booleans(), st.sets(st.just("A")), st.booleans()),
+)
+
+
+def assert_agreement(situation: Situation, *, most: int) -> None:
+    """Compare counts, verdicts and the lengths of witnesses; leave out what has more states."""
+    machines, may = built(situation.machines), situation.may
+    how: dict[str, Any] = {
+        "period_ms": situation.period_ms,
+        "unload_accepting": situation.unload_accepting,
+    }
+    ours: dict[str, Any] = {
+        "sensors": DOMAINS,
+        "stop": may.stop,
+        "suspend": may.suspend,
+        "choices": "rounds" if may.by_rounds else "turns",
+    }
+    try:
+        alone = explore(machines, max_states=most, **ours, **how)
+    except UnsupportedError as error:
+        if "in OnSuspend or OnResume" not in str(error):
+            raise
+        reject()
+    assume(alone.complete)
+    naive = naively_explored(machines, domains=DOMAINS, may=may, **how)
+    event(f"{len(str(naive.states))} digits of states")
+    assert (alone.states, alone.transitions) == (naive.states, naive.transitions)
+
+    last = machines[-1].table
+    where, name, first = last.states[-1].name, machines[-1].__name__, last.states[0].name
+    sought: list[tuple[Callable[[Any], bool], Naively]] = [
+        (lambda v: v[name].state == where, lambda view: view[f"{name}.state"] == where),
+        (lambda v: v.A.n == 1, lambda view: view["A.n"] == 1),
+        (lambda v: v[SHARED].data == 0, lambda view: view["shared"] == Int32(data=0)),
+    ]
+    safety = [kind(of_view) for of_view, _ in sought for kind in (never, reachable)]
+    depths = [_depth(naive, of_naive) for _, of_naive in sought for _ in range(2)]
+
+    # Does whoever is not there come there, ever or in so many rounds?
+    there, there_naively = sought[0]
+    within = [None, *(rounds * situation.period_ms for rounds in range(5))]
+    answers = [leads_to(lambda v: not there(v), there, within_ms=ms) for ms in within]
+    late = [naive.unanswered(there_naively)]
+    late += [naive.late(there_naively, rounds) for rounds in range(5)]
+    expected = [not each for each in late]
+
+    (asks, asks_naively), _, (response, response_naively) = sought
+    recurring = (lambda v: v.A.n == 1, lambda v: v[name].state == first)
+    naively: tuple[Naively, ...] = (
+        lambda view: view["A.n"] == 1,
+        lambda view: view[f"{name}.state"] == first,
+    )
+    answers += [leads_to(asks, response, assuming=recurring[:n]) for n in range(3)]
+    asking = {state for state, view in naive.views.items() if asks_naively(view)}
+    wrong = [naive.unanswered(response_naively, naively[:n]) for n in range(3)]
+    expected += [asking.isdisjoint(each) for each in wrong]
+
+    space = explore(machines, properties=[*safety, *answers], **ours, **how)
+    for verdict, least in zip(space.verdicts, depths, strict=False):
+        assert verdict.holds is ((least is None) == (verdict.property.kind == "never"))
+        assert (verdict.witness and len(verdict.witness.turns)) == least
+    assert [verdict.holds for verdict in space.verdicts[len(safety) :]] == expected
+
+
+def _depth(naive: Explored, holds: Naively) -> int | None:
+    """Return after how many turns a state that satisfies `holds` can be reached first."""
+    level, known, turns = {naive.first}, {naive.first}, 0
+    while level:
+        if any(holds(naive.views[state]) for state in level):
+            return turns
+        level = {after for state in level for after in naive.successors[state]} - known
+        known |= level
+        turns += 1
+    return None
