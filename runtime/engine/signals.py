@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
@@ -12,6 +13,7 @@ from types import FrameType
 __all__ = ["Critical", "StopRequest", "stop_on_signals"]
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_LOOK_S = 0.2
 
 
 class StopRequest:
@@ -35,10 +37,18 @@ class StopRequest:
         return self._made
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait until a stop is asked for, at most so long; return whether it was."""
-        if not self._made:
+        """Wait until a stop is asked for, at most so long; return whether it was.
+
+        A signal need not end a wait of the main thread, where handlers run: it may come after the
+        last look for one, or to a thread of a library. So a wait looks for one now and then.
+        """
+        end_s = None if timeout_s is None else time.monotonic() + timeout_s
+        while not self._made:
+            left_s = _LOOK_S if end_s is None else min(end_s - time.monotonic(), _LOOK_S)
             with suppress(Empty):
-                self._bell.get(timeout=timeout_s)
+                self._bell.get(timeout=max(left_s, 0))
+            if left_s < _LOOK_S:
+                break
         return self._made
 
 

@@ -46,6 +46,20 @@ def test_a_signal_ends_the_wait() -> None:
         assert asked.wait()
 
 
+def test_a_signal_ends_the_wait_that_it_does_not_interrupt() -> None:
+    """The system may give it to any thread, but handlers run in the main one."""
+    asked = StopRequest()
+    over = threading.Event()
+    with stop_on_signals(lambda _: asked.make()):
+        other = threading.Thread(target=over.wait)
+        other.start()
+        assert other.ident is not None
+        threading.Timer(0.01, signal.pthread_kill, (other.ident, signal.SIGTERM)).start()
+        assert asked.wait()
+        over.set()
+        other.join()
+
+
 def lines_of(call: Any) -> int:
     """Return how many lines of Python a call runs."""
     number = 0
