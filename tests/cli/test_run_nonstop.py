@@ -89,6 +89,25 @@ signal.pthread_sigmask = signalled
 run_nonstop(lambda: time.sleep(60), lambda cause: os._exit(0))
 """
 
+# A signal that the system gives to another thread than the one that waits, and handles signals.
+ELSEWHERE = """
+import os, signal, threading, time
+from llfsm.cli.run.nonstop import run_nonstop
+
+reader, writer = os.pipe()
+
+def take():
+    os.read(reader, 1)
+    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+
+def run():
+    os.write(writer, b"x")
+    time.sleep(60)
+
+threading.Thread(target=take, daemon=True).start()
+run_nonstop(run, lambda cause: os._exit(0))
+"""
+
 
 @pytest.fixture(autouse=True)
 def module(tmp_path: Path) -> None:
@@ -209,8 +228,9 @@ def test_a_signal_while_it_waits_to_start_again_ends_it(llfsm: Llfsm, board: str
     assert (llfsm.cwd / "runs").read_text() == "x"
 
 
-def test_a_signal_just_before_the_fork_is_not_lost() -> None:
-    process = subprocess.Popen([sys.executable, "-c", EARLY], start_new_session=True)
+@pytest.mark.parametrize("script", [EARLY, ELSEWHERE], ids=["just before the fork", "elsewhere"])
+def test_a_signal_that_interrupts_no_wait_is_not_lost(script: str) -> None:
+    process = subprocess.Popen([sys.executable, "-c", script], start_new_session=True)
     try:
         assert process.wait(PATIENCE_S) == 0
     finally:

@@ -18,6 +18,7 @@ import click
 __all__ = ["run_nonstop"]
 
 _PAUSE_S = 1.0  # as clfsm waits; a machine that crashes at once must not keep a core busy
+_LOOK_S = 0.02  # a signal need not interrupt a wait: Python resumes it, or another thread has it
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -56,7 +57,9 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
             _be_child(run, stop, end)
         os.close(end)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
-        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        while not (ended := os.waitpid(child, os.WNOHANG))[0]:
+            time.sleep(_LOOK_S)
+        status = os.waitstatus_to_exitcode(ended[1])
         child = 0
         if asked or status == 0:
             sys.exit(0 if -status in (0, *_SIGNALS) else 1)
@@ -65,7 +68,7 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
         click.echo(f"the arrangement {how}; it starts again", err=True)
         until = time.monotonic() + _PAUSE_S
         while time.monotonic() < until and not asked:
-            time.sleep(0.02)  # Python resumes a sleep after a signal: look whether one came
+            time.sleep(_LOOK_S)
 
 
 def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -> NoReturn:
