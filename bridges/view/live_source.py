@@ -9,7 +9,7 @@ from typing import Any
 
 from llfsm.runtime.presence.remote import is_live
 from llfsm.runtime.presence.shown import Shown
-from llfsm.whiteboard import Board, BoardNotFoundError, Message, Sample, Whiteboard
+from llfsm.whiteboard import Board, Message, Sample
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.board_files import DIRECTORY
 from llfsm.whiteboard.messages.llfsm import (
@@ -23,11 +23,11 @@ from llfsm.whiteboard.poller import BoardPoller, is_data
 
 from .notes import Note, Notes
 from .page_source import Change, PageSource, Snapshot
+from .reopened_board import ReopenedBoard
 from .state_history import StateHistory
 
 __all__ = ["LiveSource"]
 
-_OPEN_NS = 300_000_000  # between two attempts to open a board that is not there
 _DISCOVERY_S = 0.4  # between two searches for new slots
 _VIEW_NS = 500_000_000  # between two messages that the variables are viewed
 
@@ -48,17 +48,14 @@ class LiveSource(PageSource):
         host: str = "",
     ) -> None:
         self.title = f"{name}, {host}" if host else name
-        self._name = name
         self._host = host
-        self._directory = directory
-        self._given = given
-        self._board: Board | None = None
+        self._opened = ReopenedBoard(name, directory, given)
         self._shown: Shown | None = None
         self._poller: BoardPoller | None = None
         self._slots: dict[str, SlotInfo] = {}
         self._epoch = 0
         self._trouble = ""
-        self._open_ns = self._view_ns = 0  # when that is due
+        self._view_ns = 0  # when that is due
         self._history = StateHistory()
         self._notes = Notes()
 
@@ -85,7 +82,7 @@ class LiveSource(PageSource):
         except Exception as error:  # also what a damaged file makes of the libraries that read it
             self._trouble = f"the whiteboard cannot be read: {error}; trying again"
             self.close()
-        if self._board is not None:
+        if self._opened.board is not None:
             self._history.add(samples, now_ns, self.is_live)
             self._note(samples)
         return Snapshot(now_ns, self._epoch, self._slots, samples, problems, self._trouble)
@@ -104,41 +101,35 @@ class LiveSource(PageSource):
 
     def board(self) -> Board | None:
         """Return the board, or None while it does not exist."""
-        return self._board
+        return self._opened.board
 
     def close(self) -> None:
         """Close the board."""
-        if self._board is not None:
-            if self._board is not self._given:
-                self._board.close()
-            self._board = self._shown = self._poller = None
-            self._slots = {}
+        self._opened.close()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._shown = self._poller = None
+        self._slots = {}
 
     def _open(self, now_ns: int) -> None:
-        if self._board is not None and not self._board.alive:
-            self._trouble = f"the whiteboard {self._name!r} was removed; waiting for a new one"
-            self.close()
-        if self._board is None and now_ns >= self._open_ns:
-            self._open_ns = now_ns + _OPEN_NS
-            try:
-                self._board = self._given or Whiteboard(
-                    self._name, directory=self._directory, create=False
-                )
-            except BoardNotFoundError:
-                self._trouble = self._trouble or (
-                    f"there is no whiteboard {self._name!r} yet; it appears here as soon as "
-                    f"something runs on it, for example: llfsm demo wall --board {self._name}"
-                )
-                return
-            self._shown = shown = Shown(self._board, self._host)
-            self._poller = BoardPoller(
-                self._board,
-                wants=lambda name: is_data(name) and shown.has(name),
-                discovery_s=_DISCOVERY_S,
-            )
-            self._epoch += 1
-            self._history, self._notes = StateHistory(), Notes()
-            self._view_ns = 0
+        before, board = self._opened.board, self._opened.look(now_ns)
+        if board is None:  # also between the attempts to open one that could not be read
+            self._trouble = self._opened.trouble or self._trouble
+        if board is before:
+            return
+        self._forget()
+        if board is None:
+            return
+        self._shown = shown = Shown(board, self._host)
+        self._poller = BoardPoller(
+            board,
+            wants=lambda name: is_data(name) and shown.has(name),
+            discovery_s=_DISCOVERY_S,
+        )
+        self._epoch += 1
+        self._history, self._notes = StateHistory(), Notes()
+        self._view_ns = 0
 
     def _note(self, samples: Mapping[str, Sample[Message]]) -> None:
         for slot, each in samples.items():

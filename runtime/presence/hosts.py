@@ -11,13 +11,15 @@ from contextlib import suppress
 from typing import Any, Self
 
 from llfsm.errors import did_you_mean
-from llfsm.whiteboard import Board, Slot, WhiteboardError
+from llfsm.whiteboard import Board, Sample, Slot, WhiteboardError
+from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.fleet import HOSTS, KEEPS_READ, folders_slot, viewer_slot
 from llfsm.whiteboard.messages.llfsm import (
     MACHINES,
     MIRROR,
     Bell,
     MachineStatus,
+    MirrorStatus,
     Viewer,
     status_slot,
 )
@@ -26,9 +28,12 @@ from llfsm.whiteboard.mirror.naming import Naming
 from ..engine.errors import UnknownMachineError
 from .remote import Directory, RemoteMachine
 
-__all__ = ["FleetReader", "HostNames", "find_machine"]
+__all__ = ["NO_DAEMON", "FleetReader", "HostNames", "find_machine"]
 
-_SILENT_NS = 3_000_000_000  # a daemon that has published no status for so long does not run
+NO_DAEMON = "no daemon mirrors this whiteboard; start `llfsm whiteboard daemon`"
+"""Why no other host can be reached, and what to do."""
+
+_SILENT_NS = 3_000_000_000  # a daemon in another container may publish no status for so long
 _POLL_S = 0.02
 _QUIET_S = 0.5  # without another host, all that can be reached are known
 _PATIENCE_S = 5.0
@@ -42,8 +47,7 @@ class HostNames:
         with suppress(WhiteboardError):
             if any(info.name == MIRROR.name for info in board.slots()):
                 sample = board[MIRROR].sample()
-        silent_ns = 0 if sample is None else time.monotonic_ns() - sample.stamp_ns
-        self.is_mirrored = sample is not None and silent_ns < _SILENT_NS
+        self.is_mirrored = sample is not None and _is_mirrored(sample)
         self.own = "" if sample is None else sample.message.name
         """The name of this host; empty if it has none."""
         self._naming = Naming(self.own, () if sample is None else sample.message.fleet)
@@ -60,9 +64,24 @@ class HostNames:
         """Return whether slots of a host, this one or another one, have names on this board."""
         return host == self.own or self.of_slot(host + KEEPS_READ) == host
 
+    def reached(self, board: Board) -> tuple[str, ...]:
+        """Return the names of the hosts that can be reached, and whose slots have names here.
+
+        The daemon keeps them up to date while that is read.
+        """
+        hosts = board[HOSTS].get()
+        if hosts is None or not self.is_mirrored:  # they are those of a daemon that has ended
+            return ()
+        return tuple(each for each in hosts.names if self.is_known(each))
+
     def ask(self, board: Board, host: str, viewer: Viewer) -> None:
         """Have the machines of a host publish what a viewer shows."""
         board.add_message(viewer_slot("" if host == self.own else host), viewer)
+
+
+def _is_mirrored(sample: Sample[MirrorStatus]) -> bool:
+    """Return whether the daemon runs; one of this PID namespace may be as slow as it likes."""
+    return time.monotonic_ns() - sample.stamp_ns < _SILENT_NS or writer_lives(sample)
 
 
 class FleetReader:
@@ -93,8 +112,7 @@ class FleetReader:
 
     def look(self) -> None:
         """Read what hosts have announced since; call it a few times a second."""
-        if not self.names.is_mirrored:  # but a daemon may have been started
-            self.names = HostNames(self._board)
+        self.names = HostNames(self._board)  # a daemon may have been started, or have ended
         with suppress(WhiteboardError):  # no room: then what is there is all
             hosts = self.hosts()
             for host in {self._host} if self._host else {*hosts}:
@@ -107,9 +125,7 @@ class FleetReader:
 
     def hosts(self) -> tuple[str, ...]:
         """Return the names of the hosts that can be reached, and whose slots have names here."""
-        hosts = self._board[HOSTS].get()
-        names = () if hosts is None else hosts.names
-        return tuple(each for each in names if self.names.is_known(each))
+        return self.names.reached(self._board)
 
     def problem(self) -> str:
         """Return why the host to read cannot be, and what to do; empty if it can."""
@@ -117,7 +133,7 @@ class FleetReader:
         if host in ("", self.names.own):
             return ""
         if not self.names.is_mirrored:
-            return "no daemon mirrors this whiteboard; start `llfsm whiteboard daemon`"
+            return NO_DAEMON
         if not self.names.is_known(host):
             return f"the `fleet` of this host does not list {host!r}"
         hosts = self.hosts()

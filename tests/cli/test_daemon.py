@@ -44,7 +44,8 @@ def run(*arguments: str) -> tuple[int, str]:
 def test_status_shows_all_that_the_daemon_tells(tmp_path: Path) -> None:
     told = MirrorStatus(
         host="ab", pid=7, slots=3, left=10, entered=20, leave_rate=1.5, enter_rate=2.0,
-        conflicts=4, held_back=5, peers=(PeerStatus("laptop", "cd", 2.5, 1.25, 8, 1, "robot"),),
+        sent_rate=3456.0, received_rate=70.0, conflicts=4, held_back=5,
+        peers=(PeerStatus("laptop", "cd", 2.5, 1.25, 8, 1, "robot"),),
         quotas=(QuotaStatus("", 3, 1024, 5 << 20, 512 << 20, 0),
                 QuotaStatus("robot", 1, 1024, 0, 512 << 20, 9)),
         refused=(Refusal("it is not listed: x", 6),),
@@ -58,6 +59,7 @@ def test_status_shows_all_that_the_daemon_tells(tmp_path: Path) -> None:
         "slots      3 may leave\n"
         "left       10, 1.5 a second\n"
         "entered    20, 2 a second\n"
+        "traffic    3.5 kB/s out, 0.1 in\n"
         "conflicts  4\n"
         "held back  5\n"
         "peer       cd laptop, certificate robot: lag 1.2 ms, 8 batches, 1 lost, silent for 2.5 s\n"

@@ -62,9 +62,15 @@ def test_an_address_is_no_host_of_the_fleet(host: str) -> None:
     assert f"to listen, use --address {host}" in " ".join(done.output.split())
 
 
-def test_a_recording_has_no_hosts() -> None:
-    done = CliRunner().invoke(view, ["run.mcap", "--host", "robot7"])
+@pytest.mark.parametrize("options", [("--host", "robot7"), ("--fleet",)])
+def test_a_recording_has_no_hosts(options: tuple[str, ...]) -> None:
+    done = CliRunner().invoke(view, ["run.mcap", *options])
     assert (done.exit_code, "leave it out for a recording" in done.output) == (2, True)
+
+
+def test_all_hosts_are_not_one() -> None:
+    done = CliRunner().invoke(view, ["--host", "robot7", "--fleet"])
+    assert (done.exit_code, "leave out --host" in done.output) == (2, True)
 
 
 def test_it_opens_the_browser_by_a_file_that_only_its_user_can_read(

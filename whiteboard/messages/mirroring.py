@@ -39,8 +39,8 @@ class Refusal(Message):
 class MirrorStatus(Message):
     """The status of the daemon that mirrors a board, published once a second.
 
-    Rates are in slots per second since the previous status. A conflict is a message from another
-    host that arrived after a newer one of the same slot.
+    Rates are per second since the previous status, of slots or of bytes. A conflict is a message
+    from another host that arrived after a newer one of the same slot.
     """
 
     host: str = ""
@@ -58,6 +58,8 @@ class MirrorStatus(Message):
     partition_s: float = 3.0  # a host that was silent for so long counts as dead
     name: str = ""  # of the host; empty if it has none
     fleet: tuple[str, ...] = ()  # globs of the others' names
+    sent_rate: float = 0.0  # bytes; a batch counts once, however many hosts read it
+    received_rate: float = 0.0
 
 
 MIRROR = Slot("llfsm/mirror", MirrorStatus, capacity=1 << 16)

@@ -36,6 +36,7 @@ from .refusals import Refusals
 from .routes import Route, Routes
 from .settings import Settings
 from .store import Store
+from .traffic import Traffic
 
 __all__ = ["Exchange"]
 
@@ -54,14 +55,6 @@ class _Leaving(NamedTuple):
 
     values: list[Value]
     declarations: list[Declaration]
-
-
-class _Reported(NamedTuple):
-    """What the previous status has counted."""
-
-    left: int
-    entered: int
-    at_ns: int
 
 
 class Exchange:
@@ -97,7 +90,7 @@ class Exchange:
         self._interest: set[str] = set()
         self._asked: set[str] = set()  # groups to ask all hosts for
         self._changed: dict[str, Route] = {}  # in the order of the changes
-        self._left = 0
+        self._traffic = Traffic(now_ns())
         self._peers = Peers()
         self._refusals = Refusals()
         self._routes = Routes(store, settings, self._refusals)
@@ -112,7 +105,6 @@ class Exchange:
             now_ns,
             wall_ns,
         )
-        self._reported = _Reported(0, 0, now_ns())
 
     # ---- Sending ----------------------------------------------------------------------------
 
@@ -144,7 +136,7 @@ class Exchange:
                 route.sent = value.version
                 route.departures.record(now_ns)
                 values.append(value)
-                self._left += 1
+                self._traffic.left += 1
             return [
                 Packet(group, data)
                 for group in self._routes.in_order(leaving)
@@ -185,6 +177,7 @@ class Exchange:
                 declared = tuple(d for d in leaving if d.slot in names)
             head = self._store.host, self._born, number, self._wall_ns()
             packed.append(encode(Batch(*head, tuple(part), declared)))
+            self._traffic.sent += len(packed[-1])
         return packed
 
     def groups(self, slots: Iterable[str] = ()) -> list[str]:
@@ -207,11 +200,13 @@ class Exchange:
         with self._lock:
             head, name = (self._store.host, self._born), socket.gethostname()[:255]
             sent_ns = self._wall_ns()
-            return [
+            beats = [
                 Packet(group, encode(Heartbeat(*head, self._numbers[group], sent_ns, name)))
                 for group in groups
                 if group in read
             ]
+            self._traffic.sent += sum(len(beat.data) for beat in beats)
+            return beats
 
     def begin_sending(self, group: str) -> None:
         """Send what a group has that was not sent, as another host has begun to read it."""
@@ -346,6 +341,7 @@ class Exchange:
     ) -> T | None:
         """Return decoded data; None if it is malformed, or over the rates of its sender."""
         with self._lock:
+            self._traffic.received += len(data)
             if not self._quotas.account(name).admits(len(data), self._now_ns()):
                 return None
         try:
@@ -376,20 +372,21 @@ class Exchange:
     def status(self) -> MirrorStatus:
         """Return the status; its rates are averages since the last call."""
         with self._lock:
-            arrivals, before = self._arrivals, self._reported
-            now = self._reported = _Reported(self._left, arrivals.entered, self._now_ns())
-            seconds = max((now.at_ns - before.at_ns) / 1e9, 1e-9)
+            arrivals, now_ns = self._arrivals, self._now_ns()
+            rates = self._traffic.rates(arrivals.entered, now_ns)
             return MirrorStatus(
                 host=f"{self._store.host:016x}",
                 pid=os.getpid(),
                 slots=sum(route.leaves for _, route in self._routes.of(EVERY_GROUP)),
-                left=now.left,
-                entered=now.entered,
-                leave_rate=round((now.left - before.left) / seconds, 1),
-                enter_rate=round((now.entered - before.entered) / seconds, 1),
+                left=self._traffic.left,
+                entered=arrivals.entered,
+                leave_rate=rates.left,
+                enter_rate=rates.entered,
+                sent_rate=rates.sent,
+                received_rate=rates.received,
                 conflicts=arrivals.conflicts,
                 held_back=arrivals.held_back,
-                peers=tuple(self._peers.status(now.at_ns))[:_MAX_LISTED],
+                peers=tuple(self._peers.status(now_ns))[:_MAX_LISTED],
                 quotas=tuple(self._quotas.status())[:_MAX_LISTED],
                 refused=self._refusals.report()[:_MAX_LISTED],
                 partition_s=self._settings.guard.partition_s,

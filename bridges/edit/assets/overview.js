@@ -2,8 +2,8 @@
 
 import { Diagram } from "./diagram.js";
 import { $, make, setText } from "./dom.js";
-import { takeToken, useTheme } from "./page.js";
-import { showTabs, withToken } from "./tabs.js";
+import { takeToken, useTheme, withToken } from "./page.js";
+import { showTabs } from "./tabs.js";
 
 const STILL = 4; // pixels that the pointer moves in a click
 

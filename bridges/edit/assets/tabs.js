@@ -1,11 +1,7 @@
 // The tabs of an arrangement: a link to the page of each machine, and to the overview.
 
 import { $, make } from "./dom.js";
-
-// The address of a page; with the token, so that it can also be opened beside this one.
-export function withToken(address, token) {
-  return token ? `${address}?token=${encodeURIComponent(token)}` : address;
-}
+import { withToken } from "./page.js";
 
 export function showTabs(tabs, token) {
   const links = tabs.map(({ title, address, problem }) =>

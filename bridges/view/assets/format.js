@@ -37,6 +37,12 @@ export function rate(value) {
   return `${value < 9.95 ? value.toFixed(1) : Math.round(value)}/s`;
 }
 
+// Bytes per second.
+export function flow(value) {
+  const [size, unit] = value < 999500 ? [value / 1e3, "kB/s"] : [value / 1e6, "MB/s"];
+  return `${size < 9.95 ? size.toFixed(1) : Math.round(size)} ${unit}`;
+}
+
 export function number(value) {
   return value.toLocaleString("en").replaceAll(",", "\u202f");
 }

@@ -2,7 +2,7 @@
 
 import { Board } from "./board.js";
 import { Changes } from "./changes.js";
-import { $, setData, setText } from "./dom.js";
+import { $, setText } from "./dom.js";
 import { Field } from "./field.js";
 import { number } from "./format.js";
 import { listen } from "./keys.js";
@@ -10,7 +10,7 @@ import { Link } from "./link.js";
 import { EventLog } from "./log.js";
 import { Machines } from "./machines.js";
 import { Model } from "./model.js";
-import { takeToken, useTheme } from "./page.js";
+import { showConnection, showTrouble, takeToken, useTheme, withToken } from "./page.js";
 import { Player } from "./player.js";
 
 const DRAW_MS = 30; // between two drawings after a change
@@ -47,38 +47,20 @@ function draw(time) {
   player.draw();
 }
 
-function showTrouble(text) {
-  const place = $("trouble");
-  setText(place, text ? text[0].toUpperCase() + text.slice(1) : "");
-  place.hidden = !text;
-  document.body.classList.toggle("stale", Boolean(text));
-}
-
 function showContested(sentences) {
   setText($("contested"), sentences.join("; "));
   $("contested").hidden = !sentences.length;
 }
 
-const LINKS = {
-  connecting: "connecting",
-  live: "live",
-  stalled: "no answer",
-  lost: "reconnecting",
-  refused: "refused",
-};
-
 function showLink(state, problem = "", about = null) {
-  setText($("link"), state === "live" && player.span !== null ? "recording" : LINKS[state]);
-  setData($("link"), "is", state);
-  if (problem) showTrouble(problem);
-  else if (state === "lost") showTrouble("The server does not answer; reconnecting. The page shows the latest data received.");
-  else if (state === "live") {
-    showTrouble(model.trouble);
-    player.open();
+  showConnection(state, problem, model.trouble, about);
+  if (state === "live") {
+    if (player.span !== null) setText($("link"), "recording");
+    if (!problem) player.open();
   }
   if (!about) return;
-  setText($("title"), about.title);
-  document.title = `${about.title} · llfsm view`;
+  $("back").hidden = !about.back;
+  if (about.back) $("back").href = withToken(about.back, link.token);
   player.use(about.span);
   machines.span = log.span = changes.span = about.span;
   machines.canControl = board.canControl = about.control;

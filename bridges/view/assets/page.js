@@ -1,6 +1,6 @@
 // What the pages have in common: the token, light and dark, and the list of keys.
 
-import { $, forgetColors, make } from "./dom.js";
+import { $, forgetColors, make, setData, setText } from "./dom.js";
 
 const TOKEN = "llfsm.token";
 const THEME = "llfsm.theme";
@@ -13,6 +13,11 @@ export function takeToken() {
     history.replaceState(null, "", location.pathname + location.hash);
   }
   return sessionStorage.getItem(TOKEN);
+}
+
+// The address of a page; with the token, so that it can also be opened beside this one.
+export function withToken(address, token) {
+  return token ? `${address}?token=${encodeURIComponent(token)}` : address;
 }
 
 // Follows the system's choice of light or dark, or the user's own; returns what switches it.
@@ -43,4 +48,30 @@ export function listKeys(pairs) {
     ]),
   );
   $("help").addEventListener("click", () => $("keys").showModal());
+}
+
+export function showTrouble(text) {
+  setText($("trouble"), text ? text[0].toUpperCase() + text.slice(1) : "");
+  $("trouble").hidden = !text;
+  document.body.classList.toggle("stale", Boolean(text));
+}
+
+const LINKS = {
+  connecting: "connecting",
+  live: "live",
+  stalled: "no answer",
+  lost: "reconnecting",
+  refused: "refused",
+};
+
+// Shows how the connection is; `trouble` is what the last frame told, `about` what the page shows.
+export function showConnection(state, problem, trouble, about) {
+  setText($("link"), LINKS[state]);
+  setData($("link"), "is", state);
+  if (problem) showTrouble(problem);
+  else if (state === "lost") showTrouble("The server does not answer; reconnecting. The page shows the latest data received.");
+  else if (state === "live") showTrouble(trouble);
+  if (!about) return;
+  setText($("title"), about.title);
+  document.title = `${about.title} · llfsm view`;
 }

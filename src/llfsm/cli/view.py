@@ -44,6 +44,7 @@ __all__ = ["view"]
     callback=lambda _, __, value: _host(value),
     help="Only what is of this host of the fleet.",
 )
+@click.option("--fleet", is_flag=True, help="A table of all hosts, with a page for each.")
 @page_options
 @click.option("--control", is_flag=True, help="Let the page control machines and post messages.")
 @trust_option
@@ -54,6 +55,7 @@ def view(
     board: BoardPlace,
     config: Path | None,
     host: str,
+    fleet: bool,
     address: str,
     port: int,
     no_open: bool,
@@ -72,6 +74,7 @@ def view(
     llfsm view -b demo
     llfsm view -b demo --control
     llfsm view --host robot7
+    llfsm view --fleet
     llfsm view run.mcap
     llfsm view run.mcap --trust
     """
@@ -79,20 +82,29 @@ def view(
         end_with_input()
     if recording is None and trust:
         raise click.UsageError("--trust is for a recording")
-    if recording is not None and host:
-        raise click.UsageError("--host is for a whiteboard; leave it out for a recording")
-    source = _source(recording, machines, board, config, host=host, trust=trust)
+    if recording is not None and (host or fleet):
+        option = "--host" if host else "--fleet"
+        raise click.UsageError(f"{option} is for a whiteboard; leave it out for a recording")
+    if host and fleet:
+        raise click.UsageError("--fleet has a page for each host; leave out --host")
+    source = None
+    if not fleet:
+        source = _source(recording, machines, board, config, host=host, trust=trust)
     with ExitStack() as stack:
         if recording is None:
             stack.enter_context(GuardThread(*board))
 
-        def make_app(token: str) -> ASGIApp:
+        def make(token: str) -> ASGIApp:
+            if source is None:
+                from llfsm.bridges.view.fleet_app import make_fleet_app
+
+                return make_fleet_app(*board, host=address, token=token, control=control)
             from llfsm.bridges.view.app import make_app
 
             return make_app(source, host=address, token=token, control=control)
 
-        what = f"llfsm view: {source.title}"
-        serve(make_app, what, host=address, port=port, open_page=not no_open)
+        what = f"{board.name}, fleet" if source is None else source.title
+        serve(make, f"llfsm view: {what}", host=address, port=port, open_page=not no_open)
 
 
 def _host(value: str) -> str:

@@ -63,18 +63,25 @@ class Server(Process):
         self.address, self.port, self.query = found[1], int(found[2]), found[3]
         self.root = f"http://127.0.0.1:{self.port}"
 
-    def get(self, path: str, query: str | None = None, **options: Any) -> httpx.Response:
+    def get(
+        self, path: str, query: str | None = None, machine: str = "", **options: Any
+    ) -> httpx.Response:
         """Request a path, with the token unless another `query` is given."""
         address = self.root + path + (self.query if query is None else query)
+        address += f"&machine={machine}" if machine else ""
         # Without `verify=False`, each request would read the system's certificates.
         return httpx.get(address, trust_env=False, verify=False, timeout=PATIENCE_S, **options)
 
     def live(
-        self, query: str | None = None, origin: str | None = "", **options: Any
+        self,
+        query: str | None = None,
+        origin: str | None = "",
+        at: str = "/live",
+        **options: Any,
     ) -> ClientConnection:
         """Connect as the page does; `query` and `origin` are its own unless given."""
         return connect(
-            f"ws://127.0.0.1:{self.port}/live{self.query if query is None else query}",
+            f"ws://127.0.0.1:{self.port}{at}{self.query if query is None else query}",
             origin=self.root if origin == "" else origin,  # type: ignore[arg-type]
             max_size=None,
             proxy=None,

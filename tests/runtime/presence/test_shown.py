@@ -80,3 +80,18 @@ def test_a_daemon_may_be_started_later() -> None:
     board.add_message(HOSTS, Hosts(("robot7",)))
     shown.look()
     assert shown.fleet.problem() == ""
+
+
+def test_the_end_of_the_daemon_is_noticed(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    board.add_message(HOSTS, Hosts(("operator", "robot7")))
+    with FleetReader(board, "robot7") as reader:
+        assert (reader.problem(), reader.hosts()) == ("", ("operator", "robot7"))
+        monkeypatch.setattr(hosts, "_SILENT_NS", 0)
+        reader.look()
+        assert reader.problem() == "", "it may be slow: its process runs"
+        monkeypatch.setattr(hosts, "writer_lives", lambda _: False)
+        reader.look()
+        assert (reader.problem(), reader.hosts()) == (hosts.NO_DAEMON, ())
+        monkeypatch.undo()
+        reader.look()
+        assert reader.problem() == ""

@@ -206,3 +206,20 @@ def test_what_a_large_message_is_sent_with_is_not_delayed_by_it() -> None:
     assert [value.slot for value in first.values] == ["number"]
     assert [value.slot for value in second.values] == ["image"]
     assert (first.number, second.number) == (1, 2)
+
+
+def test_the_status_tells_the_rates_of_what_is_sent_and_received() -> None:
+    part = Part()
+    part.board.add_message(NUMBER, Number(1))
+    sent = part.collect()
+    received = [batch(1), batch(2, time=10**12 + 1)]
+    for data in received:
+        part.exchange.receive_batch(data)
+    part.now_ns += 2 * 10**9
+    status = part.exchange.status()
+    assert (status.leave_rate, status.enter_rate) == (0.5, status.entered / 2)
+    assert status.sent_rate == round(sum(map(len, sent)) / 2, 1)
+    assert status.received_rate == round(sum(map(len, received)) / 2, 1)
+    part.now_ns += 10**9
+    status = part.exchange.status()
+    assert (status.leave_rate, status.sent_rate, status.received_rate) == (0, 0, 0)

@@ -14,6 +14,7 @@ import msgspec
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.runtime.plans.toml_files import read_toml
 from llfsm.runtime.presence.guard import GuardThread
+from llfsm.runtime.presence.summary import summary_publisher
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
 from llfsm.whiteboard.mirror.settings import DEFAULT_ENDPOINT, Settings
@@ -72,7 +73,13 @@ def daemon(board: BoardPlace, config: Path | None, **flags: object) -> None:
             where = ", ".join(mirror.listens) or "nowhere"
             stack.enter_context(GuardThread(*board))
             click.echo(f"mirroring {board.name}, listening on {where}")
-            mirror.run(status_publisher(wb))
+            publish, summarize = status_publisher(wb), summary_publisher(wb)
+
+            def report(status: MirrorStatus) -> None:
+                publish(status)
+                summarize(status)
+
+            mirror.run(report)
         if not wb.alive:
             raise BoardNotFoundError(f"the whiteboard {board.name!r} was removed")
 
@@ -130,6 +137,7 @@ def _text(board: str, latest: MirrorStatus) -> str:
         f"slots      {latest.slots} may leave",
         f"left       {latest.left}, {latest.leave_rate:g} a second",
         f"entered    {latest.entered}, {latest.enter_rate:g} a second",
+        f"traffic    {latest.sent_rate / 1000:.1f} kB/s out, {latest.received_rate / 1000:.1f} in",
         f"conflicts  {latest.conflicts}",
         f"held back  {latest.held_back}",
     ]

@@ -1,0 +1,93 @@
+"""What a host tells the others of itself, once a second."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from llfsm.runtime.presence import summary as summary_module
+from llfsm.runtime.presence.summary import summary_publisher
+from llfsm.whiteboard import Board, Slot, Whiteboard
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
+from llfsm.whiteboard.messages.fleet import HostSummary, MachineTrouble, summary_slot
+from llfsm.whiteboard.messages.llfsm import MachineStatus as Status
+from llfsm.whiteboard.messages.llfsm import MirrorStatus, Refusal, status_slot
+from llfsm.whiteboard.messages.std_msgs import Bool
+
+ROBOT = MirrorStatus(
+    name="robot7", fleet=("robot*",), leave_rate=3.0, enter_rate=2.0, sent_rate=100.0,
+    received_rate=50.0, refused=(Refusal("a", 2), Refusal("b", 3)),
+)  # fmt: skip
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Iterator[Board]:
+    with Whiteboard("robots", directory=tmp_path) as board:
+        yield board
+
+
+def run(board: Board, name: str, **fields: Any) -> None:
+    """Publish the status of a machine of this process."""
+    here = {"born": born(os.getpid()), "host": host_name(), "namespace": pid_namespace()}
+    board.add_message(status_slot(name), Status(**{"pid": os.getpid(), **here, **fields}))
+
+
+@pytest.fixture
+def summarize(board: Board) -> Callable[[], HostSummary]:
+    publish = summary_publisher(board)
+
+    def summarize() -> HostSummary:
+        publish(ROBOT)
+        summary = board.get_message(summary_slot())
+        assert summary is not None
+        return summary
+
+    return summarize
+
+
+def test_machines_in_trouble_are_named(
+    board: Board, summarize: Callable[[], HostSummary], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(board, "Wall")
+    run(board, "Plan", failed=True, error="no plan " * 100)
+    run(board, "Drive", hung=True, error="drive.py:7")
+    run(board, "Gone", pid=1 << 30, born=1)
+    run(board, "Ended", loaded=False)
+    run(board, "robot8/Wall", failed=True)
+    summary = summarize()
+    assert (summary.machines, summary.troubled) == (4, 3)
+    died = MachineTrouble("Gone", "died", f"its process {1 << 30} has not ended it")
+    assert summary.troubles == (
+        MachineTrouble("Drive", "hung", "drive.py:7"), died,
+        MachineTrouble("Plan", "failed", ("no plan " * 100)[:300]),
+    )  # fmt: skip
+    assert (summary.leave_rate, summary.enter_rate) == (3.0, 2.0)
+    assert (summary.sent_rate, summary.received_rate, summary.refused) == (100.0, 50.0, 5)
+    assert status_slot("robot8/Wall").name not in board.read_slots(), "nor is it received for this"
+
+    run(board, "Plan")
+    monkeypatch.setattr(summary_module, "_DIED_NS", 0)  # it was long ago
+    summary = summarize()
+    assert (summary.machines, summary.troubled) == (3, 1)
+
+
+def test_of_many_the_first_are_named(board: Board, summarize: Callable[[], HostSummary]) -> None:
+    for number in range(40):
+        run(board, f"Plan{number}", failed=True)
+    summary = summarize()
+    assert (summary.troubled, len(summary.troubles)) == (40, 16)
+
+
+def test_what_is_no_status_is_left_out(board: Board, summarize: Callable[[], HostSummary]) -> None:
+    run(board, "Wall")
+    board.add_message(Slot(status_slot("Odd").name, Bool), Bool(True))
+    assert summarize().machines == 1
+
+
+def test_a_host_without_a_name_has_none(board: Board) -> None:
+    summary_publisher(board)(MirrorStatus())
+    assert board.get_message(summary_slot()) is None
