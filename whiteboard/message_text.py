@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib
 import json
+from pkgutil import iter_modules
 
 import msgspec
 
 from llfsm.errors import did_you_mean
 
+from . import messages
 from .errors import MessageFieldError, MessageTypeError, name_fields
 from .message import Message
 from .schema import from_plain
@@ -24,11 +26,22 @@ def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
     object with the type's fields.
     """
     try:
-        plain = from_plain(json.loads(text), slot.schema)
-        return msgspec.convert(plain, slot.type)
-    except (ValueError, RecursionError) as error:  # includes msgspec's; and of nested JSON
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:  # the latter if it is nested too deeply
+        raise MessageFieldError(f"slot {slot.name!r}: {_no_object(slot)}: {error}") from error
+    if not isinstance(value, dict):
+        raise MessageFieldError(f"slot {slot.name!r}: {_no_object(slot)}")
+    try:
+        return msgspec.convert(from_plain(value, slot.schema), slot.type)
+    except (ValueError, RecursionError) as error:  # includes msgspec's
         what = name_fields(slot.type, error)
         raise MessageFieldError(f"slot {slot.name!r}: invalid message: {what}") from error
+
+
+def _no_object(slot: Slot[Message]) -> str:
+    fields = slot.type.__struct_fields__
+    example = f'{{"{fields[0]}": ...}}' if fields else "{}"
+    return f"invalid message: not a JSON object such as {example}"
 
 
 def message_class(name: str) -> type[Message]:
@@ -40,6 +53,12 @@ def message_class(name: str) -> type[Message]:
     if not colon:
         package, _, attribute = name.partition("/")
         attribute = attribute.removeprefix("msg/")
+        if package not in _shipped():
+            raise MessageTypeError(
+                f"no message type {name!r}: give it as package.module:Class, or as "
+                f"geometry_msgs/Twist if it ships with llfsm, whose packages are "
+                f"{', '.join(_shipped())}{did_you_mean(package, _shipped())}"
+            )
         module = f"llfsm.whiteboard.messages.{package}"
     try:
         within = importlib.import_module(module)
@@ -53,3 +72,9 @@ def message_class(name: str) -> type[Message]:
     if not (isinstance(found, type) and issubclass(found, Message)):
         raise MessageTypeError(f"{name!r} is not a Message class")
     return found
+
+
+def _shipped() -> list[str]:
+    """Return the packages of the types that ship."""
+    modules = sorted(module.name for module in iter_modules(messages.__path__))
+    return [name for name in modules if name != "types"]  # which has what the others share

@@ -29,6 +29,7 @@ from mcap.reader import FOOTER_SIZE, SeekingReader
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 from mcap.stream_reader import MAGIC_SIZE, read_magic
 
+from llfsm.errors import nearby_file
 from llfsm.runtime.engine.failure import logger
 
 from .errors import RecordingFileError
@@ -89,7 +90,8 @@ class McapFile:
                     self.complete = False
                     self._scan(file)
         except OSError as error:
-            raise RecordingFileError(f"{path}: cannot be read: {error.strerror}") from error
+            why = f"{error.strerror}{nearby_file(path)}"
+            raise RecordingFileError(f"{path}: cannot be read: {why}") from error
 
     def messages(self, number: int) -> dict[int, list[MessageRecord]]:
         """Return a chunk's messages by channel; if it is damaged none, and log a warning once."""

@@ -7,6 +7,8 @@ import socket
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from llfsm.whiteboard.mirror.endpoint_syntax import endpoint_problem
+
 from .defaults import ROUTER_PORT
 from .errors import RouterError, TransportUnavailableError
 from .opening import explaining_missing
@@ -51,6 +53,8 @@ def open_router(listen: Sequence[str]) -> zenoh.Session:
     Raise :class:`.RouterError` if it cannot listen on one of the endpoints, and
     :class:`.TransportUnavailableError` if Zenoh is not installed.
     """
+    for problem in filter(None, map(endpoint_problem, listen)):
+        raise RouterError(f"no router: {problem}")
     with explaining_missing():
         from .zenoh_transport.session import open_with
     settings = {

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from llfsm.errors import did_you_mean
+from llfsm.errors import did_you_mean, nearby_file
 
 from ..engine.errors import ConfigurationError
 
@@ -63,7 +63,8 @@ def read_text(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8")
     except OSError as error:
-        raise ConfigurationError(f"cannot be read: {error.strerror}", file=file) from error
+        why = f"{error.strerror}{nearby_file(file)}"
+        raise ConfigurationError(f"cannot be read: {why}", file=file) from error
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"is not UTF-8 text: {error.reason}", file=file) from error
 

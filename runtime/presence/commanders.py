@@ -270,7 +270,8 @@ def contested_slots(board: Board) -> dict[str, list[Commander]]:
 
 def described(slot: str, commanders: Sequence[Commander]) -> str:
     """Return in a sentence which machines command a slot."""
-    number = {2: "two", 3: "three"}.get(len(commanders), len(commanders))
+    words = dict(enumerate(("two", "three", "four", "five", "six", "seven", "eight"), start=2))
+    number = words.get(len(commanders), len(commanders))
     return f"{slot} has {number} commanders: {', '.join(map(_named, commanders))}"
 
 

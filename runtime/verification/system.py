@@ -171,8 +171,8 @@ class System:
         if missing:
             raise DomainError(
                 f"no machine posts what these sensors read, and they have no domain: "
-                f"{', '.join(missing)}; give Sensor(SLOT, domain=every(Type)) or "
-                f"sensors={{SLOT: every(Type)}}"
+                f"{', '.join(missing)}; give Sensor(SLOT, domain=every(Type)), "
+                f"sensors={{SLOT: every(Type)}}, or on the command line --sensor SLOT=DOMAIN"
             )
 
     def _check_choices(self) -> None:

@@ -6,8 +6,9 @@ Each package draws its own tree at the head of its `errors` module.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
-__all__ = ["LlfsmError", "did_you_mean", "nothing_called"]
+__all__ = ["LlfsmError", "did_you_mean", "nearby_file", "nothing_called"]
 
 
 class LlfsmError(Exception):
@@ -26,6 +27,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         repr(names[each]) for each in get_close_matches(name.casefold(), names, n=2, cutoff=0.65)
     ]
     return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def nearby_file(path: Path) -> str:
+    """Return "; did you mean 'run.mcap'?" for a file that is not there, "" if none is similar."""
+    return "" if path.exists() else did_you_mean(path.name, (f.name for f in path.parent.glob("*")))
 
 
 def nothing_called(name: str, known: Iterable[str]) -> str:

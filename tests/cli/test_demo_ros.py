@@ -149,7 +149,7 @@ def test_it_joins_a_graph_that_has_a_router_and_a_simulator(
         (["--ros", "--domain", "233"], 2, "233 is not in the range"),
         (["--ros", "--record", "x.mcap"], 2, "--record is not for --ros"),
         (["--ros", "--router", "tcp/127.0.0.1:99999"], 1, "the router ended with 1"),
-        (["--ros", "--router", "nonsense"], 1, "Endpoints must be of the form"),
+        (["--ros", "--router", "nonsense"], 1, "'nonsense' is not an endpoint such as"),
     ],
 )
 def test_what_cannot_be_is_refused(

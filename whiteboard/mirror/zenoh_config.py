@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import NetworkError
 from .certificate import common_name
+from .endpoint_syntax import endpoint_problem
 from .keys import access_control, usable_name
 from .settings import DEFAULT_ENDPOINT, Settings
 from .zenoh_internals import error_text
@@ -42,6 +43,9 @@ def configure(settings: Settings, mode: str) -> zenoh.Config:
     """
     import zenoh
 
+    for which in ("listen", "connect"):
+        for problem in filter(None, map(endpoint_problem, getattr(settings, which) or ())):
+            raise NetworkError(f"{which}: {problem}")
     unchanged = zenoh.Config()
     config = zenoh.Config() if settings.zenoh is None else _read(settings.zenoh)
     # A key that the file does not set has Zenoh's own default.

@@ -108,7 +108,9 @@ class SearchPath:
 
     def _near(self, name: str) -> str:
         known = sorted({*self._names(), *jazzy.names()})
-        last = name.rpartition("/")[2]
+        package, _, last = name.rpartition("/")
+        if f"{package}/msg/{last}" in known:
+            return f"; did you mean {package}/msg/{last}?"
         near = difflib.get_close_matches(name, known, 3) or [
             one for one in known if one.endswith(f"/{last}")
         ]

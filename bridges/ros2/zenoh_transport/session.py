@@ -14,6 +14,7 @@ from typing import Any
 
 import zenoh
 
+from llfsm.whiteboard.mirror.endpoint_syntax import endpoint_problem
 from llfsm.whiteboard.mirror.zenoh_internals import error_text
 
 from ..defaults import ROUTER
@@ -45,6 +46,8 @@ def open_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list[str]
     ``router`` overrides the environment. Raise :class:`.TransportUnavailableError` if either
     cannot be used.
     """
+    for problem in filter(None, map(endpoint_problem, router or ())):
+        raise TransportUnavailableError(f"router: {problem}")
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI")
     if path:
         try:

@@ -29,7 +29,23 @@ __all__ = ["edit"]
 _HERE: Final = (Path(),)
 
 
-@click.command()
+class _Edit(click.Command):
+    """Tells who wants to listen elsewhere how: many servers call it --host, here it means another.
+
+    As in `llfsm view --host robot7`, that is a host of the fleet.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            if error.option_name != "--host":
+                raise
+            what = "No such option '--host'. Did you mean '--address'?"
+            raise click.NoSuchOption("--host", what, ctx=ctx) from error
+
+
+@click.command(cls=_Edit)
 @click.argument("machine")
 @click.option("-b", "--board", metavar="NAME", help="Show where the machine stands on a board.")
 @directory_option

@@ -44,7 +44,8 @@ class LazyGroup(click.Group):
         name = args[0]
         if name in self.table or name.startswith("-") or ctx.resilient_parsing:
             return super().resolve_command(ctx, args)
-        raise click.UsageError(f"no command {name!r}{did_you_mean(name, self.table)}", ctx)
+        near = did_you_mean(name, self.table) or f"; see `{ctx.command_path} --help`"
+        raise click.UsageError(f"no command {name!r}{near}", ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table's short help of each command, without importing it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 import traceback
 from collections.abc import Iterable, Sequence
@@ -13,7 +14,7 @@ from typing import Any
 import click
 
 import llfsm
-from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.errors import LlfsmError, did_you_mean, nearby_file
 from llfsm.runtime.bundles import SUFFIX, load_bundle
 from llfsm.runtime.engine.machine import Machine
 
@@ -119,7 +120,8 @@ def _module(
     if file is not None:
         return _import_file(file, name)
     if where.endswith(_PYTHON):
-        raise click.UsageError(f"{name}: there is no file {where}")
+        near = nearby_file(Path(where))
+        raise click.UsageError(f"{name}: there is no file {where}{near}")
     if importable and where and all(part.isidentifier() for part in where.split(".")):
         return _import(where, name)
     return None
@@ -163,13 +165,23 @@ def _is_machine(value: object, module: ModuleType) -> bool:
 
 def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> click.UsageError:
     """Return the error for a machine that is nowhere."""
-    bundles = {found.stem for folder in folders for found in folder.glob(f"*{SUFFIX}")}
-    modules = {found.stem for folder in folders for found in folder.glob(f"*{_PYTHON}")}
+    files = [found for folder in folders for found in folder.glob("*")]
+    modules = [found for found in files if found.suffix == _PYTHON]
+    known = {found.stem for found in files if found.suffix in (SUFFIX, _PYTHON)}
+    plans = {found.name for found in files if found.suffix == ".toml"}
+    of_modules = [f"{found.stem}:{name}" for found in modules if _has_class(found, name)]
+    near = f"; did you mean {of_modules[0]!r}?" if of_modules else ""
     return click.UsageError(
         f"no machine {name!r}; those that ship: {', '.join(shipped)};\n"
         f"your own: a module, as path/to/module.py:Class, or a bundle, as path/to/Name{SUFFIX}"
-        f"{did_you_mean(name, {*shipped, *bundles, *modules})}"
+        f"{near or did_you_mean(name, {*shipped, *known, *plans})}"
     )
+
+
+def _has_class(module: Path, name: str) -> bool:
+    """Return whether the text of a module, which may be no Python, defines a class `name`."""
+    text = module.read_text(encoding="utf-8", errors="replace")
+    return re.search(rf"^class {re.escape(name)}\b", text, re.MULTILINE) is not None
 
 
 def search_modules_in(folders: Iterable[Path] = _HERE) -> None:

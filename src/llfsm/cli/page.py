@@ -20,6 +20,8 @@ from urllib.parse import urlencode
 
 import click
 
+from .numbers import Integer
+
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
     from uvicorn import Server
@@ -50,7 +52,7 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--no-open", is_flag=True, help="Do not open the browser."),
         click.option(
             "--port",
-            type=click.IntRange(0, 65535),
+            type=Integer(0, 65535),
             default=VIEW_PORT,
             show_default=True,
             help="The port; 0 takes a free one.",

@@ -16,6 +16,7 @@ from llfsm.whiteboard import Board
 from llfsm.whiteboard.liveness import identity
 from llfsm.whiteboard.messages.llfsm import MachineRequest, MachineStatus, status_slot
 
+from .numbers import Number
 from .options import BoardPlace, board_option
 from .why import fetch_why
 
@@ -33,7 +34,7 @@ def _lease_option(help_text: str) -> Callable[[F], F]:
         "--for",
         "lease_s",
         metavar="SECONDS",
-        type=click.FloatRange(0, min_open=True),
+        type=Number(0, min_open=True),
         default=LEASE_S,
         show_default=True,
         help=help_text,

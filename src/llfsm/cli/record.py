@@ -24,6 +24,7 @@ from llfsm.whiteboard import (
 from llfsm.whiteboard.liveness import host_name
 
 from . import VERSION
+from .numbers import Number
 from .options import (
     BoardPlace,
     board_option,
@@ -52,8 +53,8 @@ _MB = 1_000_000
 @slots_option
 @host_option
 @click.option("--cdr", is_flag=True, help="Make a bag for ROS's tools: CDR, no machines' events.")
-@click.option("--max-size", metavar="MB", type=click.FloatRange(0.001), help="End at this size.")
-@click.option("--max-time", metavar="S", type=click.FloatRange(0), help="End after this time.")
+@click.option("--max-size", metavar="MB", type=Number(0.001), help="End at this size.")
+@click.option("--max-time", metavar="S", type=Number(0), help="End after this time.")
 @until_eof_option
 def record(
     output: Path,

@@ -88,7 +88,9 @@ def _resolve(
     given = parse_arguments(machines, None, (), ()).plan.machines if machines else ()
     if given and len(given) != sum(len(plan.machines) for plan in plans):
         names = ", ".join(each.name or each.definition for plan in plans for each in plan.machines)
-        raise click.UsageError(f"the recording has these machines: {names}")
+        raise click.UsageError(
+            f"the recording has these machines: {names}; name one for each, in this order"
+        )
     resolved = []
     for journal, plan in zip(journals, plans, strict=True):
         if given:

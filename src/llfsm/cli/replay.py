@@ -16,6 +16,7 @@ from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.whiteboard.schema import to_plain
 
 from .bridge.configured import Configured
+from .numbers import Number
 from .options import BoardPlace, board_option, recording_argument, slots_option, topics_option
 from .tables import OWN_SLOTS
 
@@ -30,7 +31,7 @@ __all__ = ["replay"]
 @click.option(
     "--speed",
     metavar="X",
-    type=click.FloatRange(0, min_open=True),
+    type=Number(0, min_open=True),
     default=1.0,
     help="Replay this many times as fast.",
 )
@@ -38,7 +39,7 @@ __all__ = ["replay"]
     "--from",
     "from_s",
     metavar="S",
-    type=click.FloatRange(0),
+    type=Number(0),
     default=0.0,
     help="Begin at this second, with every slot as it was then.",
 )

@@ -11,6 +11,7 @@ import click
 from llfsm.bridges.ros2.defaults import DOMAINS, TRANSPORTS
 from llfsm.bridges.ros2.errors import RosArgumentError
 
+from .numbers import Integer
 from .options import BoardPlace, board_option, supervised_options
 
 if TYPE_CHECKING:  # what commands that have such options need only with ROS
@@ -142,7 +143,7 @@ def domain_option(
     return click.option(
         "--domain",
         metavar="ID",
-        type=click.IntRange(DOMAINS[0], DOMAINS[-1]),
+        type=Integer(DOMAINS[0], DOMAINS[-1]),
         help=f"The ROS domain{only}.  [default: {default}]",
     )
 

@@ -87,6 +87,11 @@ def view(
         raise click.UsageError(f"{option} is for a whiteboard; leave it out for a recording")
     if host and fleet:
         raise click.UsageError("--fleet has a page for each host; leave out --host")
+    if recording is not None and not recording.exists() and ":" in recording.name:
+        raise click.UsageError(
+            f"{recording} is no recording, which comes first; `llfsm edit {recording}` shows a "
+            f"machine, and without a recording the page shows the live ones of a whiteboard"
+        )
     source = None
     if not fleet:
         source = _source(recording, machines, board, config, host=host, trust=trust)

@@ -24,12 +24,13 @@ from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard.board_files import default_name
 
+from ..numbers import Integer, Number
 from ..options import BoardPlace, directory_option
 
 __all__ = ["gusimplewhiteboard"]
 
 _Relays = tuple[tuple[int, str, str, str], ...]
-_RELAY = (click.IntRange(0, 511), str, str, str)
+_RELAY = (Integer(0, 511), str, str, str)
 _METAVAR = "NUMBER SLOT TYPE LAYOUT"
 
 
@@ -53,7 +54,7 @@ _METAVAR = "NUMBER SLOT TYPE LAYOUT"
 @directory_option
 @click.option(
     "--period-ms",
-    type=click.FloatRange(0, min_open=True),
+    type=Number(0, min_open=True),
     metavar="MS",
     help="The period of polling; by default 5.",
 )

@@ -17,6 +17,7 @@ from llfsm.whiteboard import BoardError, BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.shared import boards
 
+from ..numbers import Number
 from ..options import BoardPlace, board_option, given_option, local_option
 from ..page import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
 from ..tables import Watcher
@@ -51,9 +52,7 @@ class _EndError(Exception):
 
 @click.command()
 @click.argument("name", type=click.Choice(list(_DEMOS)))
-@click.option(
-    "--seconds", type=click.FloatRange(0), help="End after this time; by default at Ctrl-C."
-)
+@click.option("--seconds", type=Number(0), help="End after this time; by default at Ctrl-C.")
 @click.option(
     "--picture",
     "target",

@@ -110,7 +110,8 @@ def parse_arguments(
         folders = [Path()]
     plan = replace(plan, machines=(*plan.machines, *more))
     if all(planned.preload for planned in plan.machines):
-        raise click.UsageError("name a machine to run; `llfsm run --help` shows examples")
+        only = f"; {sets[0]!r} sets a variable or a slot of one" if sets else ""
+        raise click.UsageError(f"name a machine to run{only}; `llfsm run --help` shows examples")
     resolved = ResolvedPlan(plan, folders, f"{files[0]}: " if files else "")
     resolved.set(sets)
     return resolved

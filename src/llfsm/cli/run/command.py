@@ -20,6 +20,7 @@ from llfsm.whiteboard import Whiteboard
 
 from .. import VERSION
 from ..ending import ignore_interrupts
+from ..numbers import Integer
 from ..options import (
     BoardPlace,
     board_option,
@@ -39,7 +40,7 @@ from .running import Reports, load_machines, run_machines
 __all__ = ["run"]
 
 
-class _Priority(click.IntRange):
+class _Priority(Integer):
     """A priority that may be left out, if no machine follows."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -85,7 +86,7 @@ class _Priority(click.IntRange):
     "-i",
     "idle_us",
     metavar="US",
-    type=click.IntRange(0),
+    type=Integer(0),
     help="Sleep this many microseconds (10000) after a round in which no transition fired.",
 )
 @click.option(
@@ -97,7 +98,7 @@ class _Priority(click.IntRange):
     "--period",
     "period_us",
     metavar="US",
-    type=click.IntRange(1),
+    type=Integer(1),
     help="Begin a round every US microseconds instead.",
 )
 @click.option(
@@ -109,7 +110,7 @@ class _Priority(click.IntRange):
     "--watchdog",
     "watchdog_ms",
     metavar="MS",
-    type=click.IntRange(1),
+    type=Integer(1),
     help="Report code of a machine that runs longer than MS milliseconds; post its safe values.",
 )
 @click.option(
@@ -120,14 +121,12 @@ class _Priority(click.IntRange):
     flag_value=50,
     help="Run at this priority (50) of SCHED_FIFO with locked memory; refused without the right.",
 )
-@click.option(
-    "--cpu", metavar="N", type=click.IntRange(0), help="With --realtime: run on core N alone."
-)
+@click.option("--cpu", metavar="N", type=Integer(0), help="With --realtime: run on core N alone.")
 @click.option(
     "--will-after",
     "will_after_ms",
     metavar="MS",
-    type=click.IntRange(500),
+    type=Integer(500),
     help="Let guards post the safe values also if this process is silent for MS milliseconds.",
 )
 @break_option

@@ -17,6 +17,7 @@ from llfsm.runtime.plans.plan import Verification
 from llfsm.runtime.verification import Progress, Space, Verdict, explore, reachable
 from llfsm.runtime.verification.exporting import EXPORTS
 
+from ..numbers import Integer, Number
 from .report import as_data, as_text
 from .subject import VerifiedMachines
 
@@ -59,7 +60,7 @@ class _Interrupted(click.ClickException):
 @click.option(
     "--period-ms",
     metavar="MS",
-    type=click.FloatRange(0, min_open=True),
+    type=Number(0, min_open=True),
     help="The time from one round to the next; by default 10, the idle time of a run.",
 )
 @click.option("--any-time", is_flag=True, help="Any time may pass between two rounds.")
@@ -81,8 +82,8 @@ class _Interrupted(click.ClickException):
     multiple=True,
     help="Replace a variable's value by the function's result after each turn.",
 )
-@click.option("--max-states", metavar="N", type=click.IntRange(1), help="End at so many states.")
-@click.option("--max-seconds", metavar="S", type=click.FloatRange(0), help="End after this time.")
+@click.option("--max-states", metavar="N", type=Integer(1), help="End at so many states.")
+@click.option("--max-seconds", metavar="S", type=Number(0), help="End after this time.")
 @click.option(
     "--record",
     "recording",

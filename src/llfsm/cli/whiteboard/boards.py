@@ -17,6 +17,7 @@ from llfsm.whiteboard.poller import BoardPoller
 from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.shared import boards
 
+from ..numbers import Integer
 from ..options import BoardPlace, board_option, directory_option
 
 __all__ = ["add", "get", "list_", "rm", "watch"]
@@ -82,7 +83,7 @@ def add(slot: str, message: str, kind: str | None, board: BoardPlace) -> None:
 
 @click.command()
 @click.argument("slots", nargs=-1)
-@click.option("-n", "--changes", type=click.IntRange(1), help="Stop after this many messages.")
+@click.option("-n", "--changes", type=Integer(1), help="Stop after this many messages.")
 @board_option
 def watch(slots: tuple[str, ...], changes: int | None, board: BoardPlace) -> None:
     """Print the messages of SLOTS (default: all) as they are added, until Ctrl-C.
