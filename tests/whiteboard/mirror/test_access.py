@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from free_ports import free_endpoint
 from llfsm.whiteboard import NetworkError, Whiteboard
 from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Heartbeat, Value
 from llfsm.whiteboard.mirror.groups import group_of
@@ -22,7 +23,6 @@ from .conftest import (
     Host,
     MakeHost,
     Number,
-    free_endpoint,
     number_slot,
     plain_session,
 )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from free_ports import free_endpoint
 from llfsm.whiteboard import NetworkError, Whiteboard
 from waiting import wait_for
 
-from .conftest import NAME, NUMBER, Certify, Host, MakeHost, Number, free_endpoint
+from .conftest import NAME, NUMBER, Certify, Host, MakeHost, Number
 
 
 def refusals(host: Host) -> dict[str, int]:

@@ -20,12 +20,13 @@ from typing import Any
 import pytest
 import zenoh
 
+from free_ports import free_endpoint
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.zenoh_config import configure
 from llfsm.whiteboard.mirror.zenoh_internals import error_text, limit_link, parse_refusal
 from waiting import wait_for
 
-from .conftest import Certify, free_endpoint
+from .conftest import Certify
 
 
 def assume(holds: object, assumption: str) -> None:
