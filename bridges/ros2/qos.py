@@ -42,10 +42,21 @@ class HistoryPolicy(IntEnum):
 
 
 class LivelinessPolicy(IntEnum):
-    """Who asserts that a publisher is alive: its node's process, or the publisher itself."""
+    """Who asserts that a publisher is alive: its process, its node, or the publisher itself.
+
+    ROS 2 has deprecated assertion by the node. It is known here for the sake of older peers' ends.
+    """
 
     AUTOMATIC = 1
+    MANUAL_BY_NODE = 2
     MANUAL_BY_TOPIC = 3
+
+
+_ALIVE = {
+    LivelinessPolicy.AUTOMATIC: "automatic",
+    LivelinessPolicy.MANUAL_BY_NODE: "by node",
+    LivelinessPolicy.MANUAL_BY_TOPIC: "by topic",
+}
 
 
 class Qos(NamedTuple):
@@ -82,7 +93,8 @@ class Qos(NamedTuple):
             wanted = f"asks for a deadline of {_text(self.deadline_ns)}, not offered"
             found.append(("DEADLINE", wanted))
         if self.liveliness > offered.liveliness:
-            found.append(("LIVELINESS", "asks for liveliness by topic, automatic is offered"))
+            wanted = f"asks for liveliness {_ALIVE[self.liveliness]}"
+            found.append(("LIVELINESS", f"{wanted}, {_ALIVE[offered.liveliness]} is offered"))
         if _longer(offered.lease_ns, self.lease_ns):
             wanted = f"asks for a lease of {_text(self.lease_ns)}, not offered"
             found.append(("LIVELINESS", wanted))

@@ -17,6 +17,7 @@ _KINDS: dict[str, type[IntEnum]] = {
     "reliability": ReliabilityPolicy,
     "liveliness": LivelinessPolicy,
 }
+_DEPRECATED = LivelinessPolicy.MANUAL_BY_NODE  # which rclcpp does not take, either
 _TIMES = {
     "deadline": "deadline_ns",
     "lifespan": "lifespan_ns",
@@ -59,7 +60,7 @@ def _plain(qos: Qos, name: str) -> int | str:
 def _changed(name: str, value: Any, prefix: str) -> tuple[str, Any]:
     """Return the field of a profile for a parameter, and its value."""
     if name in _KINDS:
-        known = {one.name.lower(): one for one in _KINDS[name]}
+        known = {one.name.lower(): one for one in _KINDS[name] if one is not _DEPRECATED}
         if value not in known:
             raise ParameterOverrideError(f"{prefix}{name}={value}: not one of {', '.join(known)}")
         return name, known[value]

@@ -7,7 +7,7 @@ from typing import Any
 from llfsm.whiteboard import Message
 
 from .call_queue import Put, through
-from .errors import RosTypeError
+from .errors import RosTypeError, UnknownTypeError
 from .transport import Node, ServiceRequest
 from .types import TypeLibrary
 
@@ -15,7 +15,7 @@ __all__ = ["TypeDescriptionServer"]
 
 
 class TypeDescriptionServer:
-    """Describes every type that its library knows, in use or not.
+    """Describes every type in use by its hash, as rcl does, and any other by its name and hash.
 
     On request it sends their sources, too. Requests are handled through ``put``.
     """
@@ -39,13 +39,10 @@ class TypeDescriptionServer:
     def _answer(self, request: ServiceRequest[Any, Any]) -> None:
         name, wanted = request.message.type_name, request.message.type_hash
         try:
-            description, type_hash = self._types.describe(name)
+            name = self._name_of(name, wanted)
+            description, _ = self._types.describe(name)
         except RosTypeError as error:
             request.answer(self._response(failure_reason=str(error)))
-            return
-        if type_hash != wanted:
-            reason = f"the hash of {name} is {type_hash} here"
-            request.answer(self._response(failure_reason=reason))
             return
         whole = self._classes["TypeDescription"](
             type_description=self._individual(description["type_description"]),
@@ -61,6 +58,16 @@ class TypeDescriptionServer:
                 type_sources=tuple(self._classes["TypeSource"](*source) for source in sources),
             )
         )
+
+    def _name_of(self, name: str, wanted: str) -> str:
+        """Return the name of the type that is meant; raise :class:`.RosTypeError` if none is."""
+        found = self._types.used_with_hash(wanted)
+        if found is not None:
+            return found
+        _, type_hash = self._types.describe(name)
+        if type_hash != wanted:
+            raise UnknownTypeError(f"the hash of {name} is {type_hash} here")
+        return name
 
     def _individual(self, description: dict[str, Any]) -> Message:
         field, field_type = self._classes["Field"], self._classes["FieldType"]

@@ -133,6 +133,7 @@ class TypeLibrary:
         self._messages: dict[type[Message], RosMessage[Any]] = {}
         self._services: dict[str, RosService] = {}
         self._actions: dict[str, RosAction] = {}
+        self._hashes: dict[str, str] = {}
 
     def message(self, name: str) -> RosMessage[Any]:
         """Return a message type, or the part of a service or an action, by its full name."""
@@ -182,6 +183,11 @@ class TypeLibrary:
         names = [each["type_name"] for each in description["referenced_type_descriptions"]]
         return [TypeSource(each, *self._places.source(each)) for each in (name, *names)]
 
+    def used_with_hash(self, type_hash: str) -> str | None:
+        """Return the name of the type, of those asked for so far, that has a hash, or None."""
+        used = (*self._classes, *self._services, *self._actions)
+        return next((name for name in used if self._hash(name) == type_hash), None)
+
     def of(self, cls: type[M]) -> RosMessage[M]:
         """Return the type of a class with a ROS name, to encode from it and decode into it.
 
@@ -220,7 +226,9 @@ class TypeLibrary:
         return self._classes[name]
 
     def _hash(self, name: str) -> str:
-        return rihs01(self._places.find(name), self._places.find)
+        if name not in self._hashes:
+            self._hashes[name] = rihs01(self._places.find(name), self._places.find)
+        return self._hashes[name]
 
     def _check_kind(self, name: str, wanted: str) -> None:
         kind = self._places.find(name).kind

@@ -38,6 +38,12 @@ _BEST_AVAILABLE: dict[type[IntEnum], int] = {
     DurabilityPolicy: 4,
     LivelinessPolicy: 5,
 }
+_UNKNOWN: dict[type[IntEnum], int] = {
+    ReliabilityPolicy: 3,
+    DurabilityPolicy: 3,
+    HistoryPolicy: 3,
+    LivelinessPolicy: 4,
+}
 _LEAST = Qos(ReliabilityPolicy.BEST_EFFORT)
 _MOST = Qos(
     durability=DurabilityPolicy.TRANSIENT_LOCAL, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC
@@ -158,14 +164,18 @@ def _duration_text(ns: int) -> str:
 
 
 def _parse_qos(text: str, available: Qos) -> Qos:
-    """Parse a profile; "best available" fits all others, and is read as that of ``available``."""
+    """Parse a profile.
+
+    "Best available" fits all others, and is read as that of ``available``; "unknown" is read as
+    the default.
+    """
     reliability, durability, history, deadline, lifespan, life = text.split(":")
     kind, depth = history.split(",")
     liveliness, *lease = life.split(",")
     return Qos(
         _policy(reliability, _DEFAULT.reliability, available.reliability),
         _policy(durability, _DEFAULT.durability, available.durability),
-        HistoryPolicy(_number(kind, _DEFAULT.history)),
+        _policy(kind, _DEFAULT.history, _DEFAULT.history),
         _number(depth, _DEFAULT_DEPTH),
         _parse_duration(deadline.split(",")),
         _parse_duration(lifespan.split(",")),
@@ -175,8 +185,10 @@ def _parse_qos(text: str, available: Qos) -> Qos:
 
 
 def _policy(text: str, default: E, available: E) -> E:
-    number = _number(text, default)
-    return available if number == _BEST_AVAILABLE[type(default)] else type(default)(number)
+    kind, number = type(default), _number(text, default)
+    if number == _UNKNOWN[kind]:
+        return default
+    return available if number == _BEST_AVAILABLE.get(kind) else kind(number)
 
 
 def _parse_duration(parts: list[str]) -> int:

@@ -7,6 +7,7 @@ import pytest
 from llfsm.bridges.ros2.qos import LivelinessPolicy, Qos
 
 BY_TOPIC = LivelinessPolicy.MANUAL_BY_TOPIC
+BY_NODE = LivelinessPolicy.MANUAL_BY_NODE
 
 
 @pytest.mark.parametrize(
@@ -19,7 +20,9 @@ BY_TOPIC = LivelinessPolicy.MANUAL_BY_TOPIC
         (Qos(deadline_ns=2_000_000_000), Qos(deadline_ns=2_000_000_001), "a deadline of 2 s"),
         (Qos(deadline_ns=2_000_000_000), Qos(), "a deadline of 2 s"),
         (Qos(lease_ns=500_000_000), Qos(), "a lease of 0.5 s"),
-        (Qos(liveliness=BY_TOPIC), Qos(), "liveliness by topic"),
+        (Qos(liveliness=BY_TOPIC), Qos(), "liveliness by topic, automatic is offered"),
+        (Qos(liveliness=BY_TOPIC), Qos(liveliness=BY_NODE), "by topic, by node is offered"),
+        (Qos(liveliness=BY_NODE), Qos(liveliness=BY_TOPIC), None),
     ],
 )
 def test_a_subscription_refuses_what_is_weaker_than_its_request(requested, offered, reason):

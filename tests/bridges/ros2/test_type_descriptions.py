@@ -67,6 +67,14 @@ def test_the_answer_has_the_hash_that_was_asked_for(ask, types, name):
     assert kind(name).type_hash == f"RIHS01_{digest}"
 
 
+@pytest.mark.parametrize("name", ["", "turtlesim/msg/Color", "no name"])
+def test_a_type_in_use_is_found_by_its_hash_whatever_the_name(ask, types, name):
+    answer = ask(name, types.message("turtlesim/msg/Pose").type_hash)
+    assert (answer.successful, answer.failure_reason) == (True, "")
+    assert answer.type_description.type_description.type_name == "turtlesim/msg/Pose"
+    assert "turtlesim/msg/Pose" in sources(answer)
+
+
 @pytest.mark.parametrize(
     ("name", "type_hash", "reason"),
     [

@@ -77,6 +77,8 @@ def test_keys_are_as_rmw_zenoh_writes_them():
         (":1:,1:,:,:,,", Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)),
         ("::2,:,:,:,,", Qos(history=HistoryPolicy.KEEP_ALL, depth=42)),
         ("::,10:1,5:2,6:3,7,8", ALL_LIMITS),
+        ("::,10:,:,:2,,", Qos(liveliness=LivelinessPolicy.MANUAL_BY_NODE)),
+        ("3:3:3,10:,:,:4,,", Qos()),  # unknown, as of ends that another middleware relays
         ("::,10:9223372036,854775807:0,0:1,,", Qos()),  # infinite and unspecified
     ],
 )
