@@ -15,7 +15,7 @@ from .host_tokens import HostTokens
 from .keys import Keys, asked_in, board_in, sender_in, version_in
 from .packets import EVERY_HOST, Packet, Query
 from .settings import Settings
-from .zenoh_config import LEASE_MS, certificate_name, configure, endpoints
+from .zenoh_config import LEASE_MS, certificate_name, configure, endpoints, open_session
 from .zenoh_internals import (
     callback_in_receiver,
     error_text,
@@ -132,7 +132,7 @@ class Network:
         """The endpoints where other hosts reach this one."""
         before = listeners()
         try:
-            self._session: Any = zenoh.open(config)
+            self._session: Any = open_session(config, mode)
         except zenoh.ZError as error:
             where = ", ".join((*self.listens, *endpoints(config, "connect")))
             raise NetworkError(f"cannot open {where}: {error_text(error)}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from base64 import b64decode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +13,12 @@ from .certificate import common_name
 from .endpoint_syntax import endpoint_problem
 from .keys import access_control, usable_name
 from .settings import DEFAULT_ENDPOINT, Settings
-from .zenoh_internals import error_text
+from .zenoh_internals import error_text, open_client
 
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["LEASE_MS", "certificate_name", "configure", "endpoints"]
+__all__ = ["LEASE_MS", "certificate_name", "configure", "endpoints", "open_session"]
 
 # A broken connection is noticed within this time and retried at this interval, so that boards
 # agree soon after it. (A connection that survived the break would wait for TCP's own, doubling
@@ -28,7 +29,8 @@ _OPEN_MS = 500
 # connects takes for open what nobody reads, and never tries again (Zenoh 1.10).
 _ACCEPT_MS = 4 * _OPEN_MS
 _RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1.0}
-_CONNECT_MS = 3000
+_CONNECT_S = 3.0  # of a process that relies on one host; a daemon waits for its router
+_ATTEMPT_MS = 1000  # at least, of a client to connect
 _OVERHEAD = 1 << 22  # bytes sent in addition to the largest message: names and schemas
 
 # Each host connects to every host that it discovers, so that none has to forward.
@@ -56,7 +58,7 @@ def configure(settings: Settings, mode: str) -> zenoh.Config:
     }
     values |= {
         "connect/exit_on_failure": mode == "client",
-        "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
+        "connect/timeout_ms": -1,  # of a client, see open_session
         "transport/shared_memory/enabled": False,  # not used; a killed process would leave it
         "transport/link/rx/max_message_size": settings.largest + _OVERHEAD,
     }
@@ -80,6 +82,18 @@ def configure(settings: Settings, mode: str) -> zenoh.Config:
                 f"Zenoh does not accept {key} = {value}: {error_text(error)}"
             ) from error
     return config
+
+
+def open_session(config: zenoh.Config, mode: str) -> zenoh.Session:
+    """Open the session that `configure` has configured for the mode; raise ``zenoh.ZError``."""
+    import zenoh
+
+    is_client = json.loads(config.get_json("mode")) == "client"
+    if not (is_client and endpoints(config, "connect")):
+        return zenoh.open(config)
+    open_ms = json.loads(config.get_json("transport/unicast/open_timeout"))
+    patience_s = _CONNECT_S if mode == "client" else math.inf
+    return open_client(config, max(_ATTEMPT_MS, 2 * open_ms), patience_s)
 
 
 def _defaults(mode: str) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import socket
 import struct
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from ctypes import pythonapi
@@ -29,6 +30,7 @@ __all__ = [
     "error_text",
     "limit_link",
     "listeners",
+    "open_client",
     "parse_refusal",
     "refusal_log",
     "use_few_threads",
@@ -71,6 +73,33 @@ def callback_in_receiver(
         receive(str(sample.key_expr), sample.payload.to_bytes())
 
     return Callback(callback, indirect=False)
+
+
+# ---- Sessions -------------------------------------------------------------------------------
+
+
+def open_client(config: zenoh.Config, attempt_ms: int, patience_s: float) -> zenoh.Session:
+    """Open the session of a client: in attempts that end, each with a session of its own.
+
+    A client whose time to connect is up just when it is accepted keeps this connection, for which
+    all its later ones are refused, and waits for one of these. So its session never opens.
+
+    Assumes that ``zenoh.open`` raises ZError when ``connect/timeout_ms`` is up, releases all that
+    it had, and may be called again with the configuration; any other error comes before that time.
+    Raise that of the last attempt that begins within `patience_s` seconds.
+    """
+    import zenoh
+
+    config.insert_json5("connect/timeout_ms", str(attempt_ms))
+    end_s = time.monotonic() + patience_s
+    while True:
+        begun_s = time.monotonic()
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError:
+            now_s = time.monotonic()
+            if now_s - begun_s < attempt_ms / 1e3 or now_s >= end_s:
+                raise
 
 
 # ---- Sockets --------------------------------------------------------------------------------

@@ -75,9 +75,9 @@ def test_peers_in_one_network(switch: Switch, hosts: list[Host], written: Writte
 
 
 @contextmanager
-def router() -> Iterator[int]:
-    """Run a router; yield its port."""
-    port = free_port()
+def router(port: int = 0) -> Iterator[int]:
+    """Run a router, on a port or a free one; yield it."""
+    port = port or free_port()
     with subprocess.Popen(
         [*LLFSM, "router", "--until-eof", "--listen", f"tcp/127.0.0.1:{port}"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
