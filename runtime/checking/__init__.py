@@ -1,8 +1,10 @@
 """Find errors in a machine from its text, without running it.
 
 Read in this order: `subject` (what is checked), `uses` (what code does with its machine), `rules`
-(what is wrong), `expression_types` and `typed_rules` (what is wrong with values), then `classes`
-and `bundles` (a class and a bundle as subjects) and `arrangement_rules` (machines together).
+(what is wrong), with `assigned` (names without a value), `expression_types` and `typed_rules` (what
+is wrong with values), with `operators`, `nothing` and `optional` (None), `pointless` and
+`port_rules`, then `classes` and `bundles` (a class and a bundle as subjects) and
+`arrangement_rules` (machines together).
 `type_checkers`, with `bundle_module`, has mypy or pyright check the code.
 """
 

@@ -38,6 +38,7 @@ from .bundle_files import unread_files
 from .rules import findings_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
 from .typed_rules import typed_findings
+from .uses import parameter_names
 
 __all__ = ["bundle_subject", "check_bundle", "declared_names", "load_checked"]
 
@@ -287,7 +288,7 @@ class _Checker:
             return
         self.add_missing(node, fragment, known, scope)
         self.result.methods[scope.prefix + node.name] = Code(
-            node.body, MACHINE, fragment.source, scope.module
+            node.body, MACHINE, fragment.source, scope.module, parameter_names(node.args)
         )
 
     def code(

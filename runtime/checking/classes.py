@@ -18,6 +18,7 @@ from .rules import findings_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
 from .typed_rules import typed_findings
 from .unbound import unbound_names
+from .uses import parameter_names
 
 __all__ = ["check_class", "class_subject"]
 
@@ -132,10 +133,13 @@ class _Reader:
         file = function.__code__.co_filename
         for name, line in unbound_names(function):
             text = nothing_called(name, {*function.__globals__, *sys.stdlib_module_names})
-            if name in (self.attributes() or ()):
+            if name in function.__globals__:
+                text = f"{name!r} has no value here, as the code changes it: declare a variable"
+            elif name in (self.attributes() or ()):
                 text = f"nothing is called {name!r}; did you mean {arguments[0].arg}.{name}?"
             self.findings.append(Finding(file, line, "error", text))
-        return Code(body, arguments[0].arg, file, function.__globals__)
+        parameters = parameter_names(node.args)
+        return Code(body, arguments[0].arg, file, function.__globals__, parameters)
 
     def place(self, name: str) -> Place:
         """Return where the class gives `name` its meaning, or where the class begins."""

@@ -52,10 +52,16 @@ PLAIN = {bool, float, int, str, NoneType}
 _UNKNOWN: Options = ()
 _NUMBERS = {bool, int, float}
 _RESULTS: dict[Callable[..., Any], type] = {
-    all: bool, any: bool, bool: bool, callable: bool, float: float, hasattr: bool, int: int,
-    isinstance: bool, len: int, str: str,
+    all: bool, any: bool, bool: bool, callable: bool, dict: dict, float: float,
+    frozenset: frozenset, hasattr: bool, int: int, isinstance: bool, len: int, list: list,
+    repr: str, set: set, sorted: list, str: str, tuple: tuple,
 }  # fmt: skip
 _DISPLAYS = {ast.Tuple: tuple, ast.List: list, ast.Dict: dict, ast.Set: set, ast.JoinedStr: str}
+_RETURN_NONE: dict[Any, set[str]] = {
+    list: {"append", "clear", "extend", "insert", "remove", "reverse", "sort"},
+    set: {"add", "clear", "discard", "remove", "update"},
+    dict: {"clear", "update"},
+}
 _COLLECTIONS = (tuple, list, set, frozenset)
 
 
@@ -173,6 +179,10 @@ class Types:
                     return getattr(within, name, MISSING)
         return MISSING
 
+    def assigned(self, name: str) -> ast.expr | None:
+        """Return the only value that the code gives a name of its own; None if there are others."""
+        return self._locals.get(name)
+
     def _of_attribute(self, name: str) -> Options:
         if name in self._table.sensors:
             sensor = self._table.sensors[name]
@@ -201,11 +211,11 @@ class Types:
         return found
 
     def _of_known(self, node: ast.expr) -> Options:
-        """Return the type of a constant of the module, written in capitals, or of an enum."""
+        """Return the type of a module, a class, an enum's member, or a constant in capitals."""
         value = self.value_of(node)
         name = node.id if isinstance(node, ast.Name) else getattr(node, "attr", "")
         simple = isinstance(value, bool | int | float | str | msgspec.Struct)
-        if isinstance(value, Enum) or (simple and name.isupper()):
+        if isinstance(value, Enum | ModuleType | type) or (simple and name.isupper()):
             return (type(value),)
         return _UNKNOWN
 
@@ -213,6 +223,10 @@ class Types:
         match node.func:
             case ast.Attribute(ast.Name(self._machine), name):
                 return _result(getattr(self._table.states[0].owner, name, None))
+            case ast.Attribute(value, name):
+                kinds = [get_origin(each) or each for each in self.of(value)]
+                if kinds and all(name in _RETURN_NONE.get(each, set()) for each in kinds):
+                    return (NoneType,)
         called = self.value_of(node.func)
         if is_message(called):
             return (called,)
@@ -259,7 +273,9 @@ class Piece(NamedTuple):
     table: Table
 
     def finding(self, node: ast.expr | ast.stmt, severity: Severity, text: str) -> Finding:
-        """Return what is wrong at a node."""
+        """Return what is wrong at a node; in a bundle, names stand alone."""
+        if not self.code.machine.isidentifier():
+            text = text.replace(f"{self.code.machine}.", "")
         return Finding(self.code.file, node.lineno, severity, text)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from llfsm.errors import did_you_mean
 
 from ..engine.table import dead_transitions, unreachable_states
+from .assigned import unassigned
 from .subject import Code, Finding, Place, Subject
 from .uses import nodes_of, uses_of
 
@@ -22,7 +23,10 @@ _UNUSED = {"variable": "used", "sensor": "read", "actuator": "called"}
 
 def findings_of(subject: Subject) -> list[Finding]:
     """Return what all rules find wrong, in the order of files and lines, each thing once."""
-    rules = (_unreachable, _dead, _unused, _unknown, _uninitialised, _guards, _endless, _of_none)
+    rules = (
+        *(_unreachable, _dead, _unused, _unknown, _forgotten, _uninitialised),
+        *(_guards, _endless, _unassigned),
+    )
     return sorted({finding for rule in rules for finding in rule(subject)})
 
 
@@ -66,6 +70,29 @@ def _unknown(subject: Subject) -> Iterator[Finding]:
             if name not in known:
                 near = did_you_mean(name, known)
                 yield Finding(piece.file, line, "error", f"the machine has no {name!r}{near}")
+
+
+def _forgotten(subject: Subject) -> Iterator[Finding]:
+    """Find attributes that are assigned though none is declared, and nothing reads them."""
+    if subject.attributes is None or subject.opaque:
+        return
+    code = list(subject.all_code())
+    uses = [uses_of(each) for each in code]
+    if any(each.escapes for each in uses):
+        return  # code that is not here may read them
+    known = subject.attributes.union(*(each.loaded for each in uses))
+    variables = [name for name, each in subject.declared.items() if each.kind == "variable"]
+    for piece, each in zip(code, uses, strict=True):
+        for name, line in each.stored.items():
+            if name not in known:
+                text = f"{name!r} is no variable of the machine, and nothing reads it"
+                if name in _CURRENT:
+                    text += ": transitions change the state"
+                near = did_you_mean(name, variables)
+                yield Finding(piece.file, line, "warning", text + near)
+
+
+_CURRENT = ("current", "current_state", "next_state", "state")
 
 
 def _uninitialised(subject: Subject) -> Iterator[Finding]:
@@ -127,43 +154,8 @@ def _can_end(loop: ast.While) -> bool:
     return any(isinstance(each, _ENDS) for each in inside)
 
 
-def _of_none(subject: Subject) -> Iterator[Finding]:
-    """Find attributes of what is None there, as in `x is None and x.y`."""
+def _unassigned(subject: Subject) -> Iterator[Finding]:
+    if subject.opaque:
+        return  # the name may be that of a variable whose declaration cannot be read
     for code in subject.all_code():
-        for node in nodes_of(code):
-            if not isinstance(node, ast.BoolOp):
-                continue
-            wrong = ast.Is if isinstance(node.op, ast.And) else ast.IsNot
-            none: set[str] = set()
-            for value in node.values:
-                unknown = none - {ast.unparse(each) for each in _looked_at_again(value)}
-                for each in ast.walk(value):
-                    if isinstance(each, ast.Attribute) and ast.unparse(each.value) in unknown:
-                        name = ast.unparse(each.value)
-                        text = f"{name} is None here; was '{_OTHER[wrong]}' meant?"
-                        yield Finding(code.file, each.lineno, "error", text)
-                match value:
-                    case ast.Compare(left, [operator], [ast.Constant(None)]):
-                        if isinstance(operator, wrong) and not _has_call(left):
-                            none.add(ast.unparse(left))
-
-
-def _looked_at_again(value: ast.expr) -> Iterator[ast.expr]:
-    """Find what is compared or gets another value inside, as in `x is None or (x and x.y)`."""
-    for each in ast.walk(value):
-        match each:
-            case ast.Compare(left, _, _):
-                yield left
-            case ast.BoolOp(_, values):
-                yield from values
-            case ast.IfExp(test, _, _):
-                yield test
-            case ast.NamedExpr(target, _):
-                yield target
-
-
-_OTHER: dict[type[ast.cmpop], str] = {ast.Is: "is not None", ast.IsNot: "is None"}
-
-
-def _has_call(node: ast.expr) -> bool:
-    return any(isinstance(each, ast.Call) for each in ast.walk(node))
+        yield from unassigned(code)

@@ -33,12 +33,13 @@ class Finding(NamedTuple):
 
 
 class Code(NamedTuple):
-    """Statements, the name of their machine in them, and the names of their module."""
+    """Statements, the name of their machine in them, the names of their module, and parameters."""
 
     body: Sequence[ast.AST]
     machine: str
     file: str
     names: Mapping[str, Any] = MappingProxyType({})
+    parameters: frozenset[str] = frozenset()
 
     @property
     def is_true(self) -> bool:

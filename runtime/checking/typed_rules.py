@@ -9,6 +9,7 @@ import ast
 import inspect
 import time
 from collections.abc import Callable, Iterator, Sequence
+from enum import Enum
 from types import FunctionType, ModuleType, NoneType
 from typing import Any, TypeAlias, get_origin
 
@@ -18,21 +19,40 @@ from llfsm.errors import did_you_mean
 
 from ..engine.machine import Machine
 from ..engine.outside import reads_outside
-from ..engine.ports import Actuator, Sensor
 from ..engine.state import State
 from ..engine.table import REQUIRED, Table
-from .comparisons import of_comparison, of_operator
-from .expression_types import PLAIN, Piece, Types, fields_of, is_message, may_be, named, options_of
+from .expression_types import (
+    PLAIN,
+    Options,
+    Piece,
+    Types,
+    fields_of,
+    is_message,
+    may_be,
+    named,
+    options_of,
+)
+from .nothing import of_none, of_none_inside
+from .operators import of_comparison, of_division, of_items, of_operator
+from .optional import of_optional
+from .pointless import (
+    of_condition,
+    of_effectless,
+    of_hidden,
+    of_identity,
+    of_sign,
+    of_text,
+)
+from .port_rules import of_ports
 from .subject import Code, Finding, Subject
 from .uses import nodes_of, uses_of
 
 __all__ = ["typed_findings"]
 
-_CONTROLS = {name for name in dir(Machine) if name[0] != "_"}
+_CONTROLS = {*dir(Machine), "table"}
 _SIMPLE = {"float": float, "int": int, "str": str}
 _BUILT_IN = PLAIN | {bytes, tuple, list, dict, set, frozenset}
 _SLEEPS = "time.sleep delays all machines: wait by a transition with after_ms"
-_SAFE_VALUES = ("at_end", "at_suspend", "at_failure")
 
 
 _Rule: TypeAlias = Callable[[Piece, Any], Iterator[Finding]]
@@ -40,8 +60,8 @@ _Rule: TypeAlias = Callable[[Piece, Any], Iterator[Finding]]
 
 def typed_findings(subject: Subject, table: Table) -> list[Finding]:
     """Return what is wrong with the values in the code of a machine, in the order of lines."""
-    found = {*_of_defaults(subject, table), *_of_ports(subject, table)}
-    found.update(_of_sensors(subject, table))
+    found = {*_of_defaults(subject, table), *of_ports(subject, table)}
+    found.update(of_optional(subject, table))
     for code in subject.all_code():
         piece = Piece(code, Types(code, table), table)
         for node in nodes_of(code):
@@ -221,16 +241,24 @@ def _of_assignment(piece: Piece, node: ast.Assign | ast.AnnAssign) -> Iterator[F
     for target in node.targets if isinstance(node, ast.Assign) else (node.target,):
         match target:
             case ast.Attribute(ast.Name(machine), name) if machine == piece.code.machine:
-                yield from _of_store(piece, node, name)
                 variable = piece.table.variables.get(name)
                 given = piece.types.of(node.value)
-                if variable is not None and not may_be(node.value, given, variable.type):
+                if variable is not None and not _may_hold(node.value, given, variable.type):
                     text = _wrong_variable(name, variable.type, named(given))
+                    yield piece.finding(node, "warning", text)
+                replaced = isinstance(_class_attribute(piece.table, name), FunctionType)
+                if replaced and given and {*given} <= PLAIN and name not in _CONTROLS:
+                    text = f"{name!r} is a function of the machine, and no longer after this"
                     yield piece.finding(node, "warning", text)
 
 
-def _of_store(piece: Piece, node: ast.stmt, name: str) -> Iterator[Finding]:
-    """Find assignments to what is no variable."""
+def _of_store(piece: Piece, node: ast.Attribute) -> Iterator[Finding]:
+    """Find assignments to what is no variable, however they are written."""
+    match node:
+        case ast.Attribute(ast.Name(piece.code.machine), name, ast.Store() | ast.Del()):
+            pass
+        case _:
+            return
     table = piece.table
     if name in table.sensors:
         text = f"sensor {name!r} cannot be assigned: it is read from its slot"
@@ -271,12 +299,23 @@ def _of_statement(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
 
 _RULES: list[tuple[type | tuple[type, ...], _Rule]] = [
     (ast.Attribute, _of_attribute),
+    (ast.Attribute, _of_store),
     (ast.Call, _of_call),
     (ast.Expr, _of_statement),
     ((ast.Assign, ast.AnnAssign), _of_assignment),
     (ast.Compare, _of_state_name),
     (ast.Compare, of_comparison),
     ((ast.BinOp, ast.Compare), of_operator),
+    ((ast.BinOp, ast.AugAssign, ast.Call), of_division),
+    ((ast.Subscript, ast.Call, ast.For, ast.comprehension, ast.Compare, ast.Assign), of_items),
+    (ast.BoolOp, of_none),
+    (ast.If, of_none_inside),
+    ((ast.BoolOp, ast.Compare), of_condition),
+    (ast.Compare, of_identity),
+    (ast.Expr, of_effectless),
+    (ast.Assign, of_sign),
+    ((ast.Assign, ast.AnnAssign), of_hidden),
+    ((ast.Assign, ast.Call), of_text),
 ]
 
 
@@ -326,64 +365,21 @@ def _of_defaults(subject: Subject, table: Table) -> Iterator[Finding]:
             if variable.default is REQUIRED:
                 continue
             given = (type(variable.default),)
-            if not may_be(ast.Constant(variable.default), given, variable.type):
+            if not _may_hold(ast.Constant(variable.default), given, variable.type):
                 text = _wrong_variable(name.rpartition(".")[2], variable.type, named(given))
                 yield Finding(*declared.where, "warning", text)
 
 
-def _of_ports(subject: Subject, table: Table) -> Iterator[Finding]:
-    """Find defaults and safe values that are not messages of their slot's type."""
-    ports: list[tuple[str, Sensor[Any, Any] | Actuator[Any], Sequence[str]]] = [
-        *((name, each, ("default",)) for name, each in table.sensors.items()),
-        *((name, each, _SAFE_VALUES) for name, each in table.actuators.items()),
-    ]
-    slots: dict[str, tuple[str, Any]] = {}
-    for name, port, options in ports:
-        first, slot = slots.setdefault(port.slot.name, (name, port.slot))
-        if slot.fingerprint != port.slot.fingerprint:
-            declared = subject.declared.get(name)
-            where = subject.states[0].where if declared is None else declared.where
-            types = f"{slot.type.__name__} and {port.slot.type.__name__}"
-            text = f"{first!r} and {name!r} use slot {slot.name!r} for messages of {types}"
-            yield Finding(*where, "error", text)
-        for option in options:
-            value = getattr(port, option)
-            if value is not None and not isinstance(value, port.slot.type):
-                declared = subject.declared.get(name)
-                where = subject.states[0].where if declared is None else declared.where
-                wanted = port.slot.type.__name__
-                given = f"the class {value.__name__}" if isinstance(value, type) else repr(value)
-                text = f"{name!r}: {option} is a {wanted}, as {wanted}(), not {given}"
-                yield Finding(*where, "error", text)
-                break
-
-
-def _of_sensors(subject: Subject, table: Table) -> Iterator[Finding]:
-    """Find sensors whose fields are read though nothing looks whether there is a message yet."""
-    if subject.opaque or any(uses_of(code).escapes for code in subject.all_code()):
-        return  # code that is not here may look
-    read: dict[str, tuple[Code, ast.Attribute]] = {}
-    looked_at: set[str] = set()
-    for code in subject.all_code():
-        of_field = set()
-        for node in nodes_of(code):  # an attribute comes before what it is an attribute of
-            match node:
-                case ast.Attribute(ast.Attribute(ast.Name(code.machine), name) as value):
-                    of_field.add(value)
-                    read.setdefault(name, (code, node))
-                case ast.Attribute(ast.Name(code.machine), name) if node not in of_field:
-                    looked_at.add(name)
-    for name, (code, node) in read.items():
-        if name not in looked_at and name in table.sensors and table.sensors[name].default is None:
-            text = (
-                f"sensor {name!r} is None before its first message, and no code of the machine "
-                f"looks whether it is: test it, or give it a default"
-            )
-            yield Finding(code.file, node.lineno, "warning", text)
-
-
 def _is_kind_of(given: Any, wanted: type) -> bool:
     return isinstance(given, type) and issubclass(given, wanted)
+
+
+def _may_hold(node: ast.expr, given: Options, annotation: Any) -> bool:
+    """Return whether a variable may have such a value, which is not decoded as a field's is."""
+    wanted = options_of(annotation)
+    if wanted and all(isinstance(each, type) and issubclass(each, Enum) for each in wanted):
+        return not given or any(_is_kind_of(kind, each) for kind in given for each in wanted)
+    return may_be(node, given, annotation)
 
 
 def _wrong_variable(name: str, annotation: Any, given: str) -> str:

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from .subject import Code
 
-__all__ = ["Uses", "nodes_of", "uses_of"]
+__all__ = ["Uses", "nodes_of", "parameter_names", "uses_of"]
 
 _Function: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 
@@ -47,11 +47,16 @@ def nodes_of(code: Code) -> Iterator[ast.AST]:
             todo += ast.iter_child_nodes(node)
 
 
+def parameter_names(arguments: ast.arguments) -> frozenset[str]:
+    """Return the names of all parameters."""
+    named = (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
+    starred = (arguments.vararg, arguments.kwarg)
+    return frozenset(each.arg for each in (*named, *starred) if each is not None)
+
+
 def _hides(node: _Function, name: str) -> bool:
     """Return whether a function has a parameter of that name, so another object is called so."""
-    arguments = node.args
-    own = (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
-    return any(each.arg == name for each in own)
+    return name in parameter_names(node.args)
 
 
 class _Visitor(ast.NodeVisitor):

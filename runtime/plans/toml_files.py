@@ -47,7 +47,9 @@ def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: 
         what = _WHERE.sub("", str(error))
         key = _unknown_key(what)
         if key is not None:
-            what = f"there is no key {key!r} here{did_you_mean(key, _keys(kind))}"
+            keys = set(_keys(kind))
+            near = "; another table has it" if key in keys else did_you_mean(key, keys)
+            what = f"there is no key {key!r} here{near}"
         else:
             what += _remedy(what, where)
         raise _located(what, file, text, where, key) from error

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from ..engine.domain import MOST, messages_of_domain
+from ..engine.errors import DefinitionError
 from .errors import DomainError
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
 
 __all__ = ["every", "messages_of"]
-
-_MOST = 100_000
-"""Values of a domain; far fewer already make too many states."""
 
 
 def every(kind: Any) -> tuple[Any, ...]:
@@ -33,7 +32,7 @@ def every(kind: Any) -> tuple[Any, ...]:
     except TypeError as error:
         raise DomainError(f"every({_name(kind)}): {error}") from None
     number = _count(info, _name(kind))
-    if number > _MOST:
+    if number > MOST:
         raise DomainError(
             f"every({_name(kind)}) has {number} values: list those that matter, as in "
             f"sensors={{SLOT: [message, ...]}}"
@@ -43,31 +42,10 @@ def every(kind: Any) -> tuple[Any, ...]:
 
 def messages_of(slot: Slot[Any], domain: Iterable[Any], where: str) -> tuple[Any, ...]:
     """Return the messages of a domain for `slot`, each once; raise `DomainError`."""
-    if isinstance(domain, str | bytes) or not isinstance(domain, Iterable):
-        raise DomainError(
-            f"{where}: the domain is {domain!r}; it must list {slot.type.__qualname__} messages, "
-            f"as every({slot.type.__qualname__}) does"
-        )
-    found: dict[bytes | None, Any] = {}
-    for message in domain:
-        if message is None:
-            found[None] = None
-            continue
-        if type(message) is not slot.type:
-            raise DomainError(
-                f"{where}: {message!r} in the domain is of type {type(message).__qualname__}, "
-                f"not {slot.type.__qualname__} (or None, for no message)"
-            )
-        try:
-            data = slot.encoder.encode(message)
-            found[data] = slot.decoder.decode(data)
-        except Exception as error:  # a field's own code may raise anything
-            raise DomainError(f"{where}: {message!r} in the domain: {error}") from error
-        if len(found) > _MOST:
-            raise DomainError(f"{where}: the domain has more than {_MOST} messages")
-    if not found:
-        raise DomainError(f"{where}: the domain is empty")
-    return tuple(found.values())
+    try:
+        return messages_of_domain(slot, domain)
+    except DefinitionError as error:
+        raise DomainError(f"{where}: {error}") from error
 
 
 def _name(kind: Any) -> str:

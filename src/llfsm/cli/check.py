@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from llfsm.errors import LlfsmError
 from llfsm.runtime.checking import (
     Finding,
     check_arrangement,
@@ -19,7 +20,8 @@ from llfsm.runtime.checking import (
 from llfsm.runtime.engine.environment import BoardEnvironment
 from llfsm.runtime.engine.errors import FsmError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.plans.plan import assemble, read_plan
+from llfsm.runtime.plans.plan import Plan, Verification, assemble, read_plan
+from llfsm.runtime.plans.toml_files import line_of
 from llfsm.whiteboard import Whiteboard
 
 from .machine_names import MachineImportError, find_bundle, find_machine, search_modules_in
@@ -73,7 +75,29 @@ def _check_file(file: Path) -> list[Finding]:
         assemble(resolved.plan, resolved.classes, environment, library=resolved.library)
     except FsmError as error:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
+    found += _check_verification(file, resolved.plan)
     return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes)
+
+
+def _check_verification(file: Path, plan: Plan) -> list[Finding]:
+    """Check what a file says of verification: the names and the domains, not the properties."""
+    if plan.verify is None:
+        return []
+    from .verify.subject import VerifiedMachines  # which takes a moment to import
+
+    try:
+        VerifiedMachines([str(file)], Verification()).options()
+    except (LlfsmError, click.UsageError) as error:
+        return [Finding(str(file.absolute()), _line_of_verify(file), "error", _what(error))]
+    return []
+
+
+def _line_of_verify(file: Path) -> int:
+    return line_of(file.read_text(encoding="utf-8"), ("verify",)) or 1
+
+
+def _what(error: LlfsmError | click.UsageError) -> str:
+    return error.message if isinstance(error, click.UsageError) else str(error)
 
 
 def _planned(file: Path) -> list[tuple[str, tuple[Path, ...]]]:

@@ -19,14 +19,18 @@ from thoroughness import examples
 INCLUDES = """\
 import math
 from llfsm.runtime import Actuator, Machine, Sensor, State
-from llfsm.whiteboard import Slot
+from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.turtlesim import Pose
+class Level(Message):
+    value: int | None = None
+    names: tuple[str, ...] | None = None
 LIMIT = 7
 """
 DECLARED = """\
 pose = Sensor(Slot("pose", Pose))
 goal = Sensor(Slot("goal", Vector3), default=Vector3())
+level = Sensor(Slot("level", Level), default=Level(), domain=[Level(), Level(1), None])
 drive = Actuator(Slot("drive", Twist), at_end=Twist())
 count: int = 0
 speed: float = 1
@@ -35,21 +39,24 @@ on: bool = False
 best: tuple[float, ...] = ()
 maybe: int | None = None
 """
-USED = "@count, @speed, @label, @on, @best, @maybe, @pose, @goal"  # so that none is unused
+USED = "@count, @speed, @label, @on, @best, @maybe, @pose, @goal, @level"  # so that none is unused
 
 # Code as a bundle has it, with @ before what belongs to the machine; {b}, {i}, {f} and {s} stand
 # for expressions that are a bool, an int, a float and a str, {body} for statements.
 BOOLS = [
     "@on", "@pose is not None", "@pose is not None and @pose.x > {f}", "not {b}", "({b} or {b})",
-    "({b} and {b})", "{i} < {i}", "{f} >= {i} > 1", "@label == {s}", "bool(@label)", "@stopping",
+    "({b} and {b})", "{i} < {i}", "{f} >= {i} > -9", "@label == {s}", "bool(@label)", "@stopping",
     "@after_ms(10)", "isinstance(@maybe, int)", "{s} in ('a', 'b')", "any(x > {f} for x in @best)",
     "@state_name != {s} + '!'", "@maybe is None", "@goal != Vector3(x={f})", "hasattr(@pose, 'x')",
     "(p := @pose) is not None and p.theta > {f}", "math.isclose({f}, {f})", "callable(@drive)",
+    "@level.value is not None and @level.value > {i}", "'a' in (@level.names or ())",
+    "@count > 1 and @count < 5", "@label != 'a' and @label != 'b'", "0 < {f} < 9",
 ]  # fmt: skip
 INTS = [
     "@count", "3", "-1", "len(@label)", "int({f})", "({i} + {i})", "max({i}, {i})", "LIMIT",
     "({i} if {b} else {i})", "(@maybe or 1)", "({i} % 5)", "len(@best)", "@number_of_machines",
-    "abs({i})", "round({f})", "(({b}) + {i})",
+    "abs({i})", "round({f})", "(({b}) + {i})", "(@level.value or 0)", "len(@label * 2)",
+    "sum([1, 2])", "sorted(@best)[0].__hash__()",
 ]  # fmt: skip
 FLOATS = [
     "@speed", "0.5", "{i}", "@goal.x", "float({i})", "math.sin({f})", "({f} * {f})", "-{f}",
@@ -75,6 +82,18 @@ STATEMENTS = [
     "def twice(x: float) -> float:\n    return 2 * x\n@speed = twice({f})",
     "left, right = {i}, {s}\n@count, @label = left, right",
     "x = {i}\nx = {s}\n@label = x", "while {b}:\n    break", "with memoryview(b''):\n    {body}",
+    "if {b}:\n    value = {f}\nelse:\n    value = 0.5\n@speed = value",
+    "try:\n    value = float({s})\nexcept ValueError:\n    value = 0.5\n@speed = value",
+    "value = None\nif {b}:\n    value = {f}\nif value is not None:\n    @speed = value",
+    "ok = {b}\nif ok:\n    value = {f}\nif ok:\n    @speed = value",
+    "while True:\n    value = {f}\n    if {b}:\n        break\n@speed = value",
+    "match @count:\n    case 0:\n        x = 1\n    case _:\n        x = {f}\n@speed = x",
+    "for each in range(3):\n    last = each\n@count = last",
+    "if @count == 1:\n    value = {f}\nelif @count != 1:\n    value = 1.5\n@speed = value",
+    "items = list(@best)\nitems.append({f})\nitems.sort()\n@best = tuple(items)",
+    "if @pose is None:\n    {body}\nelse:\n    @speed = @pose.x",
+    "if (found := @level.value) is not None:\n    @count = found + 1",
+    "if not @pose:\n    {body}\nelif @pose.x > {f}:\n    {body}", "print({s} + 'x', [{i}] + [2])",
 ]  # fmt: skip
 KINDS = {"{b}": BOOLS, "{i}": INTS, "{f}": FLOATS, "{s}": STRINGS, "{body}": STATEMENTS}
 SIMPLEST = {"{b}": "@on", "{i}": "1", "{f}": "0.5", "{s}": "'a'", "{body}": "pass"}

@@ -26,6 +26,7 @@ __all__ = ["verify"]
 _EVERYTHING = reachable(lambda _: False, "every state")
 """What is never decided before all states are found."""
 _STDOUT = Path("-")
+_RECORDING = ".mcap"
 
 
 class _Refused(click.ClickException):
@@ -197,6 +198,8 @@ def _check_files(recording: Path | None, tests: Path | None, exports: Sequence[P
     for file in exports:
         if file.suffix not in EXPORTS:
             raise click.UsageError(f"{file}: its name must end with one of {', '.join(EXPORTS)}")
+    if recording is not None and recording.suffix != _RECORDING:
+        raise click.UsageError(f"{recording}: its name must end with {_RECORDING}")
     for each in (recording, tests):
         if each is not None and each != _STDOUT and each.exists():
             raise _Refused(f"{each} is there already: remove it, or write to another file")
