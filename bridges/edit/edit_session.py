@@ -24,6 +24,7 @@ __all__ = ["EditSession", "Window", "decode_request"]
 
 _LOOK_S = 0.25  # between two looks at what other programs change
 _WATCH_S = 0.1  # between two looks at the live machine
+_PAUSE_S = 0.2  # after the last change, before the machine is checked
 _BEAT_S = 1.0  # between frames to an idle page, by which it notices a server that is gone
 _KEYED = ("boxes", "edges", "texts")
 
@@ -130,24 +131,27 @@ class EditSession:
             return await self._simulating.perform(request)
         async with self._turn:
             try:
-                done = await run_in_threadpool(self._perform, request)
+                return await run_in_threadpool(self._perform, request, asyncio.get_running_loop())
             except FsmError as error:
-                raise RequestError(str(error)) from error
-            finally:
                 await self._show()
-        return done
+                raise RequestError(str(error)) from error
 
-    def _perform(self, request: ChangeRequest) -> str:
+    def _perform(self, request: ChangeRequest, loop: asyncio.AbstractEventLoop) -> str:
         document = self._document
+
+        def show() -> None:
+            """Let the windows show the machine while it is written."""
+            asyncio.run_coroutine_threadsafe(self._publish(self._machine()), loop)
+
         if isinstance(request, ConvertMachine):
             return f"wrote {document.convert()}"
         if isinstance(request, ApplyEdits):
             is_text = all(isinstance(edit, SetText) for edit in request.edits)
             shape = None if is_text else request.shape
-            return f"wrote {_files(document.apply(request.edits, shape))}"
+            return f"wrote {_files(document.apply(request.edits, shape, show))}"
         if isinstance(request, UndoEdits):
-            return f"undone: {_files(document.undo())}"
-        return f"done again: {_files(document.redo())}"
+            return f"undone: {_files(document.undo(show))}"
+        return f"done again: {_files(document.redo(show))}"
 
     async def _look(self) -> None:
         """See what other programs change."""
@@ -163,13 +167,18 @@ class EditSession:
                         await self._show()
 
     async def _check(self) -> None:
-        """Check the machine after each change; meanwhile, more changes may come."""
+        """Check the machine after changes, once no more come: it is not to delay what they show."""
         checked = -1
         while True:
             async with self._changed:
                 while self._document.revision == checked:
                     await self._changed.wait()
-            checked = self._document.revision
+            while checked != self._document.revision:
+                checked = self._document.revision
+                if checked:
+                    await asyncio.sleep(_PAUSE_S)
+            async with self._turn:  # what was changed last has been written
+                checked = self._document.revision
             try:
                 found = await run_in_threadpool(findings_data, self._document)
             except (FsmError, OSError) as error:  # its files may change while they are read
@@ -186,13 +195,15 @@ class EditSession:
             await asyncio.sleep(_WATCH_S)
 
     async def _show(self) -> None:
-        """Publish the machine as it is now; what cannot be read any more keeps its last drawing."""
+        """Publish the machine as it is now."""
+        await self._publish(await run_in_threadpool(self._machine))
+
+    def _machine(self) -> dict[str, Any]:
+        """Return the machine as it is now; what cannot be read any more keeps its last drawing."""
         try:
-            data = await run_in_threadpool(machine_data, self._document)
+            return machine_data(self._document) | {"trouble": ""}
         except FsmError as error:
-            await self._publish({"trouble": str(error), "undo": self._document.can_undo})
-        else:
-            await self._publish(data | {"trouble": ""})
+            return {"trouble": str(error), "undo": self._document.can_undo}
 
     async def _publish(self, data: dict[str, Any]) -> None:
         async with self._changed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -46,6 +46,10 @@ def decode_edits(text: str | bytes) -> list[Edit]:
     except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
         raise EditError(f"invalid edits: {error}") from error
     return edits
+
+
+def _nobody() -> None:
+    """Wait for nothing."""
 
 
 class Document:
@@ -111,7 +115,9 @@ class Document:
             for state in self.bundle.states
         )
 
-    def apply(self, edits: Sequence[Edit], shape: str | None = None) -> list[str]:
+    def apply(
+        self, edits: Sequence[Edit], shape: str | None = None, on_made: Callable[[], None] = _nobody
+    ) -> list[str]:
         """Make edits on what is on disk now, as one step of the history: all of them, or none.
 
         Return the names of the files that were changed. Raise `EditError` or `BundleError`;
@@ -127,9 +133,7 @@ class Document:
             edit.apply(draft)
         changes = draft.changes
         if changes:
-            self._write(changes)
-            self._done.append(changes)
-            self._undone.clear()
+            self._change(changes, [*self._done, changes], [], on_made)
         return list(changes)
 
     def _draft(self) -> Draft:
@@ -147,34 +151,48 @@ class Document:
         """Make a class of the bundle beside it; return its file. Raise `BundleError`."""
         return write_converted(self.path, self.path.parent)
 
-    def undo(self) -> list[str]:
+    def undo(self, on_made: Callable[[], None] = _nobody) -> list[str]:
         """Take the last edit back, byte for byte; return the names of the files.
 
         Raise `EditConflictError` if another program has changed one of them since.
         """
-        return self._move(self._done, self._undone, "undo")
-
-    def redo(self) -> list[str]:
-        """Make the edit again that was undone last; return the names of the files."""
-        return self._move(self._undone, self._done, "redo")
-
-    def _move(self, source: list[FileChanges], target: list[FileChanges], what: str) -> list[str]:
-        if not source:
-            raise EditError(f"there is nothing to {what}")
-        self.refresh()
-        reverse = {name: FileChange(after, before) for name, (before, after) in source[-1].items()}
-        self._write(reverse)
-        source.pop()
-        target.append(reverse)
+        reverse = self._reverse(self._done, "undo")
+        self._change(reverse, self._done[:-1], [*self._undone, reverse], on_made)
         return list(reverse)
 
-    def _write(self, changes: FileChanges) -> None:
-        self.folder.write(changes)
+    def redo(self, on_made: Callable[[], None] = _nobody) -> list[str]:
+        """Make the edit again that was undone last; return the names of the files."""
+        reverse = self._reverse(self._undone, "redo")
+        self._change(reverse, [*self._done, reverse], self._undone[:-1], on_made)
+        return list(reverse)
+
+    def _reverse(self, history: list[FileChanges], what: str) -> FileChanges:
+        if not history:
+            raise EditError(f"there is nothing to {what}")
+        self.refresh()
+        return {name: FileChange(after, before) for name, (before, after) in history[-1].items()}
+
+    def _change(
+        self,
+        changes: FileChanges,
+        done: list[FileChanges],
+        undone: list[FileChanges],
+        on_made: Callable[[], None],
+    ) -> None:
+        before = (self._done, self._undone)
         files = dict(self.files)
         for name, (_, after) in changes.items():
             if after is None:
                 files.pop(name, None)
             else:
                 files[name] = after
-        self.files = files
+        self.files, self._done, self._undone = files, done, undone
         self.revision += 1
+        try:
+            on_made()
+            self.folder.write(changes)
+        except BaseException:
+            self._done, self._undone = before
+            self.files = self.folder.read()
+            self.revision += 1
+            raise

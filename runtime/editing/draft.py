@@ -109,9 +109,9 @@ class Draft:
     @property
     def changes(self) -> dict[str, FileChange]:
         """What the edit has changed so far."""
-        names = [*self._before, *(name for name in self.files if name not in self._before)]
-        changes = {name: FileChange(self._before.get(name), self.files.get(name)) for name in names}
-        return {name: each for name, each in changes.items() if each.before != each.after}
+        old, new = self._before, self.files
+        names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
+        return {name: FileChange(old.get(name), new.get(name)) for name in names}
 
     def require_python(self) -> None:
         """Raise `EditError` if it is a C++ bundle: its generated code would contradict an edit."""

@@ -38,7 +38,7 @@ const look = EditorView.theme({
 // `ask(edit)` writes; `machine` has the texts, the findings and the names to complete.
 export class Code {
   constructor(place, { machine, write, hint = "", isLine = false }) {
-    this.place = place;
+    this.named = place;
     this.machine = machine;
     this.write = write;
     this.was = machine.text(place); // what the server has, as far as this editor knows
@@ -59,13 +59,24 @@ export class Code {
           keymap.of([...closeBracketsKeymap, ...completionKeymap, ...defaultKeymap, indentWithTab]),
           EditorView.cspNonce.of(machine.styles),
           EditorState.readOnly.of(!machine.data.editable),
-          EditorView.contentAttributes.of({ "aria-label": place.replace("|", " ") }),
+          EditorView.contentAttributes.of(() => ({ "aria-label": this.named.replace("|", " ") })),
           EditorView.updateListener.of((update) => this.changed(update)),
         ],
       }),
     });
-    this.element = make("div", { class: isLine ? "code line" : "code", "data-place": place }, this.view.dom, this.note);
+    this.element = make("div", { class: isLine ? "code line" : "code" }, this.view.dom, this.note);
+    this.place = place;
     this.show();
+  }
+
+  // Where the text belongs, as STATE|PART; another place when the state gets another name.
+  get place() {
+    return this.named;
+  }
+
+  set place(place) {
+    this.named = place;
+    this.element.dataset.place = place;
   }
 
   // The text as it is written: a last line that is not empty gets an end.

@@ -35,8 +35,8 @@ function take(frame) {
     listenToPointer(drawing, editor);
     drawing.fit();
   } else drawing.update(data);
+  editor.arrived(); // before what has gone is forgotten, such as the former name of what is selected
   editor.update();
-  editor.arrived();
   $("undo").disabled = !data.undo;
   $("redo").disabled = !data.redo;
   if ("findings" in frame) showFindings();
@@ -71,6 +71,7 @@ function light() {
 }
 
 editor.onselect = show;
+editor.onrename = (state, to) => inspector.rename(state, to);
 editor.onmark = () => {
   mark();
   inspector.mark();

@@ -11,6 +11,7 @@ export class Editor {
     this.selected = new Set();
     this.transition = null; // the key of the selected one, as STATE:NUMBER
     this.onselect = () => {};
+    this.onrename = () => {};
     this.focusText = () => {};
     this.drawing = null;
     this.copied = null;
@@ -98,13 +99,16 @@ export class Editor {
   async addState([x, y]) {
     if (!this.editable) return;
     const state = this.machine.freeName();
-    if (await this.apply({ edit: "add state", state, x, y })) this.later(() => this.select(state), () => this.machine.has(state));
+    await this.applyThen(() => this.select(state), () => this.machine.has(state), { edit: "add state", state, x, y });
   }
 
-  // Acts when the machine has come back with an edit.
-  later(act, isThere) {
-    if (isThere()) act();
-    else this.waiting = { act, isThere };
+  // Makes edits, and acts when the machine comes back with them, which is before they are written.
+  async applyThen(act, isThere, ...edits) {
+    const waiting = { act, isThere };
+    this.waiting = waiting;
+    const isDone = await this.apply(...edits);
+    if (!isDone && this.waiting === waiting) this.waiting = null;
+    return isDone;
   }
 
   arrived() {
@@ -115,9 +119,12 @@ export class Editor {
   }
 
   async rename(state, to) {
-    if (state === to || !(await this.apply({ edit: "rename state", state, to }))) return false;
-    this.later(() => this.select(to), () => this.machine.has(to));
-    return true;
+    if (state === to) return false;
+    const follow = () => {
+      this.onrename(state, to);
+      if (this.selected.has(state) || this.state === state) this.select(to);
+    };
+    return this.applyThen(follow, () => this.machine.has(to) && !this.machine.has(state), { edit: "rename state", state, to });
   }
 
   async remove() {
@@ -128,12 +135,11 @@ export class Editor {
 
   async connect(source, target) {
     const key = `${source}:${this.machine.transitions(source).length}`;
-    if (await this.apply({ edit: "add transition", source, target })) {
-      this.later(() => {
-        this.selectTransition(key);
-        this.focusText();
-      }, () => this.machine.data.edges[key]);
-    }
+    const follow = () => {
+      this.selectTransition(key);
+      this.focusText();
+    };
+    await this.applyThen(follow, () => this.machine.data.edges[key], { edit: "add transition", source, target });
   }
 
   retarget(target) {
@@ -142,7 +148,10 @@ export class Editor {
 
   async reorder(source, number, to) {
     if (to < 0 || to >= this.machine.transitions(source).length) return;
-    if (await this.apply({ edit: "order transition", source, number, to })) this.selectTransition(`${source}:${to}`);
+    const key = `${source}:${to}`;
+    const was = this.machine.data.edges[key];
+    const isThere = () => this.machine.data.edges[key] !== was;
+    await this.applyThen(() => this.selectTransition(key), isThere, { edit: "order transition", source, number, to });
   }
 
   bend(which, [x, y]) {
@@ -216,13 +225,12 @@ export class Editor {
       return; // some other text
     }
     const { names, edits } = pasted;
-    if (await this.apply(...edits)) {
-      this.later(() => {
-        this.selected = new Set(names);
-        this.transition = null;
-        this.onselect();
-      }, () => this.machine.has(names.at(-1)));
-    }
+    const follow = () => {
+      this.selected = new Set(names);
+      this.transition = null;
+      this.onselect();
+    };
+    await this.applyThen(follow, () => this.machine.has(names.at(-1)), ...edits);
   }
 
   // The names of the states that `copy` wrote, new here, and the edits that add them; an error for other data.

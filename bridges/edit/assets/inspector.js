@@ -51,7 +51,8 @@ export class Inspector {
     const { state, selected } = this.editor;
     const targets = state ? this.machine.transitions(state).map((edge) => edge.target) : [];
     const others = PARTS.filter((part) => !SHOWN.includes(part) && data.texts[`${state}|${part}`]);
-    return JSON.stringify([state, [...selected].slice(1), data.states, targets, others, data.suspend, data.editable, [...this.opened]]);
+    const isInitial = state === data.states[0];
+    return JSON.stringify([state, [...selected].slice(1), isInitial, targets, others, data.suspend, data.editable, [...this.opened]]);
   }
 
   // Shows which transition is selected.
@@ -59,6 +60,13 @@ export class Inspector {
     const { state, transition, number } = this.editor;
     if (state && this.editor.selected.size < 2) setText($("place"), transition ? `${state}, transition ${number + 1}` : state);
     for (const row of document.querySelectorAll("[data-row]")) row.classList.toggle("selected", row.dataset.row === transition);
+  }
+
+  // Keeps the editors of the texts of a state that has another name now.
+  rename(state, to) {
+    const codes = [...this.codes.values()];
+    for (const code of codes) if (code.place.startsWith(`${state}|`)) code.place = `${to}|${code.place.slice(state.length + 1)}`;
+    this.codes = new Map(codes.map((code) => [code.place, code]));
   }
 
   code(place, options = {}) {
@@ -189,9 +197,18 @@ export class Inspector {
     return row;
   }
 
+  // A list of the states, which is filled when it is about to be used: there may be hundreds.
   targets(target, act, first = null) {
-    const options = this.machine.data.states.map((state) => make("option", { value: state, selected: state === target }, state));
-    const select = make("select", { "aria-label": "Target" }, ...(first ? [make("option", { value: "" }, first)] : []), ...options);
+    const head = first ? [make("option", { value: "" }, first)] : [];
+    const select = make("select", { "aria-label": "Target" }, ...head, ...(target ? [make("option", {}, target)] : []));
+    const fill = () => {
+      const { states } = this.machine.data;
+      if (select.options.length === states.length + head.length && states.every((state, i) => select.options[i + head.length].value === state)) return;
+      const { value } = select;
+      select.replaceChildren(...head, ...states.map((state) => make("option", {}, state)));
+      select.value = value;
+    };
+    for (const event of ["focus", "pointerdown", "keydown"]) select.addEventListener(event, fill);
     select.disabled = !this.machine.data.editable;
     select.addEventListener("change", () => select.value && act(select.value));
     return select;

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Callable
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 
 import pytest
 from websockets.exceptions import InvalidStatus
@@ -13,6 +15,7 @@ from llfsm.bridges.view.live_source import LiveSource
 from llfsm.runtime import Arrangement
 from llfsm.runtime.bundles import load_bundle, read_bundle
 from llfsm.whiteboard import Whiteboard
+from waiting import PATIENCE_S
 
 from .conftest import FILES, EditServer, FakeWindow
 
@@ -46,6 +49,38 @@ def test_all_windows_show_what_one_has_changed(windows: Open, bundle: Path) -> N
     one.wait(lambda shown: shown["states"] == ["A", "B", "Lost"] and shown["redo"])
     assert one.ask("redo")["done"] == "done again: 4 files"
     other.wait(lambda shown: shown["edges"]["A:0"]["target"] == "Z")
+
+
+def test_an_edit_is_shown_while_the_disk_writes_it(
+    windows: Open, bundle: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, other = windows(), windows()
+    is_shown = Event()
+    monkeypatch.setattr(os, "fsync", lambda _: is_shown.wait(PATIENCE_S))
+    edit = {"type": "apply", "id": 7, "shape": one.shown["shape"], "edits": [RENAME]}
+    one.socket.send(json.dumps(edit))
+    for window in (one, other):
+        window.wait(lambda shown: shown["states"] == ["A", "Z", "Lost"])
+    assert read_bundle(bundle).states[1].name == "B"
+    is_shown.set()
+    while "answer" not in (answer := one.receive()):
+        pass
+    assert answer == {"answer": 7, "done": "wrote 4 files"}
+    assert read_bundle(bundle).states[1].name == "Z"
+
+
+def test_what_cannot_be_written_is_shown_as_it_was(
+    windows: Open, bundle: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window = windows()
+
+    def fail(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    assert "No space left on device" in window.apply(RENAME)["problem"]
+    window.wait(lambda shown: shown["states"] == ["A", "B", "Lost"] and not shown["undo"])
+    assert read_bundle(bundle).states[1].name == "B"
 
 
 def test_only_what_has_changed_is_sent(windows: Open) -> None:

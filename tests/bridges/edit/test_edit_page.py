@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,13 @@ def write(page: Page, place: str, text: str) -> None:
     page.locator(f"[data-place='{place}'] .cm-content").click()
     page.keyboard.press("Control+a")
     page.keyboard.insert_text(text)
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Return what is in the files; nothing if one goes meanwhile."""
+    with suppress(FileNotFoundError):
+        return {path.name: path.read_bytes() for path in folder.iterdir()}
+    return {}
 
 
 def trace_of(folder: Path) -> list[object]:
@@ -161,7 +169,7 @@ def test_a_machine_is_drawn_from_nothing(
 def test_what_is_drawn_is_moved_led_elsewhere_reordered_and_undone(
     bundle: Path, open_page: Callable[[Path], Visit]
 ) -> None:
-    before = {path.name: path.read_bytes() for path in bundle.iterdir()}
+    before = files_of(bundle)
     seen = open_page(bundle)
     page = seen.page
 
@@ -174,7 +182,10 @@ def test_what_is_drawn_is_moved_led_elsewhere_reordered_and_undone(
     # Order by key: the second transition is evaluated first, and is not dead any more.
     page.keyboard.press("Alt+ArrowUp")
     expect(page.locator(".dead")).to_have_count(0)
-    assert read_bundle(bundle).states[0].transitions[1].expression is None
+    wait_for(
+        lambda: read_bundle(bundle).states[0].transitions[1].expression is None,
+        "the order is written",
+    )
 
     # The arrow to B is led to Lost, by its end.
     page.keyboard.press("Escape")
@@ -182,7 +193,10 @@ def test_what_is_drawn_is_moved_led_elsewhere_reordered_and_undone(
     drag(page, middle(page.locator("[data-handle=target]")), middle(state(page, "Lost")))
     expect(page.locator(".unreachable")).to_have_count(1)
     expect(state(page, "B")).to_have_class(re.compile("unreachable"))
-    assert read_bundle(bundle).states[0].transitions[1].target == "Lost"
+    wait_for(
+        lambda: read_bundle(bundle).states[0].transitions[1].target == "Lost",
+        "the target is written",
+    )
 
     # A box is dragged, and stays at the grid.
     x, y = middle(state(page, "B"))
@@ -197,7 +211,7 @@ def test_what_is_drawn_is_moved_led_elsewhere_reordered_and_undone(
     for _ in range(3):
         page.keyboard.press("Control+z")
     expect(page.locator("#undo")).to_be_disabled()
-    assert {path.name: path.read_bytes() for path in bundle.iterdir()} == before
+    wait_for(lambda: files_of(bundle) == before, "everything is written as it was")
     assert seen.errors == []
 
 
@@ -256,7 +270,7 @@ def test_a_state_of_thirty_is_renamed_and_moved_and_all_is_undone(
 ) -> None:
     folder = tmp_path / "Big.machine"
     big(folder, 30)
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    before = files_of(folder)
     seen = open_page(folder)
     page = seen.page
     state(page, "S7").click()
@@ -268,9 +282,10 @@ def test_a_state_of_thirty_is_renamed_and_moved_and_all_is_undone(
     page.keyboard.type("Seventh")
     page.keyboard.press("Enter")
     state(page, "Seventh").wait_for()
+    former = folder / "State_S7_OnEntry.py"
+    wait_for(lambda: not former.exists(), "the last of the files is written")
     made = read_bundle(folder)
     assert [t.target for t in made.states[6].transitions] == ["Seventh", "S13"]
-    assert made.states[7].name == "Seventh"
     expect(page.locator("#name")).to_have_value("Seventh")
     page.locator("#drawing .diagram").focus()
     for _ in range(10):
@@ -283,7 +298,7 @@ def test_a_state_of_thirty_is_renamed_and_moved_and_all_is_undone(
         return page.locator("#undo").is_disabled()
 
     wait_for(is_undone, "everything is undone")
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    wait_for(lambda: files_of(folder) == before, "everything is written as it was")
     assert seen.errors == []
 
 
@@ -324,6 +339,7 @@ def test_arrows_are_ordered_and_bent_and_states_pasted_into_another_machine(
     other.page.locator("#drawing .diagram").focus()
     other.page.keyboard.press("Control+v")
     state(other.page, "End").wait_for()
+    wait_for(lambda: len(read_bundle(bundle).states) == 5, "what was pasted is written")
     on, end = read_bundle(bundle).states[3:]
     assert (on.name, end.name) == ("On", "End")
     assert on.sections["OnEntry"].text == "print('on')\nlamp(Level(on=True))\n"

@@ -85,11 +85,15 @@ def test_a_full_disk_leaves_everything_as_it_was(
     monkeypatch.setattr(os, failing, fail_once)
     if failing == "unlink" and after == 5:
         left = 4  # the states' own files
+    made: list[dict[str, bytes]] = []
     with pytest.raises(EditError, match="not written: No space left on device"):
-        document.apply(RENAME)
+        document.apply(RENAME, on_made=lambda: made.append(dict(document.files)))
     monkeypatch.undo()
     assert files_in(confusing) == CONFUSING
+    assert document.files == document.folder.read()
+    assert not document.can_undo
     document.apply(RENAME)
+    assert made == [document.files]
 
 
 def test_what_others_change_is_seen_and_kept(confusing: Path) -> None:
