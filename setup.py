@@ -128,6 +128,7 @@ setup(
                 "whiteboard/_fields.h",
                 "whiteboard/_reading.h",
                 "whiteboard/_recent.h",
+                "whiteboard/_dozing.h",
                 "whiteboard/_waiting.h",
                 "whiteboard/include/llfsm_whiteboard.h",
             ],

@@ -318,6 +318,7 @@ static PyObject *port_reserve(Port *self, PyObject *unused)
 
 #include "_recent.h"
 #include "_waiting.h"
+#include "_dozing.h"
 
 static PyMethodDef port_methods[] = {
     {"add", (PyCFunction)port_add, METH_O, NULL},
@@ -387,11 +388,12 @@ PyMODINIT_FUNC PyInit__shm(void)
     if (!(sample_type = look_up("llfsm.whiteboard.board", "Sample")) ||
         !(raise_status = look_up("llfsm.whiteboard.errors", "raise_status")) ||
         !(board_type = (PyTypeObject *)PyType_FromSpec(&board_spec)) ||
-        !(port_type = (PyTypeObject *)PyType_FromSpec(&port_spec)) || add_shared_methods())
+        !(port_type = (PyTypeObject *)PyType_FromSpec(&port_spec)) ||
+        !(doze_type = (PyTypeObject *)PyType_FromSpec(&doze_spec)) || add_shared_methods())
         return NULL;
     PyObject *m = PyModule_Create(&module);
-    if (m && (PyModule_AddObjectRef(m, "Board", (PyObject *)board_type) ||
-              PyModule_AddObjectRef(m, "Port", (PyObject *)port_type)))
+    if (m && (PyModule_AddType(m, board_type) || PyModule_AddType(m, port_type) ||
+              PyModule_AddType(m, doze_type)))
         Py_CLEAR(m);
     return m;
 }

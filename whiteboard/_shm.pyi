@@ -54,6 +54,21 @@ class Port(BoundSlot[_M]):
     def reserve(self) -> None: ...
     def retire(self) -> None: ...
 
+@final
+class Doze:
+    def __new__(
+        cls,
+        board: Board,
+        woken: bytearray,
+        seen: dict[BoundSlot[Any], int],
+        own: tuple[tuple[BoundSlot[Any], BoundSlot[Any]], ...],
+        duration_ns: int,
+        until_ns: int,
+        otherwise: Callable[[int], bool],
+        /,
+    ) -> Self: ...
+    def sleep(self) -> bool: ...
+
 def wait_any(
     board: Board, woken: bytearray, seen: dict[BoundSlot[Any], int], timeout: float, /
 ) -> list[BoundSlot[Any]]: ...

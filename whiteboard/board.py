@@ -185,6 +185,26 @@ class Waiter(Protocol):
         """
         ...
 
+    def doze(
+        self,
+        seen: dict[BoundSlot[Any], int],
+        own: tuple[tuple[BoundSlot[Any], BoundSlot[Any]], ...],
+        duration_ns: int,
+        until_ns: int,
+        otherwise: Callable[[int], bool],
+        /,
+    ) -> Callable[[], bool]:
+        """Return what to call again and again to sleep for ``duration_ns``, mostly to the end.
+
+        It returns True if there was no message newer than in ``seen``, no :meth:`wake` and no end
+        of the board. What the second handle of a pair in ``own`` adds is no new message of the
+        first. Otherwise it ends early and returns what ``otherwise`` does, which gets the time at
+        which the sleep was to end, and may :meth:`wait` to learn what has happened. It gets 0 if
+        none has begun: from the time ``until_ns`` on none does. A board that gains nothing by it
+        always leaves the sleep to ``otherwise``.
+        """
+        ...
+
     def wake(self) -> None:
         """Let the wait return, or the next one if none is under way; from any thread."""
         ...

@@ -7,6 +7,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 from .board import Board, BoundSlot, SlotInfo, Waiter
@@ -283,6 +284,9 @@ class _LocalWaiter:
             found = newer()
             seen.update((slot, slot.count) for slot in found)
             return found
+
+    def doze(self, *what: Any) -> Callable[[], bool]:
+        return partial(what[-1], 0)
 
     def wake(self) -> None:
         with self._changed:

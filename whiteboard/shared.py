@@ -184,6 +184,9 @@ class _SharedWaiter:
         self._woken = bytearray(1)
         self.wait = partial(_shm.wait_any, core, self._woken)
 
+    def doze(self, *what: Any) -> Callable[[], bool]:
+        return _shm.Doze(self._core, self._woken, *what).sleep
+
     def wake(self) -> None:
         self._woken[0] = 1
         self._core.raise_alarm()

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from .clock import Clock, DebugClock, MonotonicClock, SimulatedClock
@@ -119,6 +120,18 @@ class Environment:
             return True
         self.clock.sleep_until_ns(deadline_ns)
         return False
+
+    def doze(
+        self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
+    ) -> Callable[[], bool]:
+        """Return what to call again and again to sleep for `duration_ns` where nothing happens.
+
+        It returns True if that was so. If not, it returns what `otherwise` does, which sleeps by
+        `sleep_until_ns`: that ends at once if there is news. It gets the time at which the sleep
+        was to end, 0 if none has begun; from `until_ns` on none does. What it reads must be the
+        same meanwhile.
+        """
+        return partial(otherwise, 0)
 
     def wake(self) -> None:
         """Let the sleep end, or the next one; from any thread, and from a signal's handler."""
@@ -231,6 +244,14 @@ class BoardEnvironment(Environment):
         if isinstance(self.clock, MonotonicClock | DebugClock | SimulatedClock):
             return self.news.sleep_until_ns(deadline_ns)
         return super().sleep_until_ns(deadline_ns)
+
+    def doze(
+        self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
+    ) -> Callable[[], bool]:
+        """Return what sleeps on the board, where the clock is the board's."""
+        if type(self.clock) is MonotonicClock and self.alive:
+            return self.news.doze(duration_ns, until_ns, otherwise)
+        return super().doze(duration_ns, until_ns, otherwise)
 
     def wake(self) -> None:
         """Let the sleep end, or the next one."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Execution"]
 
 _NAP_NS = 20_000_000  # a sleep is cut into these, to notice a stop, a request or the board's end
-_FOREVER_NS = 2**63
+_FOREVER_NS = 2**63 - 1
 _BUSY_ROUNDS = 64  # rounds without a sleep after which to check that the world still exists
 
 
@@ -37,6 +37,7 @@ class Execution:
         self._woken = False  # whether the last sleep between rounds ended early
         self._due_ns = 0  # when, of rounds that change nothing, one is to be looked after
         self._last_round: int | None = None
+        self._slumber: Callable[[], bool] = self._doze  # sleeps between rounds that change nothing
         self._attendant = arrangement.environment.attend(arrangement)
         self._watchdog = None
         if watchdog_ms is not None:
@@ -58,7 +59,7 @@ class Execution:
         self._last_round = max_rounds
         rests = False
         while True:
-            fired = arrangement.rest(self._doze) if rests else arrangement.round()
+            fired = arrangement.rest(self._slumber) if rests else arrangement.round()
             if arrangement.reason is not None:  # a machine or an observer has ended it
                 return arrangement.reason
             idle = not fired and (arrangement.paced or arrangement.idle_us > 0) and not self._woken
@@ -128,17 +129,22 @@ class Execution:
             return False
         attendant = self._attendant
         self._due_ns = 0 if self._woken else _FOREVER_NS if attendant is None else attendant.due_ns
+        self._slumber, idle_ns = self._doze, arrangement.idle_us * 1_000
+        if self._due_ns and self._last_round is None and idle_ns <= _NAP_NS:
+            self._slumber = arrangement.environment.doze(idle_ns, self._due_ns, self._doze)
         return True
 
-    def _doze(self) -> bool:
+    def _doze(self, deadline_ns: int = 0) -> bool:
         """Sleep between two rounds that change nothing; return False if others are to be asked.
 
-        It does no more than it must: a machine that waits does this a hundred times a second.
+        A sleep that has begun, and in which something has happened, is to end at `deadline_ns`. It
+        does no more than it must: a machine that waits does this a hundred times a second.
         """
-        arrangement, now_ns = self._arrangement, self._now()
-        if now_ns >= self._due_ns or arrangement.stopping or arrangement.rounds == self._last_round:
-            return False
-        deadline_ns = now_ns + arrangement.idle_us * 1_000
+        arrangement, now_ns, last = self._arrangement, self._now(), self._last_round
+        if not deadline_ns:
+            if now_ns >= self._due_ns or arrangement.stopping or arrangement.rounds == last:
+                return False
+            deadline_ns = now_ns + arrangement.idle_us * 1_000
         woken = arrangement.environment.sleep_until_ns(min(deadline_ns, now_ns + _NAP_NS))
         obeyed = self._attendant is not None and self._attendant.obey()
         if obeyed or woken or self._now() < deadline_ns:

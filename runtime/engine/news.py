@@ -7,6 +7,7 @@ else let the arrangement never sleep.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from llfsm.whiteboard.errors import BoardClosedError
@@ -87,6 +88,15 @@ class News:
             return True
         woken, self._woken = self._woken, False
         return woken or not self._heeded.issuperset(newer)
+
+    def doze(
+        self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
+    ) -> Callable[[], bool]:
+        """Return what sleeps again and again as `Environment.doze` says."""
+        if not self._is_current:
+            self._update()
+        own = tuple(self._own)
+        return self._waiter.doze(self._seen, own, duration_ns, until_ns, otherwise)
 
     def wake(self) -> None:
         """End the sleep, or the next one; from any thread, and from a signal's handler."""

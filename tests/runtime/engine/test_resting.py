@@ -14,6 +14,7 @@ import pytest
 
 from definition import BUILT, Defined
 from llfsm.runtime import Actuator, Arrangement, Machine, ManualClock, Reason, Sensor, State
+from llfsm.runtime.engine.execution import Execution
 from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
@@ -113,6 +114,34 @@ def test_others_are_looked_after_only_when_something_is_due(
     arrangement = kind([Waits()], whiteboard=Whiteboard.local(), clock=ManualClock())
     arrangement.run(max_rounds=35)  # 350 ms: one status that still holds is posted again
     assert len(looks) < 15
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_python_runs_between_rounds_of_machines_that_wait(
+    kind: type[Arrangement], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """On a board of several processes; what happens there does, and is looked after."""
+    dozes: list[int] = []
+    doze = Execution._doze
+    monkeypatch.setattr(
+        Execution, "_doze", lambda self, deadline_ns=0: [dozes.append(deadline_ns), doze(self)][1]
+    )
+    monkeypatch.setattr(Presence, "due_ns", 2**63 - 1)
+
+    def look(machine: Any) -> None:
+        if machine.turns == 30:
+            Whiteboard("board", directory=tmp_path).add_message(A, Int32(1))
+        if machine.turns == 60:
+            arrangement.stop()
+
+    with Whiteboard("board", directory=tmp_path) as board:
+        waits = Waits(look=look)
+        arrangement = kind([waits], whiteboard=board, idle_us=100)
+        arrangement.run()
+    assert waits.turns >= 60
+    first, *_ = dozes
+    assert first > 0  # for the message, which has ended a sleep
+    assert len(dozes) < 10
 
 
 @pytest.mark.parametrize("kind", KINDS)
