@@ -28,7 +28,7 @@ from llfsm.whiteboard.mirror.naming import Naming
 from ..engine.errors import UnknownMachineError
 from .remote import Directory, RemoteMachine
 
-__all__ = ["NO_DAEMON", "FleetReader", "HostNames", "find_machine"]
+__all__ = ["NO_DAEMON", "FleetReader", "HostNames", "find_machine", "keep_read"]
 
 NO_DAEMON = "no daemon mirrors this whiteboard; start `llfsm whiteboard daemon`"
 """Why no other host can be reached, and what to do."""
@@ -174,11 +174,16 @@ class FleetReader:
         return () if message is None else message.folders
 
     def _keep_read(self, folder: str) -> None:
-        name = folder + KEEPS_READ
-        if name not in self._read:
-            kind = MachineStatus if name.startswith(MACHINES) else Bell
-            slot = self._read[name] = Slot[Any](name, kind)
-            self._board[slot].sample()
+        keep_read(self._board, folder, self._read)
+
+
+def keep_read(board: Board, folder: str, read: dict[str, Slot[Any]]) -> None:
+    """Read a folder until its slot in `read`, into which that is put, is forgotten."""
+    name = folder + KEEPS_READ
+    if name not in read:
+        kind = MachineStatus if name.startswith(MACHINES) else Bell
+        slot = read[name] = Slot[Any](name, kind)
+        board[slot].sample()
 
 
 def find_machine(board: Board, name: str) -> RemoteMachine:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from contextlib import suppress
+from typing import Any
 
-from llfsm.whiteboard import Board
-from llfsm.whiteboard.messages.llfsm import MACHINES, Viewer
+from llfsm.whiteboard import Board, Slot, WhiteboardError
+from llfsm.whiteboard.messages.debugging import WHYS
+from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MACHINES, VARIABLES, Viewer
 
-from .hosts import FleetReader, HostNames
+from .hosts import FleetReader, HostNames, keep_read
+from .remote import Directory
 
 __all__ = ["Shown"]
 
 _LOOK_S = 0.25  # between two looks for what hosts have announced
+_BESIDE_STATUSES = (DEFINITIONS, VARIABLES, WHYS)
 
 
 class Shown:
@@ -31,13 +36,32 @@ class Shown:
         self.fleet = FleetReader(board, host) if host or fleet else None
         """What reads other hosts, if any does."""
         self._look_s = 0.0  # when to look again
+        self._directory = Directory(board)
+        self._read: dict[str, Slot[Any]] = {}
 
     def look(self) -> None:
         """Read what hosts have announced; a few times a second, however often it is called."""
         now_s = time.monotonic()
-        if self.fleet is not None and now_s >= self._look_s:
+        if now_s >= self._look_s:
             self._look_s = now_s + _LOOK_S
-            self.fleet.look()
+            if self.fleet is not None:
+                self.fleet.look()
+            else:
+                self._read_machines()
+
+    def _read_machines(self) -> None:
+        """Read all that machines of other hosts publish whose statuses are on the board.
+
+        For an arrangement that looks at one, these alone are read.
+        """
+        names = HostNames(self._board)
+        if not names.is_mirrored:
+            return
+        with suppress(WhiteboardError):  # no room: then what is there is all
+            hosts = {names.of_machine(each.name) for each in self._directory.machines()}
+            for host in hosts - {"", names.own}:
+                for kind in _BESIDE_STATUSES:
+                    keep_read(self._board, kind + host, self._read)
 
     def has(self, slot: str) -> bool:
         """Return whether a slot on the board is shown."""

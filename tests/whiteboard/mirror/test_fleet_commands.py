@@ -17,12 +17,14 @@ from llfsm.bridges.recording.board_recorder import BoardRecorder
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.live_source import LiveSource
+from llfsm.cli import pausing, requests, why
+from llfsm.runtime.presence import hosts, remote
 from llfsm.runtime.presence.hosts import FleetReader
 from llfsm.runtime.presence.shown import Shown
 from llfsm.whiteboard.messages.debugging import why_slot
 from llfsm.whiteboard.messages.fleet import HOSTS
 from llfsm.whiteboard.messages.llfsm import status_slot, variables_slot
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from .conftest import LLFSM, NAME, Host, MakeHost, number_slot
 from .test_topologies import router
@@ -51,6 +53,14 @@ def configured(host: Host, more: str = "") -> tuple[str, str]:
     fleet = 'fleet = ["robot*", "operator"]\neager = false\n'
     settings.write_text(f'as = "{name}"\n{fleet}{more}')
     return "--config", str(settings)
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let commands wait for a busy machine, whose machines are slow, not silent."""
+    for module in (hosts, pausing, requests, why):
+        monkeypatch.setattr(module, "_PATIENCE_S", PATIENCE_S)
+    monkeypatch.setattr(remote, "SILENT_S", PATIENCE_S)
 
 
 @pytest.fixture
@@ -118,6 +128,19 @@ def test_what_one_host_has_is_shown(fleet: Fleet) -> None:
     wait_for(lambda: {"robot7/Counts", theirs.name} <= top("--host", "robot7"))
     assert not {"Counts", pose.name} & top("--host", "robot7")
     wait_for(lambda: {"Counts", "robot7/Counts", pose.name, theirs.name} <= top("--fleet"))
+
+
+def test_a_machine_that_an_arrangement_looks_at_is_shown_as_a_whole(fleet: Fleet) -> None:
+    """Without `--host`: its status is read here in any case, and so is what belongs to it."""
+    operator = fleet.operator
+    source = LiveSource(NAME, operator.directory)
+    wait_for(lambda: status_slot("Counts").name in source.snapshot().samples)
+    assert not any("robot7" in name for name in operator.board.read_slots())
+    looking = operator.board[status_slot("robot7/Counts")]
+    wait_for(looking.sample, "its status")
+    wanted = {each("robot7/Counts").name for each in MACHINE_SLOTS}
+    wait_for(lambda: wanted <= source.snapshot().samples.keys(), "all of it")
+    source.close()
 
 
 def test_a_recording_is_of_one_host(fleet: Fleet, tmp_path: Path) -> None:
