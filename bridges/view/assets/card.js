@@ -176,7 +176,7 @@ export class Card {
     this.definition = machine.definition;
     let data;
     try {
-      data = await this.panel.get("/diagram", { machine: this.name, sections: this.sections });
+      data = await this.panel.get("diagram", { machine: this.name, sections: this.sections });
     } catch {
       this.definition = undefined; // the connection will be restored
       return;

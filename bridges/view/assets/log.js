@@ -57,7 +57,7 @@ export class EventLog {
     if (key && key === this.asked) return;
     this.pulling = true;
     try {
-      const page = await this.get("/log", asked);
+      const page = await this.get("log", asked);
       if (page.events) this.show(page);
       this.asked = key;
     } catch {

@@ -15,7 +15,7 @@ from mirrored_hosts import hosts_in, number_slot
 from waiting import wait_for
 
 from .conftest import Server
-from .fleets import ERROR, FleetServer, fill, start_daemons
+from .fleets import ERROR, MACHINES, FleetServer, fill, start_daemons
 
 pytestmark = pytest.mark.timeout(240)
 
@@ -65,6 +65,7 @@ def test_a_click_leads_to_the_hosts_own_page_and_back(
     with hosts_in(tmp_path) as make_host:
         hosts = start_daemons(make_host, "robot7")
         hosts["robot7"].add(1, pose)
+        start("run", f"{MACHINES}:Counts", "-q", *hosts["robot7"].select)
         operator = hosts["operator"].board
         seen = visit(start(FleetServer, hosts["operator"]).address)
         page = seen.page
@@ -76,6 +77,9 @@ def test_a_click_leads_to_the_hosts_own_page_and_back(
         row.click()
         expect(page.locator("#title")).to_have_text("mirrored, robot7")
         expect(page.locator(f"[data-slot='{theirs.name}']")).to_be_visible()
+        expect(page.locator("[data-machine='robot7/Counts'] [data-state=A]")).to_be_visible()
+        page.keyboard.press("e")
+        expect(page.locator("#log-table")).to_contain_text("robot7/Counts")
         assert "token" not in page.url
         assert theirs.name in operator.read_slots()
 
