@@ -100,13 +100,15 @@ class Mirror:
                 publish(self._exchange.status())
             self._exchange.enter_held()
             changed = self._watch(self._until_due(max(0, heartbeat - time.monotonic())))
-            self._receive_what_is_read()
-            self._publish_hosts()
             while self._begun:
                 self._exchange.begin_sending(self._begun.popitem()[0])
             self._offer(changed)
+            has_sent = self._send(self._exchange.collect(changed))
+            # What other hosts wait for is sent by now: so no message is later for the rest.
             self._keep(changed)
-            if self._send(self._exchange.collect(changed)):
+            self._receive_what_is_read()
+            self._publish_hosts()
+            if has_sent:
                 time.sleep(_TICK_S)  # in a wait, a signal's handler could not call `stop`
             elif changed:  # what nobody reads, however often it changes
                 time.sleep(self._until_due(_TICK_S))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from threading import Condition, Thread
@@ -34,6 +35,7 @@ T = TypeVar("T")
 _REPLY_TIMEOUT_S = 5.0
 _ALL_TIMEOUT_S = 2.0  # of those that are asked, one may be dead, and not yet known to be
 _MAX_PENDING = 64  # queries that wait to be answered
+_MATCHED_S = 0.2  # for which a group that is read counts as such: asking Zenoh delays a message
 _OFFERED_AT_ONCE = 64  # groups; a host that makes many must not stop this one from sending
 
 _log = logging.getLogger("llfsm.mirror")
@@ -149,6 +151,7 @@ class Network:
         """The names of hosts, this one's among them."""
         self._name = settings.as_
         self._batches: dict[str, Any] = {}  # publishers, by group
+        self._read_until: dict[str, float] = {}
         self._heartbeats: dict[str, Any] = {}
         self._subscribers: dict[str, Any] = {}
         self._received = callback_in_receiver(self._receive)
@@ -222,8 +225,13 @@ class Network:
 
     def is_read(self, group: str) -> bool:
         """Return whether another host reads a group that this one offers."""
-        publisher = self._batches.get(group)
-        return publisher is not None and bool(publisher.matching_status.matching)
+        now, publisher = time.monotonic(), self._batches.get(group)
+        if publisher is None or now < self._read_until.get(group, 0.0):
+            return publisher is not None
+        is_read = bool(publisher.matching_status.matching)
+        if is_read:
+            self._read_until[group] = now + _MATCHED_S
+        return is_read
 
     def _receive(self, key: str, data: bytes) -> None:
         name, group, is_beat = sender_in(key)
