@@ -124,7 +124,7 @@ class _HostPages:
             require_host_name(host)
         except ValueError as error:
             return json_response({"title": host, "problem": str(error)})
-        return json_response({**self._page(host).facts(), "back": "/"})
+        return json_response({**self._page(host).facts(), "title": host, "back": "/"})
 
     async def diagram(self, request: HttpRequest) -> Response:
         """Return the diagram of a machine."""
