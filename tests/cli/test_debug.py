@@ -89,7 +89,7 @@ def test_what_the_machines_end_with_is_printed(session: Session) -> None:
 @pytest.mark.parametrize(
     ("line", "problem"),
     [
-        ("whi", "no command 'whi'; did you mean 'why'?; try help"),
+        ("whi", "no command 'whi'; did you mean 'why'?"),
         ("step over", "no step 'over'; there are: turn, round, fire, leave"),
         ("step leave Bouncr", "no machine 'Bouncr'"),
         ("break Bouncer:GOO", "no state of Bouncer 'GOO'"),

@@ -111,8 +111,8 @@ def test_code_that_has_changed_is_named_where_it_acts_differently(llfsm: Llfsm, 
 @pytest.mark.parametrize(
     ("line", "problem"),
     [
-        ("bak", "no command 'bak'; did you mean 'back' or 'break'?; try help"),
-        ("post pose {}", "no command 'post'"),
+        ("bak", "no command 'bak'; did you mean 'back' or 'break'?"),
+        ("post pose {}", "no command 'post'; `help` lists them"),
         ("back over", "no step 'over'; there are: turn, round, fire, leave"),
         ("back", "the recording begins here"),
         ("back leave Bouncr", "no machine 'Bouncr'"),

@@ -108,8 +108,8 @@ class Prompt:
         found = next((each for each in self.commands if name and each.startswith(name)), None)
         if found is None:
             if name:
-                near = did_you_mean(name, self.commands)
-                raise PromptError(f"no command {name!r}{near}; try help")
+                near = did_you_mean(name, self.commands) or "; `help` lists them"
+                raise PromptError(f"no command {name!r}{near}")
             return
         yield from self.commands[found].run(self, rest.strip())
 
