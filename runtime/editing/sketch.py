@@ -122,12 +122,13 @@ def _made_label(text: str) -> Label:
 
 
 def _boxes(bundle: Bundle) -> list[Box]:
-    layout = bundle.layout or MachineLayout()
+    given = bundle.layout.states if bundle.layout else {}
+    python = bundle.language in _IN_PYTHON
     return [
         _box(
-            state.name,
-            _sections(state, python=bundle.language in _IN_PYTHON),
-            layout.states.get(state.name, _UNPLACED),
+            state,
+            given.get(state.name, _UNPLACED),
+            python=python,
             initial=i == 0,
             accepting=not state.transitions,
             suspend=state.name == bundle.suspend,
@@ -139,9 +140,9 @@ def _boxes(bundle: Bundle) -> list[Box]:
 _UNPLACED = StateBox(0, 0, 0, 0)
 
 
-def _box(name: str, sections: tuple[SectionText, ...], given: StateBox, **kinds: bool) -> Box:
-    shown = sections if given.expanded else ()
-    return _made_box(name, shown, given.w, given.h, **kinds)
+def _box(state: BundleState, given: StateBox, *, python: bool, **kinds: bool) -> Box:
+    shown = _sections(state, python=python) if given.expanded else ()
+    return _made_box(state.name, shown, given.w, given.h, **kinds)
 
 
 @lru_cache(maxsize=4096)

@@ -57,6 +57,7 @@ class Pace(NamedTuple):
     through: tuple[int, float] | None  # likewise, through a bridge
     fleet_s: float | None  # of hosts that read of each other
     page_s: float  # of showing a page
+    edits: int  # of each kind, on a page
     explorations: tuple[int, int | None]  # of a microwave; states of two ovens, None for all
 
 

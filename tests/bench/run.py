@@ -7,12 +7,10 @@ status is 0, also if a peer is not installed.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import platform
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -24,6 +22,7 @@ import exploring
 import fleet
 import mirror
 import ours
+import pages
 import reaction
 import safety
 import through
@@ -47,7 +46,6 @@ from table import (
     ALONE_MS,
     BESIDE,
     FASTER,
-    FRAMES,
     HEAD,
     MEDIANS,
     P99S,
@@ -67,6 +65,7 @@ FULL = Pace(
     through=(5, 4.0),
     fleet_s=4,
     page_s=10,
+    edits=10,
     explorations=(5, None),
 )
 QUICK = Pace(
@@ -79,6 +78,7 @@ QUICK = Pace(
     through=None,  # its processes take seconds to start, and are those of the bridge
     fleet_s=None,  # likewise
     page_s=1,
+    edits=1,
     explorations=(1, 20_000),
 )
 
@@ -123,7 +123,7 @@ def rows(pace: Pace) -> Iterator[Row]:
     if pace.fleet_s is not None:
         yield from fleet.rows(pace.fleet_s)
     yield from exploring.rows(*pace.explorations)
-    yield from _page(pace)
+    yield from pages.rows(pace.page_s, pace.edits)
 
 
 def _calls(pace: Pace) -> Iterator[Row]:
@@ -295,34 +295,6 @@ def _mirror(pace: Pace) -> Iterator[Row]:
             ]
             sides = in_turns(meters, pace.samples)
             yield Row(f"{what} beside a daemon", sides, SLOWER, 1.1)
-
-
-def _page(pace: Pace) -> Iterator[Row]:
-    """Show 500 slots at 50 Hz and 50 machines in a browser, if one is installed."""
-    figures, why = _page_figures(pace)
-
-    def side(who: str, name: str, times: float = 1.0) -> Side:
-        return Side(who, "view.py", [figures[name] * times] if figures else [])
-
-    yield Row("a page, frames drawn", [side("llfsm", "frames")], FRAMES, 20, why)
-    yield Row("  its server, part of a core", [side("llfsm", "server", 100)], PERCENT, 25, why)
-    sides = [side("llfsm", "cost_with", 1e3), side("without a page", "cost_without", 1e3)]
-    yield Row("  a ringlet meanwhile", sides, SLOWER, None, why)
-
-
-def _page_figures(pace: Pace) -> tuple[dict[str, float], str | None]:
-    """Return what view.py measured, or why it could not."""
-    if not shutil.which("chromium"):
-        return {}, "it needs Chromium: sudo apt-get install -y chromium"
-    if not importlib.util.find_spec("playwright"):
-        return {}, "it needs playwright: pip install 'llfsm[bench]'"
-    script = str(Path(__file__).with_name("view.py"))
-    command = [sys.executable, script, "--seconds", str(pace.page_s)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        return {}, " ".join(["view.py failed:", *done.stderr.splitlines()[-1:]])
-    figures: dict[str, float] = json.loads(done.stdout)
-    return figures, None
 
 
 def _times_kept(what: str, seconds: float) -> dict[str, float]:
