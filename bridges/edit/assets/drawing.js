@@ -14,6 +14,10 @@ export class Drawing extends Diagram {
     }
     this.arrows = new Map();
     this.drawn = { boxes: {}, edges: {} };
+    // A part of the element would not do: the browser lays all texts of such a drawing out anew with anything on the page.
+    new ResizeObserver(([{ contentRect: { width, height } }]) => {
+      Object.assign(this.svg.style, { width: `${width}px`, height: `${height}px` });
+    }).observe(this.element);
     this.update(data);
   }
 
