@@ -168,7 +168,7 @@ class _Naive:
     def __init__(
         self,
         machines: Iterable[type[Machine]],
-        period_ns: int,
+        periods_ns: Collection[int],
         domains: Domains,
         kept: set[str],
         unload_accepting: bool,
@@ -181,7 +181,7 @@ class _Naive:
             machines, environment=self.world, unload_accepting=unload_accepting
         )
         self.seats = [seat for seat in self.arrangement._roster.seats if seat is not None]
-        self.period_ns = period_ns
+        self.periods_ns = periods_ns
         self.domains = {slot.name: list(messages) for slot, messages in domains.items()}
         shared = self.world.posted & self.world.read_by.keys()
         self.kept = kept
@@ -276,10 +276,10 @@ class _Naive:
         requests = [None, *Request] if seat.name in self.may.suspend else [None]
         stops = [False, True] if self.may.stop and not state[3] else [False]
         contents = itertools.product(*(self.domains[name] for name in free))
-        for chosen, request, stop in itertools.product(contents, requests, stops):
+        passed = self.periods_ns if state[0] == 0 else [0]
+        for chosen, request, stop, ns in itertools.product(contents, requests, stops, passed):
             self.restore(state)
-            if state[0] == 0:
-                self.clock.advance(ns=self.period_ns)
+            self.clock.advance(ns=ns)
             self.world.cells.update(zip(free, chosen, strict=True))
             if request is not None:
                 if request is Request.RESUME:  # which does not replace a restart, but this does
@@ -345,17 +345,22 @@ class _Naive:
 def naively_explored(
     machines: Iterable[type[Machine]],
     *,
-    period_ms: float,
+    period_ms: float | Iterable[float],
     domains: Domains,
     kept: Iterable[Slot[Any]] = (),
     unload_accepting: bool = True,
     may: May = _NOTHING,
 ) -> Explored:
-    """Explore all states; `kept` are slots that belong to them though no machine reads them."""
+    """Explore all states; `kept` are slots that belong to them though no machine reads them.
+
+    Each round comes after any of several periods, if there are several.
+    """
+    periods_ms = [period_ms] if isinstance(period_ms, int | float) else period_ms
+    periods_ns = [round(ms * 1e6) for ms in periods_ms]
     limits: dict[tuple[int, str], int] = {}
     while True:
         names = {slot.name for slot in kept}
-        naive = _Naive(machines, round(period_ms * 1e6), domains, names, unload_accepting, may)
+        naive = _Naive(machines, periods_ns, domains, names, unload_accepting, may)
         naive.limits.update(limits)
         explored = naive.run()
         if explored is not None:
