@@ -51,7 +51,7 @@ def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: 
             near = "; another table has it" if key in keys else did_you_mean(key, keys)
             what = f"there is no key {key!r} here{near}"
         else:
-            what += _remedy(what, where)
+            what += _remedy(what, where, kind)
         raise _located(what, file, text, where, key) from error
     except ConfigurationError as error:
         raise _located(error.what, file, text, error.where) from error
@@ -124,8 +124,12 @@ def _located(
     )
 
 
-def _remedy(what: str, where: Path_) -> str:
-    """Return what to write instead of a value that msgspec refuses."""
+def _remedy(what: str, where: Path_, kind: Any) -> str:
+    """Return what to write, in a `kind`, instead of a value that msgspec refuses."""
+    if wrong := re.match(r"Invalid enum value (.*)", what):
+        known = _choices(kind, where)
+        near = did_you_mean(wrong[1].strip("'"), known)
+        return f"; not one of {', '.join(map(repr, known))}{near}" if known else ""
     if missing := re.search(r"missing required field `(.*)`", what):
         return f"; add {missing[1]} = ..."
     found = re.match(r"Expected `(.*)`.*, got `(.*)`", what)
@@ -147,16 +151,29 @@ def _unknown_key(what: str) -> str | None:
     return found[1] if found else None
 
 
+def _choices(kind: Any, where: Path_) -> list[str]:
+    """Return the texts that a value of `kind` can be, wherever its key stands."""
+    types = [field.type for field in _fields(kind) if field.encode_name == (where or ("",))[-1]]
+    types += [each for found in types for each in getattr(found, "types", ())]
+    literals = (each for each in types if isinstance(each, msgspec.inspect.LiteralType))
+    return [value for each in literals for value in each.values if isinstance(value, str)]
+
+
 def _keys(kind: Any) -> set[str]:
     """Return the keys that tables of `kind` can have, on whatever level."""
-    keys: set[str] = set()
+    return {field.encode_name for field in _fields(kind)}
+
+
+def _fields(kind: Any) -> list[msgspec.inspect.Field]:
+    """Return the fields of all tables in a `kind`, on whatever level."""
+    fields: list[msgspec.inspect.Field] = []
     todo, seen = [msgspec.inspect.type_info(kind)], set[int]()
     while todo:
         found: Any = todo.pop()
         if isinstance(found, msgspec.inspect.StructType):
             if id(found.cls) not in seen:
                 seen.add(id(found.cls))
-                keys |= {field.encode_name for field in found.fields}
+                fields += found.fields
                 todo += [field.type for field in found.fields]
         else:
             parts = (getattr(found, name, ()) for name in ("types", "item_types"))
@@ -164,7 +181,7 @@ def _keys(kind: Any) -> set[str]:
             for name in ("item_type", "value_type"):
                 if hasattr(found, name):
                     todo.append(getattr(found, name))
-    return keys
+    return fields
 
 
 def _steps(path: str) -> Path_:

@@ -34,6 +34,12 @@ definition = "lamp:Lamp"
 period = 3
 """
 
+RELAY = """[[relay]]
+slot = "a"
+type = "geometry_msgs/msg/Twist"
+direction = "to-ros"
+"""
+
 
 @pytest.fixture
 def here(tmp_path: Path) -> Path:
@@ -43,6 +49,7 @@ def here(tmp_path: Path) -> Path:
         "broken.py": "class Lamp(:\n",
         "robot.toml": '[[machine]]\ndefinition = "lamp:Lamp"\n',
         "bad.toml": BAD_PLAN,
+        "relay.toml": RELAY,
         "run.mcap": "",
     }.items():
         (tmp_path / name).write_text(text)
@@ -86,6 +93,13 @@ def here(tmp_path: Path) -> Path:
         ("replay run.mcp", "run.mcp: cannot be read: No such file or directory; did you mean"),
         ("replay lamp.py", "lamp.py: is not a recording of llfsm, nor a bag of ROS 2"),
         ("view lamp:Lamp", "lamp:Lamp is no recording, which comes first; `llfsm edit lamp:Lamp`"),
+        ("draw lamp --format jpg", "'jpg' is not one of 'dot', 'mermaid', 'svg', 'png'"),
+        ("package robot.toml", "robot.toml is an arrangement file, not a machine"),
+        (
+            "bridge check relay.toml",
+            "relay.toml:4: relay[0].direction: Invalid enum value 'to",
+        ),
+        ("bridge check relay.toml", "not one of 'both', 'from_ros', 'to_ros'; did you mean"),
         ("bridge check brige.toml", "brige.toml: cannot be read: No such file"),
         # proofs
         ("verify lamp -p safety:stays_of", "safety has no 'stays_of'; did you mean 'stays_off'?"),
@@ -96,6 +110,8 @@ def here(tmp_path: Path) -> Path:
         # whiteboards
         ("ps -b nothing-here", "no such whiteboard; start the program that makes it, or see"),
         ("run lamp -b a/b", "'a/b' is not a valid whiteboard name: use 1 to 200 letters"),
+        ("guard -b robot/7", "'robot/7' is not a valid whiteboard name"),
+        ("view -b robot/7 --no-open", "'robot/7' is not a valid whiteboard name"),
         ("whiteboard add x {} --type Bool", "'Bool': give it as package.module:Class, or as"),
         ("whiteboard add x {} --type std_msg/Bool", "did you mean 'std_msgs'?"),
         ("whiteboard add x {} --type std_msgs/Bol", "did you mean 'Bool'?"),

@@ -169,6 +169,8 @@ def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> clic
     modules = [found for found in files if found.suffix == _PYTHON]
     known = {found.stem for found in files if found.suffix in (SUFFIX, _PYTHON)}
     plans = {found.name for found in files if found.suffix == ".toml"}
+    if name in plans:
+        return click.UsageError(f"{name} is an arrangement file, not a machine: name one of its")
     of_modules = [f"{found.stem}:{name}" for found in modules if _has_class(found, name)]
     near = f"; did you mean {of_modules[0]!r}?" if of_modules else ""
     return click.UsageError(

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import click
 
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
-from llfsm.whiteboard.board_files import DIRECTORY, default_name
+from llfsm.whiteboard.board_files import DIRECTORY, board_path, default_name
 from llfsm.whiteboard.mirror.naming import require_host_name
 
 __all__ = [
@@ -86,6 +86,7 @@ def board_option(
 
     @functools.wraps(command)
     def with_place(*arguments: Any, board: str, directory: str, **options: Any) -> Any:
+        board_path(board, directory)  # raises an error for a name that no board can have
         return command(*arguments, board=BoardPlace(board, directory), **options)
 
     what = f"{default}" if default else "$WHITEBOARD_NAME, else `whiteboard`"
