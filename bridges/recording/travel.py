@@ -11,11 +11,10 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Literal, Self
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self
 
 from llfsm.runtime.debugging.debugger import Goal, Step
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
-from llfsm.runtime.engine.events import Turn
 
 from .errors import MomentError
 from .travel_debugger import Abandoned, SectionPlace, TravelDebugger, section_of
@@ -25,10 +24,31 @@ if TYPE_CHECKING:
 
     from .rerun import Rerun
 
-__all__ = ["Travel"]
+__all__ = ["NEVER", "NO_BREAKPOINT", "Jump", "Travel"]
 
 _LOOK_S: Final = 0.05  # between two looks whether the thread has ended
-_NEVER: Final = 1 << 62
+NEVER: Final = 1 << 62
+"""The number of a turn that never comes."""
+NO_BREAKPOINT: Final = "no breakpoint is reached before this moment"
+
+
+class Jump(NamedTuple):
+    """A moment to which machines run from an earlier one, and what to call the pause there."""
+
+    why: str
+    since: int = 0
+    """The number of the turn from which on breakpoints pause."""
+    moment: int = 1
+    after_ns: int | None = None
+    """Instead of `moment`: it is the first one after that time."""
+    breakpoints: tuple[str, ...] = ()
+
+    def goal(self, debugger: TravelDebugger) -> Goal:
+        """Return until when machines run."""
+        after_ns = self.after_ns
+        if after_ns is None:
+            return Goal(self.why, lambda _: debugger.number >= self.moment)
+        return Goal(self.why, lambda turn: turn.time_ns > after_ns)
 
 
 class Travel:
@@ -44,6 +64,7 @@ class Travel:
         make: Callable[[], Rerun],
         library: Mapping[str, type[Machine]],
         begin_ns: int,
+        jump: Jump = Jump("start"),  # noqa: B008  # it cannot change
     ):
         self._make = make
         self._begin_ns = begin_ns
@@ -54,7 +75,7 @@ class Travel:
         """Why there is no moment after this one; "" if there is."""
         self.difference = ""
         """What the machines do differently at this moment; "" if they act as recorded."""
-        self._begin(Goal("start"))
+        self._begin(jump)
 
     def __enter__(self) -> Self:
         return self
@@ -135,11 +156,11 @@ class Travel:
 
     def go_past(self, time_ns: int) -> str:
         """Go to the first moment after that time, and return as `wait` does."""
-        goal, turn = Goal("goto", lambda turn: turn.time_ns > time_ns), self.debugger.turn
+        jump, turn = Jump("goto", NEVER, after_ns=time_ns), self.debugger.turn
         if self.debugger.begun_ns > time_ns:
-            self._begin(goal, _NEVER)
-        elif not self.end and (turn is None or turn.time_ns <= time_ns):
-            self.debugger.run_to(goal, _NEVER)
+            return self._go_to(jump)
+        if not self.end and (turn is None or turn.time_ns <= time_ns):
+            return self._go_on_to(jump)
         return self.wait()
 
     # Backwards
@@ -160,64 +181,58 @@ class Travel:
                 moment = _last_before(now, self.debugger.arrivals)
             case "leave":
                 state = self.arrangement.standing(name).state
-                moment = self._last(lambda: not self.debugger.stands(name, state))
+                moment = self.debugger.before_state(name)
         if not moment:
             what = {
                 "transition": "no transition has fired before this moment",
                 "leave": f"{name} has been in {state} from the beginning",
             }
             raise MomentError(what.get(until, "the recording begins here"))
-        return self._go_to(moment, f"back: {until}")
+        return self._go_to(Jump(f"back: {until}", moment, moment))
 
     def back_to_breakpoint(self) -> str:
         """Go back to the last hit of a breakpoint before this moment, and return as `wait` does.
 
         Raise `MomentError` if there is none.
         """
-        self._last(lambda: False)
-        if not self.debugger.passed:
-            raise MomentError("no breakpoint is reached before this moment")
-        return self._go_to(self.debugger.passed, "back")
-
-    def _last(self, matches: Callable[[], bool]) -> int:
-        """Run from the beginning to this moment; return the last one before it that matches."""
-        before, found = self.debugger.moment, 0
-
-        def look(_: Turn) -> bool:
-            nonlocal found
-            if self.debugger.number >= before:
-                return True
-            if matches():
-                found = self.debugger.number
-            return False
-
-        why = self.debugger.paused or "back"
-        self._begin(Goal(why, look), before)
-        self.wait()
-        return found
-
-    def _go_to(self, moment: int, why: str) -> str:
-        self._begin(Goal(why, lambda _: self.debugger.number >= moment), moment)
-        return self.wait()
+        why, now = self.debugger.paused or "back", self.debugger.moment
+        self._go_to(Jump(why, now, now))  # looking for those that are passed
+        passed = self.debugger.passed
+        if not passed:
+            raise MomentError(NO_BREAKPOINT)
+        return self._go_to(Jump("back", passed, passed))
 
     # The machines' thread
 
-    def _begin(self, goal: Goal, since: int = 0) -> None:
-        """Run from the beginning until that."""
-        texts = self._abandon()
-        self._error, self.end, self.difference = None, "", ""
-        rerun = self._make()
-        self.arrangement = rerun.arrangement
-        self.debugger = debugger = TravelDebugger(rerun, since)
-        debugger.break_at(*texts, library=self.library)
-        debugger.run_to(goal, since)
+    def _go_to(self, jump: Jump) -> str:
+        """Run from the beginning to a moment, with the breakpoints of now."""
+        self._begin(jump._replace(breakpoints=self._abandon()))
+        return self.wait()
+
+    def _go_on_to(self, jump: Jump) -> str:
+        self.debugger.run_to(jump.goal(self.debugger), jump.since)
+        return self.wait()
+
+    def _begin(self, jump: Jump) -> None:
+        rerun = self._arrange(jump)
         self._thread = threading.Thread(target=self._run, args=(rerun,), name="machines")
         self._thread.start()
 
+    def _arrange(self, jump: Jump) -> Rerun:
+        """Arrange the machines, to run from the beginning."""
+        self._error, self.end, self.difference = None, "", ""
+        rerun = self._make()
+        self.arrangement = rerun.arrangement
+        self.debugger = debugger = self._debugger_of(rerun, jump.since)
+        debugger.break_at(*jump.breakpoints, library=self.library)
+        debugger.run_to(jump.goal(debugger), jump.since)
+        return rerun
+
+    def _debugger_of(self, rerun: Rerun, since: int) -> TravelDebugger:
+        return TravelDebugger(rerun, since)
+
     def _abandon(self) -> tuple[str, ...]:
         """End the thread, if there is one, and return its breakpoints."""
-        if not hasattr(self, "debugger"):
-            return ()
         self.debugger.abandon()
         self._thread.join()
         return self.debugger.breakpoints

@@ -54,6 +54,8 @@ class TravelDebugger(Debugger):
         self.arrivals = array("q")
         """The numbers of the turns before which a transition has fired."""
         self._round = 0
+        self._states: dict[str, str] = {}  # at the latest turn that has begun
+        self._since: dict[str, int] = {}  # the number of the first turn at which they were so
         self.place: SectionPlace | None = None
         """Where to open a pdb, once; names that are empty are those of any."""
         self._is_abandoned = False
@@ -63,6 +65,12 @@ class TravelDebugger(Debugger):
     def moment(self) -> int:
         """The number of the turn that is to come."""
         return self.number + (self.turn is None)
+
+    def before_state(self, machine: str) -> int:
+        """Return the last moment at which a machine was not in its state; 0 if there is none."""
+        state = self._arrangement.standing(machine).state
+        is_new = self._states.get(machine) != state  # since the last turn
+        return self.number if is_new else self._since[machine] - 1
 
     def run_to(self, goal: Goal, since: int = 0) -> None:
         """Go on until that; breakpoints pause from the turn of number `since` on."""
@@ -99,6 +107,7 @@ class TravelDebugger(Debugger):
             if event.round > self._round:
                 self._round = event.round
                 self.rounds.append(self.number)
+            self._note_states()
             super().__call__(event)
             self.begun_ns = event.time_ns
             return
@@ -107,6 +116,14 @@ class TravelDebugger(Debugger):
             self.arrivals.append(self.number + 1)
         elif isinstance(event, Section) and self.place is not None:
             self._open_pdb(event)
+
+    def _note_states(self) -> None:
+        states = self._arrangement.states()
+        if states != self._states:
+            for name in states:
+                if states[name] != self._states.get(name):
+                    self._since[name] = self.number
+            self._states = states
 
     def _open_pdb(self, event: Section) -> None:
         here = event.machine, event.state, event.section

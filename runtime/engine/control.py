@@ -173,6 +173,10 @@ class Control:
             return self.environment.elsewhere(name, self._roster.named).state
         return seat.current.name
 
+    def states(self) -> dict[str, str]:
+        """Return the name of each loaded machine's current state."""
+        return {name: seat.current.name for name, seat in self._roster.named.items()}
+
     def slot_of(self, name: str, sensor: str) -> Slot[Any]:
         """Return the slot that a machine's sensor reads; raise `SensorNameError`."""
         seat = self._roster.find(name)
