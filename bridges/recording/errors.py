@@ -9,7 +9,8 @@
         ├── NoEventsError              it has no events from the machines' start: nothing to rerun
         ├── OtherMachinesError         the machines given are not those recorded, or read
         │                              what a bag does not have
-        └── MomentError                there is no such moment to go to, or nothing to look at
+        ├── MomentError                there is no such moment to go to, or nothing to look at
+        └── MachinesGoneError          the process in which machines run again has ended
 
     AssertionError
     └── RerunError                 machines act differently from the recording
@@ -20,6 +21,7 @@ from __future__ import annotations
 from llfsm.errors import LlfsmError
 
 __all__ = [
+    "MachinesGoneError",
     "McapMissingError",
     "MomentError",
     "NoEventsError",
@@ -52,6 +54,10 @@ class OtherMachinesError(RecordingError):
 
 class MomentError(RecordingError):
     """There is no such moment in a recording, or nothing to look at there."""
+
+
+class MachinesGoneError(RecordingError):
+    """The process in which machines run again has ended."""
 
 
 class RerunError(AssertionError):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, TypeAlias
 
 from msgspec.structs import replace
 
@@ -14,29 +14,56 @@ from llfsm.runtime.debugging.published_causes import why_of
 if TYPE_CHECKING:
     from llfsm.whiteboard.messages.debugging import MachineWhy
 
+    from .kept_travel import Travelled
     from .travel import Travel
 
-__all__ = ["Explainer"]
+__all__ = ["Explained", "Explainer"]
+
+_Whys: TypeAlias = "Mapping[str, MachineWhy]"
+
+
+class Explained:
+    """What is asked of machines that run again."""
+
+    def __init__(self, travel: Travel):
+        self._travel = travel
+
+    def past(self, now_ns: int) -> tuple[str, _Whys]:
+        """Go past a moment, and return what `explain` does."""
+        self._travel.go_past(now_ns)
+        return self.explain(now_ns)
+
+    def explain(self, now_ns: int) -> tuple[str, _Whys]:
+        """Return why there is no such moment, or the machines' reasons then, by their names."""
+        self._travel.wait()
+        if self._travel.difference:
+            return self._travel.difference, {}
+        arrangement = self._travel.arrangement
+        names = [machine.name for machine in arrangement.machines]
+        # Breakpoints are none of the recording's.
+        whys = {name: replace(why_of(arrangement, name, now_ns), breakpoints=()) for name in names}
+        return "", whys
 
 
 class Explainer:
     """Explain the moments that a page shows; `travel` goes through the journal of that `process`.
 
-    The latest moment that was asked for counts: those before it may be left out.
+    It is asked what `Explained` has, and closed with the explainer. The latest moment that was
+    asked for counts: those before it may be left out.
     """
 
-    def __init__(self, process: int, travel: Callable[[], Travel]):
+    def __init__(self, process: int, travel: Travelled):
         self.process = process
         self.problem = ""
         """Why machines cannot be run up to the latest moment; "" if they can."""
         self._travel = travel
         self._asked = threading.Condition()
         self._wanted: int | None = None
-        self._answer: tuple[int, Mapping[str, MachineWhy]] = (-1, {})
+        self._answer: tuple[int, _Whys] = (-1, {})
         self._over = False
         self._thread: threading.Thread | None = None  # from the first question on
 
-    def at(self, now_ns: int) -> Mapping[str, MachineWhy]:
+    def at(self, now_ns: int) -> _Whys:
         """Return the machines at that moment, by name; none as long as they are not there."""
         with self._asked:
             known_ns, found = self._answer
@@ -56,13 +83,14 @@ class Explainer:
             self._asked.notify()
         if self._thread is not None:
             self._thread.join()
+        self._travel.close()
 
     def _run(self) -> None:
         try:
-            with self._travel() as travel:
-                travel.wait()
-                while (wanted := self._next()) is not None:
-                    self._answer = wanted, self._explain(travel, wanted)
+            while (wanted := self._next()) is not None:
+                asked = self._travel.ask("past", wanted, then=("explain", wanted))
+                self.problem, whys = asked
+                self._answer = wanted, whys
         except LlfsmError as error:
             self.problem = str(error)
 
@@ -71,13 +99,3 @@ class Explainer:
             self._asked.wait_for(lambda: self._over or self._wanted is not None)
             wanted, self._wanted = self._wanted, None
             return None if self._over else wanted
-
-    def _explain(self, travel: Travel, now_ns: int) -> Mapping[str, MachineWhy]:
-        travel.go_past(now_ns)
-        self.problem = travel.difference
-        if self.problem:
-            return {}
-        arrangement = travel.arrangement
-        names = [machine.name for machine in arrangement.machines]
-        # Breakpoints are none of the recording's.
-        return {name: replace(why_of(arrangement, name, now_ns), breakpoints=()) for name in names}

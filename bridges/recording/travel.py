@@ -145,10 +145,7 @@ class Travel:
             self._require_code(place)
         self.debugger.place = place
         self.debugger.proceed()
-        try:
-            return self.wait()
-        finally:
-            self.debugger.place = None
+        return self.wait()
 
     def goto(self, seconds: float) -> str:
         """Go to the first moment at or after that time, and return as `wait` does."""

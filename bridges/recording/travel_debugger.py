@@ -144,6 +144,10 @@ class TravelDebugger(Debugger):
         else:
             self.passed = self.number + 1
 
+    def _begin(self, why: str) -> None:
+        self.place = None
+        super()._begin(why)
+
     def _hold(self, is_over: Callable[[], bool]) -> None:
         while not is_over():  # also after the stop that was recorded
             pass

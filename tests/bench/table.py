@@ -28,6 +28,7 @@ __all__ = [
     "PERIODS",
     "RATE",
     "SLOWER",
+    "WORST_S",
     "Row",
     "Score",
 ]
@@ -57,6 +58,7 @@ ADDED_NS = Score(lambda ours, its: min(ours) - min(its), " ns", shown=min)
 ADDED_MS = Score(lambda ours, its: (min(ours) - min(its)) / 1e6, " ms", shown=min)
 ALONE_MS = Score(lambda ours: min(ours) / 1e6, " ms", shown=min)
 ALONE_S = Score(lambda ours: min(ours) / 1e9, " s", shown=min)
+WORST_S = Score(lambda ours: max(ours) / 1e9, " s", shown=max)
 ALONE_MIB = Score(lambda ours: median(ours) / 2**20, " MiB", sampled="bytes")
 MORE_BYTES = Score(lambda ours, its: ours[0] / its[0], "x", sampled="B")
 MORE_PERCENT = Score(lambda ours, its: ours[0] / its[0], "x", sampled="%")

@@ -59,7 +59,7 @@ def test_every_promise_is_judged_in_a_row(quick):
     _, report = quick
     promised = [row["promised"] for row in report["rows"] if row["promised"] is not None]
     assert sorted(promised) == [
-        0.5, 1, 1, 1, 1, 1.02, 1.02, 1.02, 1.1, 1.1, 1.2, 1.2, 1.2, 1.4, 1.5, 1.5, 1.5, 2.2, 2.5,
+        0.5, 1, 1, 1, 1, 1.02, 1.02, 1.02, 1.1, 1.1, 1.2, 1.2, 1.2, 1.4, 1.5, 1.5, 1.5, 2, 2.2, 2.5,
         2.8, 3.5, 4, 4, 6, 9, 15, 20, 25, 25, 28, 30, 40, 50, 50, 50, 50, 60, 120, 150,
         150, 150, 150, 150, 200, 1024, 200_000,
     ]  # fmt: skip

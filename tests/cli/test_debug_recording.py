@@ -12,7 +12,7 @@ from llfsm.bridges.recording.journal_writer import JournalWriter
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.replay_recorder import record_replay
 from llfsm.bridges.recording.writer import RecordingWriter
-from llfsm.cli.debug.travel_prompt import TravelPrompt
+from llfsm.cli.debug.travel_prompt import AskedPrompt, TravelPrompt
 from llfsm.cli.recorded_plans import plan_of_one, travel_through
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member
@@ -180,9 +180,8 @@ PLAN = {"machine": [{"definition": "bouncers.py:Bouncer"}]}
 def test_words_are_completed(llfsm: Llfsm, file: Path) -> None:
     recording = Recording(file)
     found = plan_of_one(recording, [f"{MACHINES}:Bouncer"], trust=False)
-    with travel_through(recording, *found) as travel:
-        travel.wait()
-        prompt = TravelPrompt(travel)
+    with travel_through(recording, *found, TravelPrompt) as travel:
+        prompt = AskedPrompt(travel)
         assert {"back", "goto", "pdb", "step"} <= {*prompt.candidates("")}
         assert prompt.candidates("back ") == ["turn", "round", "fire", "leave"]
         assert prompt.candidates("back leave ") == ["Bouncer"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,10 @@ import msgspec
 from msgspec.structs import replace
 
 from llfsm.bridges.recording.errors import NoEventsError, RecordingFileError
+from llfsm.bridges.recording.kept_travel import Travelled, travelling
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.bridges.recording.rerun import Rerun, whole_journals
-from llfsm.bridges.recording.travel import Travel
+from llfsm.bridges.recording.travel_host import Serve
 from llfsm.runtime.plans.dispatch import DispatchTable
 from llfsm.runtime.plans.plan import Plan, PlannedMachine, assemble
 
@@ -55,9 +56,13 @@ def plan_of_one(
 
 
 def travel_through(
-    recording: Recording, journal: RecordedJournal, resolved: ResolvedPlan
-) -> Travel:
-    """Return what goes through a recording, with the machines of a plan."""
+    recording: Recording,
+    journal: RecordedJournal,
+    resolved: ResolvedPlan,
+    serve: Serve,
+    read_line: Callable[[], str] = lambda: "",
+) -> Travelled:
+    """Return what goes through a recording, with the machines of a plan, as `travelling` does."""
 
     def again() -> Rerun:
         rerun = Rerun(recording.entries(journal), str(recording.path))
@@ -65,7 +70,7 @@ def travel_through(
         assemble(plan, resolved.classes, rerun.environment, library=library)
         return rerun
 
-    return Travel(again, resolved.classes, recording.span_ns[0])
+    return travelling(again, resolved.classes, recording.span_ns[0], serve, read_line)
 
 
 def _resolve(

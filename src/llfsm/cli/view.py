@@ -144,7 +144,7 @@ def _source(
 
 
 def _explainer(file: Path, machines: tuple[str, ...], *, trust: bool) -> Explainer:
-    from llfsm.bridges.recording.explaining import Explainer
+    from llfsm.bridges.recording.explaining import Explained, Explainer
     from llfsm.bridges.recording.reader import Recording
 
     from .recorded_plans import plan_of_one, travel_through
@@ -153,4 +153,6 @@ def _explainer(file: Path, machines: tuple[str, ...], *, trust: bool) -> Explain
     logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     journal, resolved = plan_of_one(recording, machines, trust=trust)
-    return Explainer(journal.process, lambda: travel_through(recording, journal, resolved))
+    # Its processes are forked from this one, before that has threads and connections.
+    travel = travel_through(recording, journal, resolved, Explained)
+    return Explainer(journal.process, travel)

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.recording.explaining import Explainer
+from llfsm.bridges.recording.explaining import Explained, Explainer
+from llfsm.bridges.recording.kept_travel import travelling
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.recorded_causes import causes_at
 from llfsm.bridges.recording.recorded_source import RecordedSource
 from llfsm.bridges.recording.replay_recorder import record_replay
 from llfsm.bridges.recording.rerun import Rerun
-from llfsm.bridges.recording.travel import Travel
 from llfsm.runtime import ManualClock
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member
@@ -72,15 +72,13 @@ def test_the_values_of_guards_are_those_of_the_last_turn(recording: Recording) -
 def explaining(recording: Recording, follower: Any) -> Iterator[RecordedSource]:
     (journal,) = recording.journals
 
-    def travel() -> Travel:
-        def again() -> Rerun:
-            rerun = Rerun(recording.entries(journal))
-            rerun.arrange().load(Keeper)
-            rerun.arrangement.load(follower, name="Follower")
-            return rerun
+    def again() -> Rerun:
+        rerun = Rerun(recording.entries(journal))
+        rerun.arrange().load(Keeper)
+        rerun.arrangement.load(follower, name="Follower")
+        return rerun
 
-        return Travel(again, MACHINES, recording.span_ns[0])
-
+    travel = travelling(again, MACHINES, recording.span_ns[0], Explained)
     explainer = Explainer(journal.process, travel)
     source = RecordedSource(recording.path, ManualClock(), explainer=explainer)
     yield source

@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 import click
 from msgspec.structs import replace
@@ -20,10 +21,15 @@ from llfsm.errors import LlfsmError
 from ..options import BoardPlace, board_option, break_option, given_option, trust_option
 from ..run.arguments import parse_arguments
 from ..run.recorder_process import recorded
-from .prompt import Debugged, LivePrompt, Prompt
+from .prompt import LivePrompt, Prompt
 from .session import Session, clock_of
 
+if TYPE_CHECKING:
+    from .travel_prompt import AskedPrompt
+
 __all__ = ["debug"]
+
+_Prompt: TypeAlias = "Prompt | AskedPrompt"
 
 _ENTRIES = 1000  # of the history
 _RECORDING = ".mcap"
@@ -94,7 +100,7 @@ def _debug_live(
         recorded(recording, wb, resolved.plan, clock_of(resolved.plan)) as environment,
         Session(resolved, environment) as session,
     ):
-        _converse(LivePrompt(session), session)
+        _converse(LivePrompt(session))
     if session.error is not None:
         raise click.ClickException(str(session.error))
 
@@ -112,31 +118,32 @@ def _debug_recording(
     from llfsm.bridges.recording.reader import Recording
 
     from ..recorded_plans import plan_of_one, travel_through
-    from .travel_prompt import TravelPrompt
+    from .travel_prompt import AskedPrompt, TravelPrompt
 
     # Late turns and failures were reported at the time of the recording.
     logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     journal, resolved = plan_of_one(recording, machines, trust=trust)
-    with _ending_with_the_terminal(), travel_through(recording, journal, resolved) as travel:
-        travel.wait()  # which finds other machines
-        travel.break_at(*resolved.plan.breakpoints, *breakpoints)
-        _converse(TravelPrompt(travel), travel, [] if place is None else [f"pdb {place}"])
+    travel = travel_through(
+        recording, journal, resolved, TravelPrompt, lambda: sys.stdin.readline()
+    )
+    with _ending_with_the_terminal(), travel:
+        travel.ask("break_at", *resolved.plan.breakpoints, *breakpoints)
+        _converse(AskedPrompt(travel), [] if place is None else [f"pdb {place}"])
 
 
-def _converse(prompt: Prompt, session: Debugged, lines: Iterable[str] = ()) -> None:
+def _converse(prompt: _Prompt, lines: Iterable[str] = ()) -> None:
     """Carry out `lines`, then those that are entered, until there is nothing more to do."""
     console = Console(markup=False, soft_wrap=True)
     with _editing(prompt):
-        session.wait()
         _print(console, prompt.where())
         for line in lines:
             _print(console, prompt.do(line))
         while not prompt.over:
-            _enter(console, prompt, session)
+            _enter(console, prompt)
 
 
-def _enter(console: Console, prompt: Prompt, session: Debugged) -> None:
+def _enter(console: Console, prompt: _Prompt) -> None:
     """Take a line and carry it out; Ctrl-C pauses machines that run, and else drops the line."""
     try:
         _print(console, prompt.do(input("llfsm> ")))
@@ -147,10 +154,7 @@ def _enter(console: Console, prompt: Prompt, session: Debugged) -> None:
         _print(console, prompt.do("quit"))
     except KeyboardInterrupt:
         console.print()
-        if not session.debugger.paused:
-            session.debugger.pause("interrupt")
-            session.wait()
-            _print(console, prompt.where())
+        _print(console, prompt.interrupted())
 
 
 def _print(console: Console, lines: Iterable[str]) -> None:
@@ -175,7 +179,7 @@ def _ending_with_the_terminal() -> Iterator[None]:
 
 
 @contextmanager
-def _editing(prompt: Prompt) -> Iterator[None]:
+def _editing(prompt: _Prompt) -> Iterator[None]:
     """Edit lines with a history, kept in a file, and complete words with Tab."""
     try:
         import readline

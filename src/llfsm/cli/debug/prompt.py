@@ -115,6 +115,7 @@ class Prompt:
 
     def where(self) -> Iterator[str]:
         """Yield where the machines are paused, or how they have ended."""
+        self._session.wait()
         debugger = self._session.debugger
         if debugger.turn is not None:
             machine = debugger.turn.machine
@@ -128,6 +129,13 @@ class Prompt:
     def end(self) -> Iterator[str]:
         """Yield why the machines are not paused, though nothing runs."""
         raise NotImplementedError
+
+    def interrupted(self) -> Iterator[str]:
+        """Pause machines that run, and yield where."""
+        if not self._session.debugger.paused:
+            self._session.debugger.pause("interrupt")
+            self._session.wait()
+            yield from self.where()
 
     def candidates(self, before: str) -> list[str]:
         """Return the words that may follow `before`, the part of a line before the last word."""

@@ -12,9 +12,39 @@ from llfsm.runtime.engine.state import SECTIONS
 from .prompt import LAST, SHARED, Command, Prompt, PromptError, step_of
 
 if TYPE_CHECKING:
+    from llfsm.bridges.recording.kept_travel import Travelled
     from llfsm.bridges.recording.travel import Travel
 
-__all__ = ["TravelPrompt"]
+__all__ = ["AskedPrompt", "TravelPrompt"]
+
+
+class AskedPrompt:
+    """Have a `TravelPrompt` carry out commands, in whichever process the machines are then."""
+
+    def __init__(self, travel: Travelled):
+        self._travel = travel
+        self.over = False
+        """Whether `quit` was entered."""
+
+    def do(self, line: str) -> Iterator[str]:
+        """Carry out a line and yield what is to be printed; raise `LlfsmError` if it is wrong."""
+        lines, self.over = self._travel.ask("done", line, then=("landed",))
+        if lines and lines[0].startswith("interrupt:"):
+            yield ""  # after what the terminal shows for Ctrl-C
+        yield from lines
+
+    def where(self) -> Iterator[str]:
+        """Yield where the machines are paused, or why there is no later moment."""
+        yield from self._travel.ask("where")
+
+    def interrupted(self) -> Iterator[str]:
+        """Pause machines that run, and yield where."""
+        yield from self._travel.ask("interrupted")
+
+    def candidates(self, before: str) -> list[str]:
+        """Return the words that may follow `before`, the part of a line before the last word."""
+        found: list[str] = self._travel.ask("candidates", before)
+        return found
 
 
 class TravelPrompt(Prompt):
@@ -31,6 +61,18 @@ class TravelPrompt(Prompt):
     def end(self) -> Iterator[str]:
         """Yield why there is no later moment."""
         yield from self._session.end.splitlines()
+
+    def break_at(self, *texts: str) -> None:
+        """Replace all breakpoints; raise `BreakpointError`."""
+        self._session.break_at(*texts)
+
+    def done(self, line: str) -> tuple[list[str], bool]:
+        """Carry out a line; return what is to be printed, and whether there is nothing more."""
+        return [*self.do(line)], self.over
+
+    def landed(self) -> tuple[list[str], bool]:
+        """Return the same once machines are paused after it."""
+        return [*self.where()], self.over
 
     def candidates(self, before: str) -> list[str]:
         """Return the words that may follow `before`, the part of a line before the last word."""

@@ -1,0 +1,341 @@
+"""Processes that are kept on the way show what running from the beginning shows."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from llfsm.bridges.recording import kept_points, kept_travel, travel_host
+from llfsm.bridges.recording.errors import MachinesGoneError
+from llfsm.bridges.recording.kept_travel import InProcess, KeptTravel, travelling
+from llfsm.bridges.recording.rerun import Rerun
+from llfsm.bridges.recording.travel import Travel
+from llfsm.errors import LlfsmError
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.state import State
+from llfsm.whiteboard.liveness import born
+
+from .journalled_run import Run
+from .test_travel import MACHINES, journal, sight
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked")
+
+
+class Shown:
+    """What is asked in these tests."""
+
+    def __init__(self, travel: Travel):
+        self.travel = travel
+
+    def do(self, name: str, *arguments: Any) -> object:
+        getattr(self.travel, name)(*arguments)
+        return self.sight()
+
+    def sight(self) -> object:
+        why = self.travel.wait()
+        return why, self.travel.end, self.travel.debugger.fired, sight(self.travel)
+
+    def variables(self, machine: str) -> dict[str, Any]:
+        self.travel.wait()
+        found = self.travel.arrangement.machine(machine)
+        return {name: getattr(found, name) for name in type(found).table.variables}
+
+
+def opened(kind: Any, run: Run, machines: list[Any] = MACHINES) -> Any:
+    named = {each.__name__: each for each in machines}
+
+    def again() -> Rerun:
+        rerun = Rerun(run.entries)
+        rerun.arrange(machines)
+        return rerun
+
+    return kind(again, named, 0, Shown)
+
+
+def do(travel: Any, name: str, *arguments: Any) -> object:
+    try:
+        return travel.ask("do", name, *arguments, then=("sight",))
+    except LlfsmError as error:
+        return str(error)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return journal(24)
+
+
+@pytest.fixture(autouse=True)
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep a moment every few turns."""
+    monkeypatch.setattr(travel_host, "KEEP_S", 0.0)
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_points, "MOST_POINTS", 4)
+
+
+STEPS = st.sampled_from(["turn", "round", "transition", "leave"])
+TEXTS = st.lists(
+    st.sampled_from(["Follower:high", "Follower:low#3", "@command#2", "Keeper:watch->"]),
+    unique=True,
+    max_size=2,
+)
+MOVES = st.one_of(
+    st.tuples(st.just("step"), STEPS, st.sampled_from([None, "Keeper", "Follower"])),
+    st.tuples(st.just("back"), STEPS, st.sampled_from([None, "Keeper", "Follower"])),
+    st.tuples(st.just("goto"), st.floats(-0.1, 0.6)),
+    st.just(("proceed",)),
+    st.just(("back_to_breakpoint",)),
+)
+
+
+@settings(max_examples=4, deadline=None)
+@given(texts=TEXTS, moves=st.lists(MOVES, max_size=6), last=st.lists(MOVES, max_size=3))
+def test_any_walk_shows_what_a_run_from_the_beginning_shows(
+    run: Run, texts: list[str], moves: list[Any], last: list[Any]
+) -> None:
+    """With breakpoints that are set at the beginning, and after the whole was seen once."""
+    with opened(KeptTravel, run) as kept, opened(InProcess, run) as plain:
+        for move in [
+            ("goto", 1e9),
+            ("break_at", *texts),
+            ("goto", 0.0),
+            *moves,
+            ("break_at",),
+            *last,
+        ]:
+            assert do(kept, *move) == do(plain, *move), move
+
+
+def test_few_moments_are_kept_and_none_after_that(run: Run, few: None) -> None:
+    with opened(KeptTravel, run) as travel:
+        do(travel, "goto", 1e9)
+        do(travel, "back", "turn")
+        points = [*travel.kept.points]
+        assert len(points) == 4
+        ours = [*points, travel._origin, travel._host]
+        processes = [(each.process, born(each.process)) for each in ours]
+        assert all(since for _, since in processes)
+        shown = {each.at.number for each in points}
+        assert min(shown) < 16 < max(shown), "the whole way has some"
+    assert_ended(processes)
+
+
+def assert_ended(processes: list[tuple[int, int]]) -> None:
+    for process, since in processes:
+        assert born(process) != since, "no process is left, nor a zombie"
+
+
+def test_a_moment_whose_process_was_killed_is_done_without(run: Run) -> None:
+    """By an earlier one, or the beginning, and its process is started anew."""
+    with opened(KeptTravel, run) as travel, opened(InProcess, run) as plain:
+        for each in (travel, plain):
+            do(each, "goto", 1e9)
+        for number in range(3):
+            points = [*travel.kept.points]
+            assert points
+            killed = points[-2:] if number == 0 else points
+            for point in killed:
+                os.kill(point.process, signal.SIGKILL)
+            if number == 2:
+                os.kill(travel._origin.process, signal.SIGKILL)
+            for move in (("back", "turn"), ("back", "leave", "Keeper"), ("step", "round")):
+                assert do(travel, *move) == do(plain, *move)
+            assert {*killed} - {*travel.kept.points}, "it was found to have ended"
+
+
+def test_machines_whose_process_has_ended_are_where_they_were(run: Run) -> None:
+    with opened(KeptTravel, run) as travel:
+        do(travel, "goto", 0.2)
+        there = travel.ask("sight")
+        os.kill(travel._host.process, signal.SIGKILL)
+        with pytest.raises(MachinesGoneError, match="they are where they were"):
+            travel.ask("do", "goto", 1e9, then=("sight",))
+        assert travel.ask("sight")[1:] == there[1:]
+
+
+class Reader(Machine):
+    """Write a file and read another, line by line."""
+
+    lines: str = ""
+
+    READ = State()
+    END = State()
+    READ.to(END, when=lambda m: m.stopping)
+
+    @READ.on_entry
+    def _(self) -> None:
+        self._file = FILE.open()
+        self._written = FILE.with_suffix(".out").open("w")
+        OPENED.extend([self._file, self._written])
+
+    @READ.internal
+    def _(self) -> None:
+        self.lines = self._file.readline()
+        self._written.write(self.lines)
+        self._written.flush()
+
+
+FILE = Path()
+OPENED: list[Any] = []
+
+
+def run_of(machine: type[Machine], rounds: int) -> Run:
+    run = Run([machine])
+    for _ in range(rounds):
+        run.arrangement.round()
+    run.arrangement.end()
+    return run
+
+
+def test_files_are_read_on_from_where_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "lines"
+    file.write_text("".join(f"{number:02000}\n" for number in range(40)))
+    monkeypatch.setattr(sys.modules[__name__], "FILE", file)
+    run = run_of(Reader, 40)
+    for each in OPENED:
+        each.close()
+    with opened(KeptTravel, run, [Reader]) as travel:
+        do(travel, "goto", 1e9)
+        assert len(travel.kept.points) > 2
+        for expected in (39, 38, 37, 20, 19):
+            while int(travel.ask("variables", "Reader")["lines"]) > expected:
+                do(travel, "back", "turn")
+            assert int(travel.ask("variables", "Reader")["lines"]) == expected
+        do(travel, "step", "turn")
+        assert int(travel.ask("variables", "Reader")["lines"]) == 20
+    written = file.with_suffix(".out").read_text().splitlines()
+    assert [int(line) for line in written[:21]] == [*range(21)]
+
+
+GO_ON = threading.Event()
+
+
+class Threaded(Machine):
+    """Start a thread in its tenth turn."""
+
+    turns: int = 0
+    child: int = 0
+
+    RUN = State()
+    END = State()
+    RUN.to(END, when=lambda m: m.stopping)
+
+    @RUN.internal
+    def _(self) -> None:
+        self.turns += 1
+        if self.turns == 20:
+            threading.Thread(target=GO_ON.wait, daemon=True).start()
+
+
+PIPES: list[int] = []
+CHILDREN: list[Any] = []
+
+
+class Connected(Threaded):
+    RUN = State()
+    END = State()
+    RUN.to(END, when=lambda m: m.stopping)
+
+    @RUN.internal
+    def _(self) -> None:
+        self.turns += 1
+        if self.turns == 20:
+            PIPES.extend(os.pipe())
+
+
+class Parent(Threaded):
+    RUN = State()
+    END = State()
+    RUN.to(END, when=lambda m: m.stopping)
+
+    @RUN.internal
+    def _(self) -> None:
+        self.turns += 1
+        if self.turns == 20:
+            CHILDREN.append(subprocess.Popen(["cat"], stdin=subprocess.PIPE))
+            self.child = CHILDREN[0].pid
+
+
+@pytest.mark.parametrize("machine", [Threaded, Connected, Parent])
+def test_what_cannot_be_copied_is_not_kept(machine: type[Machine]) -> None:
+    """The machines run on from before it, with all that they had."""
+    run = run_of(machine, 40)
+    GO_ON.set()  # what was recorded is over
+    while PIPES:
+        os.close(PIPES.pop())
+    while CHILDREN:
+        CHILDREN.pop().communicate()
+    GO_ON.clear()
+    with opened(KeptTravel, run, [machine]) as travel:
+        do(travel, "goto", 1e9)
+        kept = [each.at.number for each in travel.kept.points]
+        assert kept
+        assert max(kept) <= 21
+        children = [travel.ask("variables", machine.__name__)["child"]]
+        do(travel, "back", "turn")
+        assert travel.ask("variables", machine.__name__)["turns"] == 39
+        children.append(travel.ask("variables", machine.__name__)["child"])
+    for child in filter(None, children):  # those of machines become ours
+        os.waitpid(child, 0)
+
+
+def test_without_forks_machines_run_in_the_same_process(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(kept_travel.sys, "platform", "win32")
+        travel = opened(travelling, run)
+    assert isinstance(travel, InProcess)
+    with travel, opened(KeptTravel, run) as kept:
+        for move in (("step", "turn"), ("goto", 0.2), ("back", "round")):
+            assert do(travel, *move) == do(kept, *move)
+
+
+def test_all_ends_when_whoever_asks_is_killed(run: Run) -> None:
+    reads, writes = os.pipe()
+    asker = os.fork()
+    if not asker:
+        try:
+            os.setsid()
+            travel = opened(KeptTravel, run)
+            do(travel, "goto", 1e9)
+            found = [travel._host.process, travel._origin.process]
+            found += [each.process for each in travel.kept.points]
+            os.write(writes, " ".join(f"{each}:{born(each)}" for each in found).encode())
+            signal.pause()
+        finally:
+            os._exit(1)
+    os.close(writes)
+    found = [tuple(map(int, each.split(":"))) for each in os.read(reads, 4096).decode().split()]
+    assert len(found) > 4
+    os.kill(asker, signal.SIGKILL)
+    os.waitpid(asker, 0)
+    os.close(reads)
+    for process, since in found:
+        wait_for_end(process, since)
+
+
+def wait_for_end(process: int, since: int) -> None:
+    with suppress(ProcessLookupError, FileNotFoundError):
+        number = os.pidfd_open(process)
+        if born(process) == since:
+            import select
+
+            poll = select.poll()
+            poll.register(number, select.POLLIN)
+            assert poll.poll(60_000), "it has not ended"
+        os.close(number)
