@@ -24,6 +24,7 @@ class Defined(Arrangement):
     """An arrangement whose ringlets, rotation and timing are those in Python."""
 
     _give_turns = rotation.Rotation._give_turns
+    _give_round = rotation.Rotation._give_round
     _rest = rotation.Rotation._rest
 
     def _bind_all(self) -> None:

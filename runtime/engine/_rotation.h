@@ -40,6 +40,13 @@ static PyObject *give_turns(PyObject *self, PyObject *turns)
     return PyErr_Occurred() ? NULL : PyBool_FromLong(any);
 }
 
+/* Give a round that nobody observes, and for whose time nobody waits. */
+static PyObject *give_plain_round(PyObject *self, PyObject *turns)
+{
+    ((Record *)self)->rounds++;
+    return give_turns(self, turns);
+}
+
 /* How machines stand: each seat, and what Control.marks returns of it. The objects are held, so that
  * no other one can lie in the place of one that is gone. */
 enum { MARKS = 7 };
@@ -83,8 +90,7 @@ static int give_round(Record *self, PyObject *turns)
         if (!is_done(begins) || begins != Py_True)
             return -1;
     }
-    self->rounds++;
-    PyObject *fired = give_turns((PyObject *)self, turns);
+    PyObject *fired = give_plain_round((PyObject *)self, turns);
     return is_done(fired) ? fired == Py_True : -1;
 }
 
@@ -111,6 +117,7 @@ static PyObject *rest(PyObject *object, PyObject *arguments)
 }
 
 static PyMethodDef rotation_methods[] = {{"_give_turns", give_turns, METH_O, NULL},
+                                         {"_give_round", give_plain_round, METH_O, NULL},
                                          {"_rest", rest, METH_VARARGS, NULL},
                                          {NULL, NULL, 0, NULL}};
 static struct kind rotations = {.name = "llfsm.runtime.engine._ringlet.Rotation",

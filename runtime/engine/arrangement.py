@@ -220,15 +220,18 @@ class Arrangement(Rotation, Observed, Control):
 
         With a period or a timetable, wait until they are due.
         """
-        if self._gate is not None and not self._gate():
-            return False
-        self.rounds += 1
-        if self.observers:
-            self.emit(RoundBegin(*self.stamp()))
-        seats: Iterable[Seat | None] = self._roster.seats  # it grows and gets holes on the way
-        if self.timetable is not None and self._pacer is not None:
-            seats = self._pacer.turns(self._roster.named)
-        fired = self._give_turns(seats)
+        if self._gate is None and not self.observers:
+            fired = self._give_round(self._roster.seats)  # which grow and get holes on the way
+        else:
+            if self._gate is not None and not self._gate():
+                return False
+            self.rounds += 1
+            if self.observers:
+                self.emit(RoundBegin(*self.stamp()))
+            seats: Iterable[Seat | None] = self._roster.seats
+            if self.timetable is not None and self._pacer is not None:
+                seats = self._pacer.turns(self._roster.named)
+            fired = self._give_turns(seats)
         if self.observers:
             self.emit(RoundEnd(*self.stamp(), fired, self.finished, self.standings()))
         return fired

@@ -53,6 +53,11 @@ class Rotation:
                 self._let_go()
         return any_fired
 
+    def _give_round(self, seats: Iterable[Seat | None]) -> bool:
+        """Give a round that nobody observes, and for whose time nobody waits."""
+        self.rounds += 1
+        return self._give_turns(seats)
+
     def _rest(self, seats: list[Seat | None], sleep: Callable[[], bool]) -> bool:
         """Give rounds, and sleep after each, until one changes where a machine stands.
 
@@ -62,8 +67,7 @@ class Rotation:
         """
         turn, before = self._turn, self.marks()
         while self._gate is None or self._gate():
-            self.rounds += 1
-            fired = self._give_turns(seats)
+            fired = self._give_round(seats)
             is_same = self._turn is turn and self.marks() == before
             if fired or not is_same or not sleep():
                 return fired
