@@ -53,13 +53,13 @@ def test_a_fault_is_found_with_its_seed(tmp_path: Path) -> None:
         (tmp_path / name).write_text((HERE / name).read_text())
     with (tmp_path / "targets.py").open("a") as targets:
         targets.write(
-            "def broken(choose, folder):\n    assert choose.random() < 0.9\n"
+            "def broken(choose, folder):\n    assert choose.random() < 0.5\n"
             "TARGETS['broken'] = broken\n"
         )
     command = [sys.executable, str(tmp_path / "run.py"), "broken", "--first", "1"]
     environment = os.environ | {"PYTHONPATH": str(HERE.parent)}
     done = subprocess.run(
-        [*command, "--minutes", "1"], text=True, capture_output=True, check=False, env=environment
+        [*command, "--minutes", "60"], text=True, capture_output=True, check=False, env=environment
     )
     assert done.returncode == 1
     lines = done.stdout.splitlines()

@@ -278,7 +278,7 @@ def test_one_that_is_suspended_meanwhile_stays_so(
 
 def test_a_failed_machine_is_reloaded(run: Callable[..., Running]) -> None:
     running = run(on_error="suspend", timed=True)
-    running.write({"State_Off_OnEntry.py": "level // 0\n"})
+    running.write({"State_Off_OnEntry.py": "level // (level - level)\n"})
     assert running.ask().refusal == ""
     running.shows(lambda s: s.failed, "its new code has failed")
     assert running.value("lamp") == -1
