@@ -299,7 +299,7 @@ def test_a_wait_of_very_many_periods_is_named(llfsm: Llfsm) -> None:
 
 @pytest.mark.parametrize("option", ["--record", "--pytest"])
 def test_no_file_is_replaced(llfsm: Llfsm, option: str) -> None:
-    file = llfsm.cwd / "mine"
+    file = llfsm.cwd / "mine.mcap"
     file.write_text("mine")
     done = verify(llfsm, *oven("shut"), option, file)
     assert (done.returncode, file.read_text()) == (2, "mine")

@@ -81,7 +81,7 @@ def test_a_place_that_is_none_is_said():
         [*ROUTER, "--listen", "nonsense"], capture_output=True, text=True, timeout=30, check=False
     )
     assert done.returncode == 1
-    assert done.stderr.startswith("Error: no router on nonsense: ")
+    assert done.stderr.startswith("Error: no router: 'nonsense' is not an endpoint such as tcp/")
 
 
 def test_by_default_only_this_host_is_listened_to():
