@@ -1180,7 +1180,7 @@ static inline int lwb_read(struct lwb_slot *s, void *data, size_t room, struct l
 
 /* The messages of `writer` that its buffers still hold, without their payloads: at most LWB_BUFFERS,
  * in no order. One that lost to another message in lwb_add_after may be among them, with the other
- * one's count. */
+ * one's count, and one that is being added, which has its count before the word is swapped. */
 static inline int lwb_recent(struct lwb_slot *s, unsigned writer, struct lwb_meta *metas, int *found)
 {
     *found = 0;
