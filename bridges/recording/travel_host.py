@@ -271,7 +271,7 @@ def _forked() -> bool:
     if grandchild:
         os._exit(0)
     while os.getppid() == between:  # until then whom it serves cannot wait for its end
-        time.sleep(_YIELD_S)
+        time.sleep(_YIELD_S)  # nothing signals that a process has a new parent
     return True
 
 

@@ -209,7 +209,7 @@ class Adapter:
             self._inspection, number = Inspection(session), debugger.pauses
             self._stopped(why)
             while debugger.paused and debugger.pauses == number:
-                time.sleep(_LOOK_S)
+                time.sleep(_LOOK_S)  # nothing signals that others have continued them
             if not self._is_resumed.is_set():
                 self._event("continued", threadId=_THREAD, allThreadsContinued=True)
         self._finish(session)
