@@ -91,9 +91,8 @@ class Travel:
 
     @property
     def machine(self) -> str:
-        """The name of the machine whose turn is to come; of the first one if that is not known."""
-        turn = self.debugger.turn
-        return turn.machine if turn is not None else next(iter(self.library))
+        """The name of the machine to look at; of the first one if that is not known."""
+        return self.debugger.machine or next(iter(self.library))
 
     @property
     def now_s(self) -> float:

@@ -102,6 +102,7 @@ class Debugger:
         """The turn that is to come, while paused."""
         self.fired: Fired | None = None
         """The transition at whose breakpoint it is paused."""
+        self._hit_in = ""  # the machine at whose breakpoint it is paused
         arrangement.instrument = self
 
     @classmethod
@@ -119,6 +120,14 @@ class Debugger:
     def paused(self) -> str:
         """Why the arrangement is paused; "" while it is not."""
         return self._arrangement.paused
+
+    @property
+    def machine(self) -> str:
+        """The machine to look at: at a breakpoint that of it, else that of `turn`; "" if none."""
+        loaded = (each.machine for each in filter(None, self._arrangement.standings()))
+        if self._hit_in in loaded:  # one that has failed may be no more
+            return self._hit_in
+        return self.turn.machine if self.turn else ""
 
     def wait(self, timeout_s: float) -> str:
         """Wait until the arrangement is paused, and return why.
@@ -155,7 +164,7 @@ class Debugger:
     def step(self, until: Step = "turn", machine: str | None = None) -> None:
         """Go on, and pause again: by default, before the next turn.
 
-        `machine` is the one that is to leave its state, by default that of the next turn. Raise
+        `machine` is the one that is to leave its state, by default the one to look at. Raise
         `OptionError` for what is no step, and `UnknownMachineError` for a machine.
         """
         if until not in get_args(Step):
@@ -169,7 +178,7 @@ class Debugger:
             case "transition":
                 goal = Goal("step: transition", lambda _: self._fired)
             case "leave":
-                name = machine or (self.turn.machine if self.turn else "")
+                name = machine or self.machine
                 state = self._arrangement.standing(name).state
                 goal = Goal(f"step: {name} left {state}", lambda _: not self.stands(name, state))
         self._run(goal)
@@ -301,6 +310,7 @@ class Debugger:
 
     def _hit(self, why: str, seat: Seat, source: str) -> None:
         """Pause before the next turn: a breakpoint is reached."""
+        self._hit_in = seat.name
         if source:
             causes = Cause.fired(seat.machine, source, seat.arrival().transition)
             self.fired = Fired(seat.name, source, seat.current.name, causes)
@@ -365,6 +375,6 @@ class Debugger:
             self._hold(is_over)
         finally:
             self._is_paused.clear()
-            self.turn, self.fired, self._arrangement.paused = None, None, ""
+            self.turn, self.fired, self._hit_in, self._arrangement.paused = None, None, "", ""
             if not self._go.is_set():  # a stop or an error has ended it
                 self.proceed()

@@ -14,7 +14,8 @@ import enum
 import inspect
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from types import FunctionType, ModuleType
 from typing import Any, Final
@@ -30,10 +31,11 @@ from llfsm.runtime.value_text import ValueText
 __all__ = ["Operands", "UnseenError", "parsed"]
 
 _DEEPEST: Final = 5  # calls of the machine's own functions
-_CALLED: Final = {abs, bool, float, int, len, max, min, round, str, sum}
+_CALLED: Final = {abs, all, any, bool, float, int, len, max, min, round, sorted, str, sum}
+_MOST: Final = 64  # an exponent, bits of a shift, and of what is raised: others may take for ever
 _DATA: Final = (
     *(bool, int, float, complex, str, bytes, type(None)),
-    *(tuple, list, dict, set, frozenset, range, enum.Enum, msgspec.Struct, Submachine),
+    *(tuple, list, dict, set, frozenset, range, enum.Enum, msgspec.Struct, Submachine, slice),
 )
 _OPERATORS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: operator.add,
@@ -42,6 +44,9 @@ _OPERATORS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv,
     ast.Mod: operator.mod,
+    ast.Pow: operator.pow,
+    ast.LShift: operator.lshift,
+    ast.RShift: operator.rshift,
     ast.BitAnd: operator.and_,
     ast.BitOr: operator.or_,
     ast.BitXor: operator.xor,
@@ -63,6 +68,9 @@ _OPERATORS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
 _CLOCK: Final = {"after_ms": 1e6, "after": 1e9, "timeout": 1e3}
 """The nanoseconds in a unit of the functions of the state's clock."""
 _UNITS: Final = {"after_ms": "ms", "after": "s", "timeout": "us"}
+
+_SCOPES: Final = (ast.ListComp, ast.SetComp, ast.GeneratorExp, ast.DictComp, ast.Lambda)
+_UNKNOWN: Final = object()
 
 _texts: Final = ValueText(60)
 
@@ -98,6 +106,7 @@ class Operands:
         self._state = state
         self._depth = depth
         self._names: dict[str, Any] = {}
+        self._bound: dict[str, Any] = {}  # in the expression itself; a name without a value, too
         self._self: tuple[str, ...] = ("self",)
         self._is_owned = True  # whether a name may be an attribute of the owner
         if isinstance(function, FunctionType):
@@ -123,8 +132,8 @@ class Operands:
                 return _OPERATORS[type(op)](_data(self.value(operand)))
             case ast.BinOp(left, op, right) if type(op) in _OPERATORS:
                 operands = _data(self.value(left)), _data(self.value(right))
-                if isinstance(op, ast.Mult | ast.Mod) and not all(map(_is_number, operands)):
-                    raise UnseenError(ast.unparse(node))  # a text may become as long as you like
+                if not _is_small(op, *operands):
+                    raise UnseenError(ast.unparse(node))
                 return _OPERATORS[type(op)](*operands)
             case ast.BoolOp(op, values):
                 for each in values:
@@ -134,8 +143,22 @@ class Operands:
                 return value
             case ast.IfExp(test, body, orelse):
                 return self.value(body if _data(self.value(test)) else orelse)
-            case ast.Tuple(elts) | ast.List(elts) | ast.Set(elts):
+            case ast.Tuple(elts):
                 return tuple(map(self.value, elts))
+            case ast.List(elts):
+                return [*map(self.value, elts)]
+            case ast.Set(elts):
+                return {_data(self.value(each)) for each in elts}
+            case ast.Slice():
+                ends = (node.lower, node.upper, node.step)
+                return slice(*(each and _data(self.value(each)) for each in ends))
+            case ast.JoinedStr(values):
+                return "".join(map(str, map(self.value, values)))
+            case ast.FormattedValue(inner, -1, None):
+                return str(_data(self.value(inner)))
+            case ast.NamedExpr(ast.Name(name), inner):
+                self._bound[name] = self.value(inner)
+                return self._bound[name]
             case ast.Compare(left, ops, comparators):
                 value = self.value(left)
                 for comparison, right in zip(ops, comparators, strict=True):
@@ -154,6 +177,14 @@ class Operands:
         """Return an expression with values in place of all that is not constant."""
         return ast.unparse(_Substitution(self).visit(copy.deepcopy(node)))
 
+    @contextmanager
+    def binding(self, names: Iterable[str]) -> Iterator[None]:
+        """Let names be those of an inner scope, whose values are not known."""
+        outer = self._bound
+        self._bound = {**outer, **dict.fromkeys(names, _UNKNOWN)}
+        yield
+        self._bound = outer
+
     def shown(self, node: ast.expr) -> str | None:
         """Return what stands in place of a part; None to look into it, or to leave it."""
         match node:
@@ -162,12 +193,16 @@ class Operands:
                     return None
                 passed = self._elapsed_ns / _CLOCK[name]
                 return f"{passed:.6g} {_UNITS[name]} > {self.value(limit)} {_UNITS[name]}"
-            case ast.Name() | ast.Attribute() | ast.Subscript() | ast.Call():
+            case ast.Name() | ast.Attribute() | ast.Subscript() | ast.Call() | ast.JoinedStr():
                 value = self.value(node)
                 return f"{value:.6g}" if isinstance(value, float) else _texts.text(_data(value))
         return None
 
     def _named(self, name: str) -> Any:
+        if name in self._bound:
+            if self._bound[name] is _UNKNOWN:
+                raise UnseenError(f"{name!r} has no value here")
+            return self._bound[name]
         if name in self._self and name not in self._names:
             return self._owner
         if self._is_owned:
@@ -236,6 +271,14 @@ class _Substitution(ast.NodeTransformer):
 
     def visit(self, node: ast.AST) -> Any:
         """Return a node in place of another one."""
+        if isinstance(node, ast.NamedExpr):
+            with suppress(Exception):  # then the name has no value
+                self._operands.value(node)
+            node.value = self.visit(node.value)
+            return node
+        if isinstance(node, _SCOPES):
+            with self._operands.binding(_bound_in(node)):
+                return self.generic_visit(node)
         if isinstance(node, ast.expr):
             try:
                 shown = self._operands.shown(node)
@@ -243,11 +286,31 @@ class _Substitution(ast.NodeTransformer):
                 return node
             if shown is not None:
                 return ast.Name(shown)
+            if isinstance(node, ast.JoinedStr):  # texts cannot be in place of its parts
+                return node
         return self.generic_visit(node)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | complex)
+def _bound_in(scope: ast.AST) -> Iterator[str]:
+    for node in ast.walk(scope):
+        if isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+
+
+def _is_small(op: ast.operator, left: Any, right: Any) -> bool:
+    """Return whether an operator's result takes little time and room, whatever the values are."""
+    numbers = isinstance(left, int | float | complex) and isinstance(right, int | float | complex)
+    match op:
+        case ast.Mult() | ast.Mod():
+            return numbers  # a text may become as long as you like
+        case ast.Pow() if numbers:
+            is_short = not isinstance(left, int) or left.bit_length() <= _MOST
+            return is_short and abs(right) <= _MOST
+        case ast.Pow() | ast.LShift():
+            return isinstance(right, int) and right <= _MOST
+    return True
 
 
 def _data(value: Any) -> Any:

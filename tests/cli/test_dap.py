@@ -6,16 +6,13 @@ import json
 import os
 import re
 import subprocess
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import pytest
 
-from llfsm.cli.dap.adapter import Adapter
 from llfsm.cli.dap.framing import MessageStream, ProtocolError
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, write_bundle
 from llfsm.runtime.presence.remote import Directory
@@ -25,32 +22,9 @@ from llfsm.whiteboard.messages.std_msgs import Int32
 from waiting import wait_for
 
 from .conftest import MACHINES, Llfsm
+from .dap_client import Client, client
 
 LINES = MACHINES.read_text().splitlines()
-BODIES: dict[str, dict[str, type]] = {  # of the specification: what is required
-    "stopped": {"reason": str, "threadId": int},
-    "continued": {"threadId": int},
-    "output": {"output": str},
-    "exited": {"exitCode": int},
-    "terminated": {},
-    "initialized": {},
-    "initialize": {},
-    "setBreakpoints": {"breakpoints": list},
-    "setFunctionBreakpoints": {"breakpoints": list},
-    "threads": {"threads": list},
-    "stackTrace": {"stackFrames": list},
-    "scopes": {"scopes": list},
-    "variables": {"variables": list},
-    "evaluate": {"result": str, "variablesReference": int},
-}
-ITEMS: dict[str, dict[str, type]] = {
-    "breakpoints": {"verified": bool},
-    "threads": {"id": int, "name": str},
-    "stackFrames": {"id": int, "name": str, "line": int, "column": int},
-    "scopes": {"name": str, "variablesReference": int, "expensive": bool},
-    "variables": {"name": str, "value": str, "variablesReference": int},
-}
-
 COUNTS = Bundle(
     "Counts",
     (
@@ -67,90 +41,6 @@ COUNTS = Bundle(
     ),
     variables=Fragment("count: int = 0\n"),
 )
-
-
-class Client:
-    """What an editor does: send requests, and check each message that comes."""
-
-    def __init__(self, received: IO[bytes], sent: IO[bytes]):
-        self._received, self._sent = received, sent
-        self._asked = self._received_count = 0
-        self.events: list[dict[str, Any]] = []
-        self.seen: list[dict[str, Any]] = []  # all events that came
-
-    def ask(self, command: str, **arguments: Any) -> dict[str, Any]:
-        """Send a request and return the body of its response."""
-        response = self.response(command, arguments)
-        assert response["success"], response
-        return response.get("body", {})
-
-    def refused(self, command: str, **arguments: Any) -> str:
-        response = self.response(command, arguments)
-        assert not response["success"]
-        assert response["body"]["error"]["format"] == response["message"]
-        return response["message"]
-
-    def response(self, command: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        self._asked += 1
-        request = {"seq": self._asked, "type": "request", "command": command}
-        body = json.dumps({**request, "arguments": arguments}).encode()
-        self._sent.write(b"Content-Length: %d\r\n\r\n" % len(body) + body)
-        self._sent.flush()
-        while (message := self.receive())["type"] != "response":
-            self.events.append(message)
-        assert (message["request_seq"], message["command"]) == (self._asked, command)
-        return message
-
-    def event(self, name: str) -> dict[str, Any]:
-        """Return the body of the next event of that name."""
-        while True:
-            message = self.events.pop(0) if self.events else self.receive()
-            if message["event"] == name:
-                return message["body"]
-
-    def receive(self) -> dict[str, Any]:
-        header = self._received.readline()
-        assert header.startswith(b"Content-Length: "), header
-        assert self._received.readline() == b"\r\n"
-        message: dict[str, Any] = json.loads(self._received.read(int(header[16:])))
-        self._received_count += 1
-        assert message["seq"] == self._received_count
-        if message["type"] == "event":
-            self.seen.append(message)
-        if message["type"] == "event" or message.get("success"):
-            required = BODIES.get(message.get("event", message.get("command")), {})
-            has_shape(message["body"], required)
-            for name, items in message["body"].items():
-                for item in items if name in ITEMS else ():
-                    has_shape(item, ITEMS[name])
-        return message
-
-    def begin(self, board: str, *machines: str, **arguments: Any) -> None:
-        self.ask("initialize", adapterID="llfsm")
-        self.ask("launch", **{"machines": [*machines], "board": board, **arguments})
-        self.event("initialized")
-
-
-def has_shape(found: dict[str, Any], required: dict[str, type]) -> None:
-    for name, kind in required.items():
-        assert type(found[name]) is kind, (name, found)
-
-
-@contextmanager
-def client() -> Iterator[Client]:
-    """Serve a client in a thread, as a process would."""
-    there, here = os.pipe(), os.pipe()
-    received, sent = os.fdopen(there[0], "rb"), os.fdopen(here[1], "wb")
-    with os.fdopen(there[1], "wb") as asking, os.fdopen(here[0], "rb") as answers:
-        thread = threading.Thread(target=Adapter(MessageStream(received, sent)).serve)
-        thread.start()
-        try:
-            yield Client(answers, asking)
-        finally:
-            asking.close()
-            thread.join()
-            received.close()
-            sent.close()
 
 
 def line_of(text: str) -> int:
@@ -390,3 +280,42 @@ def test_what_the_document_launches(board: str, tmp_path: Path) -> None:
         assert editor.event("stopped")["reason"] == "entry"
         editor.ask("next")
         assert editor.event("stopped")["reason"] == "breakpoint"
+
+
+def test_the_stack_is_that_of_the_breakpoint(board: str, tmp_path: Path) -> None:
+    """Not that of the machine that has its turn after it; a step goes on with that."""
+    write_bundle(COUNTS, tmp_path / "Counts.machine")
+    with client() as editor:
+        editor.begin(board, "Counts.machine", f"{MACHINES}:Bouncer", cwd=str(tmp_path))
+        editor.ask("setFunctionBreakpoints", breakpoints=[{"name": "Counts:B"}])
+        editor.ask("configurationDone")
+        editor.event("stopped")
+        frames = editor.ask("stackTrace", threadId=1)["stackFrames"]
+        assert [frame["name"] for frame in frames[:3]] == [
+            *("OnEntry of B", "state B", "machine Counts (Counts.machine)"),
+        ]
+        assert editor.ask("evaluate", expression="count", frameId=1)["result"] == "1"
+        editor.ask("next", threadId=1)
+        editor.event("stopped")
+        frames = editor.ask("stackTrace", threadId=1)["stackFrames"]
+        assert frames[2]["name"].startswith("machine Counts")
+        editor.ask("next", threadId=1)
+        editor.event("stopped")
+
+
+def test_only_errors_of_what_a_person_asks_pop_up(board: str) -> None:
+    with client() as editor:
+        editor.begin(board, f"{MACHINES}:Bouncer", stopOnEntry=True)
+        editor.ask("configurationDone")
+        editor.event("stopped")
+        hover = editor.response("evaluate", {"expression": "nothing", "context": "hover"})
+        again = editor.response("launch", {"machines": []})
+        shown = [each["body"]["error"]["showUser"] for each in (hover, again)]
+        assert shown == [False, True]
+
+
+def test_an_editor_that_is_gone_fails_nothing() -> None:
+    there, here = os.pipe()
+    os.close(there)
+    with suppress(BrokenPipeError), os.fdopen(here, "wb") as sent:
+        MessageStream(BytesIO(), sent).send("event", event="output", body={})

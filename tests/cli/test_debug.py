@@ -74,6 +74,20 @@ def test_a_machine_is_stepped_broken_and_explained(session: Session) -> None:
     assert prompt.over
 
 
+def test_at_a_breakpoint_its_machine_is_shown() -> None:
+    """Not the one that has its turn next."""
+    machines = parse_arguments([BOUNCER, f"Other={BOUNCER}"], None, (), ())
+    environment = LiveEnvironment(Whiteboard.local(), ManualClock())
+    with Session(machines, environment) as session:
+        prompt = LivePrompt(session)
+        found = entered(prompt, 'post pose {"data": 12}', "break Bouncer:STOP", "continue", "why")
+        assert found[2:4] == [
+            "breakpoint Bouncer:STOP: round 1, Bouncer in STOP, before the turn of Other",
+            "it has left GO:",
+        ]
+        assert entered(prompt, "step")[-1].endswith("round 1, Other in GO") is False
+
+
 def test_what_the_machines_end_with_is_printed(session: Session) -> None:
     prompt = LivePrompt(session)
     session.arrangement.whiteboard.add_message(Slot("pose", Int32), Int32(data=-1))

@@ -114,8 +114,49 @@ def test_a_bundle_is_explained() -> None:
     assert (cause.value, cause.seen) == (True, "60 ms > 50 ms and 7 > 4")
 
 
+NUMBERS, d = [1, 2], 99
+
+
+class Compound(Machine):
+    """Have guards of which each part has a value, or none."""
+
+    numbers: list[int] = [1, 2]  # noqa: RUF012  a machine has a copy
+    found: set[int] = {1, 2}  # noqa: RUF012
+    x: float = 7.5
+    word: str = "bob"
+
+    go = State()
+    end = State()
+
+    go.to(end, when=lambda m: m.numbers == [1, 2] and m.found == {1, 2})
+    go.to(end, when=lambda m: m.x**2 < 2 << 4 or m.numbers[:1] == [1])
+    go.to(end, when=lambda m: (d := m.x - 5) > 2 and d < 9)
+    go.to(end, when=lambda m: f"{m.word}-{m.numbers[0]}" == "bob-1")
+    go.to(end, when=lambda m: f"{m.word!r:>9}" == m.word)
+    go.to(end, when=lambda m: [d > m.x for d in m.numbers] == [d])
+    go.to(end, when=lambda m: all(m.numbers) and sorted(m.numbers)[0] == 1)
+    go.to(end, when=lambda m: (lambda d: d > m.x) if m.x else d > 3)
+
+
+def test_a_compound_guard_is_explained() -> None:
+    """A name that the expression binds is no global of the same name."""
+    found = [(cause.value, cause.seen) for cause in why(Compound(), "go", 0)]
+    assert found == [
+        (True, "[1, 2] == [1, 2] and {1, 2} == {1, 2}"),
+        (True, "7.5 ** 2 < 2 << 4 or [1] == [1]"),
+        (True, "(d := (7.5 - 5)) > 2 and 2.5 < 9"),
+        (True, "'bob-1' == 'bob-1'"),
+        (None, "f'{m.word!r:>9}' == 'bob'"),
+        (None, "[d > 7.5 for d in [1, 2]] == [99]"),
+        (True, "True and 1 == 1"),
+        (None, "(lambda d: d > 7.5) if 7.5 else 99 > 3"),
+    ]
+
+
 VARIABLES = st.fixed_dictionaries(dict.fromkeys("abc", st.integers(-3, 3)))
-OPERANDS = st.sampled_from(["a", "b", "self.c", "2", "abs(a)", "-b", "(a if b else 1)"])
+OPERANDS = st.sampled_from(
+    ["a", "b", "self.c", "2", "abs(a)", "-b", "(a if b else 1)", "a**2", "[a, b][:1][0]"]
+)
 COMPARED = st.builds(
     "{} {} {}".format, OPERANDS, st.sampled_from(["<", "==", ">=", "!="]), OPERANDS
 )

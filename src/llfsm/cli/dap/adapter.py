@@ -36,6 +36,8 @@ _THREAD: Final = 1
 _LOOK_S: Final = 0.02  # between two looks whether a pause is over
 _FAILURES: Final = "failures"
 _STEPS: Final[dict[str, Step]] = {"next": "turn", "stepIn": "round", "stepOut": "transition"}
+_ASIDE: Final = frozenset({"evaluate", "scopes", "stackTrace", "threads", "variables"})
+"""Requests of an editor on its own, as for a word under the mouse: no error of theirs pops up."""
 _CAPABILITIES: Final = {
     "supportsConfigurationDoneRequest": True,
     "supportsConditionalBreakpoints": True,
@@ -113,7 +115,7 @@ class Adapter:
                 **about,
                 success=False,
                 message=text,
-                body={"error": {"id": 1, "format": text, "showUser": True}},
+                body={"error": {"id": 1, "format": text, "showUser": command not in _ASIDE}},
             )
             return
         self._stream.send("response", **about, success=True, body=body or {})

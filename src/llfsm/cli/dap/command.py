@@ -6,7 +6,7 @@ import io
 import logging
 import os
 import sys
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 
 import click
 
@@ -26,7 +26,7 @@ def dap() -> None:
     llfsm dap
     """
     # What code prints must not get among the messages, and neither what it starts.
-    with os.fdopen(os.dup(1), "wb") as sent:
+    with suppress(BrokenPipeError), os.fdopen(os.dup(1), "wb") as sent:
         os.dup2(2, 1)
         adapter = Adapter(MessageStream(sys.stdin.buffer, sent))
         logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_Log(adapter)])

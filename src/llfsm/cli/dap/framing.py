@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import threading
+from contextlib import suppress
 from typing import IO, Any, Final, TypeAlias
 
 from llfsm.errors import LlfsmError
@@ -57,8 +58,11 @@ class MessageStream:
         return message
 
     def send(self, kind: str, **fields: Any) -> None:
-        """Send a message of this type."""
-        with self._lock:
+        """Send a message of this type, unless the editor is gone.
+
+        The end of the other stream says that; code of a machine that prints does not fail by it.
+        """
+        with self._lock, suppress(BrokenPipeError):
             self._number += 1
             body = json.dumps({"seq": self._number, "type": kind, **fields}).encode()
             self._sent.write(b"Content-Length: %d\r\n\r\n%s" % (len(body), body))

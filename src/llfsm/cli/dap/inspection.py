@@ -28,7 +28,8 @@ _texts: Final = ValueText(1000)
 class Inspection:
     """Answer what an editor asks of one pause of a session, by requests of the protocol.
 
-    The stack is what is to come: a section, in a state, of a machine, in the arrangement.
+    The stack is what is to come: a section, in a state, of a machine, in the arrangement. At a
+    breakpoint it is the machine of that, else the one whose turn is to come.
     """
 
     def __init__(self, session: Session):
@@ -38,19 +39,19 @@ class Inspection:
     def stack_trace(self, arguments: Message) -> Message:
         """Return what is to come, innermost first."""
         session = self._session
-        turn, arrangement = session.debugger.turn, session.arrangement
+        name, arrangement = session.debugger.machine, session.arrangement
         frames: list[Message] = []
-        if turn is not None:
-            machine = arrangement.machine(turn.machine)
-            cls, state = type(machine), arrangement.state_name_of(turn.machine)
-            enters = arrangement.arrival(turn.machine).entered_ns is None
+        if name:
+            cls, state = type(arrangement.machine(name)), arrangement.state_name_of(name)
+            enters = arrangement.arrival(name).entered_ns is None
             section = "OnEntry" if enters else "transitions"
             here = state_at(cls, state)
-            path = cls.table.path.rpartition(":")[0]
+            path = cls.table.path
+            path = path.rpartition(":")[0] or Path(path).name
             frames = [
                 _frame(1, f"{section} of {state}", section_at(cls, state, section) or here),
                 _frame(2, f"state {state}", here),
-                _frame(3, f"machine {turn.machine} ({path})", here),
+                _frame(3, f"machine {name} ({path})", here),
             ]
         frames.append(_frame(4, f"arrangement, round {arrangement.rounds}", None))
         first = int(arguments.get("startFrame") or 0)
@@ -120,7 +121,7 @@ class Inspection:
         }
 
     def evaluate(self, arguments: Message) -> Message:
-        """Return the value of an expression over the machine whose turn is to come.
+        """Return the value of an expression over the machine of the stack.
 
         Nothing is called that could have an effect.
         """

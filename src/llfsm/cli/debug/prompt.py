@@ -68,7 +68,7 @@ class Debugged(Protocol):
 
     @property
     def machine(self) -> str:
-        """The name of the machine whose turn is to come; of the first one if that is not known."""
+        """The name of the machine to look at; of the first one if that is not known."""
         ...
 
     def break_at(self, *texts: str) -> None:
@@ -118,9 +118,10 @@ class Prompt:
         self._session.wait()
         debugger = self._session.debugger
         if debugger.turn is not None:
-            machine = debugger.turn.machine
+            machine, coming = debugger.machine, debugger.turn.machine
             state = self._session.arrangement.state_name_of(machine)
-            yield f"{debugger.paused}: round {debugger.turn.round}, {machine} in {state}"
+            then = "" if machine == coming else f", before the turn of {coming}"
+            yield f"{debugger.paused}: round {debugger.turn.round}, {machine} in {state}{then}"
         elif debugger.paused:  # at a failure that ends all
             yield debugger.paused
         else:

@@ -68,9 +68,8 @@ class Session:
 
     @property
     def machine(self) -> str:
-        """The name of the machine whose turn is to come; of the first one if that is not known."""
-        turn = self.debugger.turn
-        return turn.machine if turn is not None else next(iter(self.library))
+        """The name of the machine to look at; of the first one if that is not known."""
+        return self.debugger.machine or next(iter(self.library))
 
     def step(self, until: Step, machine: str | None = None) -> str:
         """Make a step, and return as `wait` does."""

@@ -109,7 +109,7 @@ class TravelPrompt(Prompt):
         yield from self.where()
 
     def _place(self, text: str) -> SectionPlace:
-        """Read ``Machine:STATE.Section``; the machine whose turn is to come may be left out."""
+        """Read ``Machine:STATE.Section``; the machine to look at may be left out."""
         if not text:
             return SectionPlace(self._session.machine, "", "")
         machine, colon, rest = text.rpartition(":")
