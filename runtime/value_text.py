@@ -32,6 +32,11 @@ class ValueText(reprlib.Repr):
         """Return six digits within other values, whose rest more of them would hide."""
         return f"{value:.6g}" if level < self.maxlevel else builtins.repr(value)
 
+    def repr_int(self, value: int, level: int) -> str:
+        """Return the number, or the size of one that Python may refuse to write."""
+        bits = value.bit_length()
+        return super().repr_int(value, level) if bits < 2000 else f"<an int of {bits} bits>"
+
     def repr_bytes(self, value: bytes, level: int) -> str:
         """Return the first bytes, and how many there are."""
         text = builtins.repr(value[: self.maxlist])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import inspect
 import sys
 from collections.abc import Callable, Iterator
 from types import FunctionType
@@ -15,6 +14,7 @@ from ..engine.machine import Machine
 from ..engine.source_text import parse_file, syntax_of
 from ..engine.state import State, Transition
 from .rules import findings_of
+from .signatures import signature_of
 from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
 from .typed_rules import typed_findings
 from .unbound import unbound_names
@@ -116,7 +116,7 @@ class _Reader:
         """Find functions that cannot be called with the machine alone."""
         if isinstance(function, FunctionType):
             try:
-                inspect.signature(function).bind(None)
+                signature_of(function).bind(None)
             except TypeError:
                 place = function.__code__.co_filename, function.__code__.co_firstlineno
                 text = f"{what} is called with the machine alone: its only parameter is self"

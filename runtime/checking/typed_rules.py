@@ -44,6 +44,7 @@ from .pointless import (
     of_text,
 )
 from .port_rules import of_ports
+from .signatures import signature_of
 from .subject import Code, Finding, Subject
 from .uses import nodes_of, uses_of
 
@@ -143,26 +144,13 @@ def _is_state(table: Table, name: str) -> bool:
     return isinstance(_class_attribute(table, name), State)
 
 
-def _signature(function: FunctionType) -> inspect.Signature:
-    """Return what a method can be called with; in bundles, what stands for self has no name."""
-    try:
-        return inspect.signature(function)
-    except ValueError:
-        code = function.__code__
-        names = tuple(each if each.isidentifier() else "self" for each in code.co_varnames)
-        code = code.replace(co_varnames=names)
-        named = FunctionType(code, {}, function.__name__, function.__defaults__)
-        named.__kwdefaults__ = function.__kwdefaults__
-        return inspect.signature(named)
-
-
 def _of_method(piece: Piece, node: ast.Call, function: FunctionType) -> Iterator[Finding]:
     """Find calls of the machine's methods with too few, too many or wrong arguments."""
     keywords = {each.arg: each.value for each in node.keywords if each.arg is not None}
     starred = any(isinstance(each, ast.Starred) for each in node.args)
     if starred or len(keywords) < len(node.keywords) or hasattr(function, "__wrapped__"):
         return
-    signature, called = _signature(function), function.__name__
+    signature, called = signature_of(function), function.__name__
     try:
         bound = signature.bind(None, *node.args, **keywords).arguments
     except TypeError:
@@ -173,7 +161,8 @@ def _of_method(piece: Piece, node: ast.Call, function: FunctionType) -> Iterator
         yield piece.finding(node, "error", text)
         return
     for name, value in [*bound.items()][1:]:
-        wanted = _SIMPLE.get(str(signature.parameters[name].annotation))
+        annotation = signature.parameters[name].annotation  # a class, or a text
+        wanted = _SIMPLE.get(str(getattr(annotation, "__name__", annotation)))
         given = piece.types.of(value) if wanted else ()
         if wanted and not may_be(value, given, wanted):
             text = f"{called}: {name} is {wanted.__name__}, not {named(given)}"

@@ -41,9 +41,7 @@ def declared_lines(table: Table) -> Iterator[str]:
     yield from (_port(name, port) for name, port in table.sensors.items())
     yield from (_port(name, port) for name, port in table.actuators.items())
     for variable in table.variables.values():
-        kind = variable.annotation
-        kind = kind if isinstance(kind, str) else getattr(kind, "__name__", repr(kind))
-        yield f"{variable.name}: {kind} = {variable.default!r}"
+        yield f"{variable.name}: {variable.type_text} = {variable.default!r}"
 
 
 def _port(name: str, port: Sensor[Any, Any] | Actuator[Any]) -> str:

@@ -55,7 +55,9 @@ class Variable(NamedTuple):
     @property
     def type(self) -> Any:
         """The annotated type; Any if it names what only type checkers import."""
-        text = self.annotation
+        text = _annotations(self.owner).get(
+            self.name, self.annotation
+        )  # by now, later classes exist
         if isinstance(text, ForwardRef):
             text = text.__forward_arg__
         if not isinstance(text, str):
@@ -65,6 +67,19 @@ class Variable(NamedTuple):
             return eval(text, module, dict(vars(self.owner)))
         except (NameError, AttributeError):
             return Any
+
+    @property
+    def type_text(self) -> str:
+        """The annotation as the class says it."""
+        if sys.version_info >= (3, 14):
+            import annotationlib
+
+            texts = annotationlib.get_annotations(self.owner, format=annotationlib.Format.STRING)
+            return texts[self.name]
+        kind = self.annotation
+        if isinstance(kind, str):
+            return kind
+        return kind.__name__ if isinstance(kind, type) else repr(kind)
 
 
 class Table:

@@ -18,7 +18,8 @@ WITHOUT_EXTENSIONS = Path(__file__).parents[1] / "without_extensions"
 # As on macOS or Windows, as far as the standard library can show it here. A command that serves a
 # page is ended when the page was loaded once, the demo when its machine has left its first state.
 PROGRAM = """
-import asyncio, json, os, select, signal, sys, tempfile, threading, time, urllib.request
+import asyncio, importlib, json, os, select, shutil, signal, sys, tempfile, threading, time
+import urllib.request
 lacking = {
     os: ["posix_fallocate", "pidfd_open", "sched_getaffinity", "sched_setaffinity",
          "sched_setscheduler", "sched_getscheduler"],
@@ -34,6 +35,7 @@ if sys.argv[1] == "Windows":
     lacking[signal] += ["SIGKILL", "SIGHUP", "SIGUSR1", "pthread_sigmask"]
     lacking[select] += ["poll"]
     os.supports_dir_fd.clear()
+    importlib.reload(shutil)  # which decides there how to remove folders
 for module, names in lacking.items():
     for name in names:
         delattr(module, name)

@@ -96,7 +96,7 @@ def test_the_trouble_of_hosts_is_told(hosts: dict[str, Host], start: Start) -> N
         status = robot.board.get_message(status_slot("Counts"))
         assert status is not None
         hosts["robot8"].end(signal.SIGKILL)
-        Forked(["kill", "-9", str(status.pid)]).wait()
+        Forked(["sh", "-c", f"kill -9 {status.pid}"]).wait()
         told = {"operator": "", "robot7": "failed", "robot8": "lost"}
         wait_for(lambda: fleet.troubles() == told, "the troubles", between=fleet.receive)
         assert fleet.hosts["robot7"]["summary"]["troubles"] == [

@@ -95,6 +95,26 @@ def test_each_finding(tmp_path: Path, body: str, expected: tuple[int, str, str])
     assert findings(tmp_path, body) == [expected]
 
 
+@pytest.mark.parametrize("kind", ["int", "'int'"])
+def test_a_methods_annotations_may_be_classes_or_texts(tmp_path: Path, kind: str) -> None:
+    body = f"A.to(B)\ndef f(self, n: {kind}): return n\n@A.on_entry\ndef _(self): self.f('x')"
+    assert findings(tmp_path, body) == [(4, "error", "f: n is int, not str")]
+
+
+@pytest.mark.skipif(sys.version_info < (3, 14), reason="annotations are evaluated at once")
+@pytest.mark.parametrize(
+    ("call", "expected"), [("f(1)", []), ("f()", [(2, "error", "f is called as f(n)")])]
+)
+def test_what_only_type_checkers_import_is_left_alone(
+    tmp_path: Path, call: str, expected: list[tuple[int, str, str]]
+) -> None:
+    body = (
+        f"@A.to(B)\ndef ready(self) -> Unknown: return self.{call}\n"
+        "def f(self, n: Unknown) -> Unknown: return n\n"
+    )
+    assert findings(tmp_path, body) == expected
+
+
 @pytest.mark.parametrize(
     "body",
     [

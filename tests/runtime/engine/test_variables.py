@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any, ForwardRef
 
 import pytest
@@ -112,14 +113,54 @@ def test_annotations_that_are_no_texts():
         "class Plain(Machine):\n"
         "    goal: int\n"
         "    later: 'Unknown' = None\n"
+        "    seen: list[str] = []\n"
         "    a = State()\n"
     )
-    namespace = {"__name__": __name__}
-    exec(compile(text, "plain.py", "exec", dont_inherit=True), namespace)
+    namespace = made_of(text)
     variables = namespace["Plain"].table.variables
     assert [(name, each.default) for name, each in variables.items()] == [
-        ("goal", REQUIRED), ("later", None)
+        ("goal", REQUIRED), ("later", None), ("seen", [])
     ]  # fmt: skip
-    assert [each.type for each in variables.values()] == [int, Any]
+    assert [each.type for each in variables.values()] == [int, Any, list[str]]
+    assert [each.type_text for each in variables.values()] == ["int", "Unknown", "list[str]"]
     assert namespace["Plain"](goal=3).goal == 3
     assert Variable("x", Rover, ForwardRef("Point"), None).type is Point
+
+
+@pytest.mark.skipif(sys.version_info < (3, 14), reason="annotations are evaluated at once")
+def test_annotations_that_name_what_is_not_there_yet():
+    namespace = made_of(
+        "from typing import ClassVar, Final\n"
+        "from llfsm.runtime import Machine, State\n"
+        "def made():\n"
+        "    class Early(Machine):\n"
+        "        goal: Local\n"
+        "        seen: list[Later] = []\n"
+        "        home: Later | None = None\n"
+        "        price: Unknown | None = None\n"
+        "        paid: dict[str, Unknown] = {}\n"
+        "        shared: ClassVar[Unknown] = 1\n"
+        "        fixed: Final[list[Unknown]] = 2\n"
+        "        a = State()\n"
+        "    class Local: ...\n"
+        "    return Early\n"
+        "Early = made()\n"
+        "Later = int\n"
+    )
+    early = namespace["Early"]
+    variables = early.table.variables
+    assert list(variables) == ["goal", "seen", "home", "price", "paid"]
+    assert variables["goal"].type.__qualname__ == "made.<locals>.Local"
+    assert (variables["seen"].type, variables["home"].type) == (list[int], int | None)
+    assert variables["price"].type is Any
+    assert variables["paid"].type_text == "dict[str, Unknown]"
+    assert early(goal=variables["goal"].type(), paid={"x": 1}).paid == {"x": 1}
+    with pytest.raises(VariableError, match=r"Early: seen = \['x'\]: Expected `int`"):
+        early(goal=variables["goal"].type(), seen=["x"])
+
+
+def made_of(text: str) -> dict[str, Any]:
+    """Return the names of a module without ``from __future__ import annotations``."""
+    namespace = {"__name__": __name__}
+    exec(compile(text, "plain.py", "exec", dont_inherit=True), namespace)
+    return namespace
