@@ -67,14 +67,15 @@ _WATCH = """([key, condition]) => {
     });
 }"""
 _OF = "document.querySelector('#drawing [data-state=\"{}\"]')"
+_ARROW = "document.querySelector('#drawing [data-transition=\"{}\"]')"
 _TO_DRAWING = "document.querySelector('#drawing .diagram').focus()"
 
 
 def measure(times: int) -> dict[str, list[float]]:
-    """Move, rename, add and undo so many times; return the samples of each."""
+    """Make each kind of edit so many times; return the samples of each."""
     from playwright.sync_api import sync_playwright
 
-    found: dict[str, list[float]] = {"move": [], "rename": [], "add": [], "undo": []}
+    found: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         machine = Path(folder, "Big.machine")
         write_machine(machine)
@@ -103,7 +104,7 @@ def measure(times: int) -> dict[str, list[float]]:
                     time.sleep(PAUSE_S)
                     page.evaluate(_WATCH, [press.rpartition("+")[2], condition])
                     page.keyboard.press(press)
-                    found[kind].append(page.evaluate("window.seen"))
+                    found.setdefault(kind, []).append(page.evaluate("window.seen"))
 
                 def to_drawing() -> object:
                     return page.evaluate(_TO_DRAWING)
@@ -113,6 +114,20 @@ def measure(times: int) -> dict[str, list[float]]:
                     page.keyboard.press("F2")
                     page.keyboard.insert_text(name)
 
+                def to_targets() -> None:
+                    to_drawing()
+                    page.keyboard.press("c")
+                    page.keyboard.press("ArrowDown")
+
+                def write_wrong(name: str) -> None:
+                    page.locator(".transitions .cm-content").first.click()
+                    page.keyboard.press("Control+a")
+                    page.keyboard.insert_text(name)
+
+                def take_back() -> None:
+                    to_drawing()
+                    page.keyboard.press("Control+z")
+
                 for _ in range(times):
                     place = f"{_OF.format('S100')}.querySelector('.box').getAttribute('x')"
                     was = page.evaluate(place)
@@ -120,10 +135,25 @@ def measure(times: int) -> dict[str, list[float]]:
                 for i in range(times):
                     write = partial(write_name, f"T{i}")
                     sample("rename", "Enter", _OF.format(f"T{i}"), write)
+                for i in range(times):
+                    drawn = _ARROW.format(f"T{times - 1}:{2 + i}")
+                    sample("connect", "Enter", drawn, to_targets)
+                for i in range(times):
+                    said = f"document.querySelector('#findings').textContent.includes('wrong{i}_')"
+                    sample("check", "_", said, partial(write_wrong, f"wrong{i}"))
                 for i in range(1, times + 1):
                     sample("add", "n", _OF.format(f"State_{i}"), to_drawing)
                 for i in range(times, 0, -1):
                     sample("undo", "Control+z", f"!{_OF.format(f'State_{i}')}", to_drawing)
+                for i in range(times):
+                    chosen = f"document.querySelector('#name')?.value === 'S{i}'"
+                    sample("select", "Tab", chosen, to_drawing)
+                place = f"{_OF.format('S150')}.querySelector('.box').getAttribute('x')"
+                was = page.evaluate(place)
+                for _ in range(times):
+                    sample("arrange", "a", f"{place} !== {was!r}", to_drawing)
+                    take_back()
+                    page.wait_for_function(f"() => {place} === {was!r}")
                 browser.close()
             finally:
                 server.kill()

@@ -40,13 +40,17 @@ def _edit(times: int) -> Iterator[Row]:
     """Edit a machine of 200 states: how soon that is seen."""
     figures, why = _figures("edit.py", "--times", str(times))
     kinds = (
-        ("an edit of 200 states: move one", "move"),
-        ("  rename one", "rename"),
-        ("  add one", "add"),
-        ("  undo that", "undo"),
+        ("an edit of 200 states: move one", "move", 50),
+        ("  rename one", "rename", 50),
+        ("  connect two", "connect", 50),
+        ("  add one", "add", 50),
+        ("  undo that", "undo", 50),
+        ("  select one", "select", 50),
+        ("  place all of them", "arrange", 500),
+        ("  a finding in a typed text", "check", 1000),
     )
-    for what, kind in kinds:
-        yield Row(what, [Side("llfsm", "edit.py", figures.get(kind, []))], ALONE_MS, 50, why)
+    for what, kind, most in kinds:
+        yield Row(what, [Side("llfsm", "edit.py", figures.get(kind, []))], ALONE_MS, most, why)
 
 
 def _figures(name: str, *arguments: str) -> tuple[dict[str, Any], str | None]:

@@ -3,6 +3,9 @@
 import { Diagram, box, lines, path, point, rect, start } from "./diagram.js";
 import { makeSvg } from "./dom.js";
 
+const GAP = 20; // between new boxes and others
+const PACE = 30; // by which free room for them is looked for
+
 export class Drawing extends Diagram {
   constructor(data) {
     super({ title: data.name, frame: data.frame, start: data.start, boxes: [], edges: [] });
@@ -139,8 +142,26 @@ export class Drawing extends Diagram {
     return null;
   }
 
+  // How far new boxes, as [centre, size], are to be moved to cover nothing: as little as possible.
+  freeRoom(boxes) {
+    const taken = [...this.places.values()];
+    const isFree = (dx, dy) => boxes.every(([[x, y], [w, h]]) => taken.every(([left, top, width, height]) =>
+      Math.abs(x + dx - left - width / 2) >= (w + width) / 2 + GAP || Math.abs(y + dy - top - height / 2) >= (h + height) / 2 + GAP));
+    for (let ring = 0; ; ring += 1) {
+      const shifts = [];
+      for (let i = -ring; i <= ring; i += 1) shifts.push([ring, i], [-ring, i], [i, ring], [i, -ring]);
+      shifts.sort((one, other) => Math.hypot(...one) - Math.hypot(...other));
+      const found = shifts.find(([i, j]) => isFree(i * PACE, j * PACE));
+      if (found) return found.map((value) => value * PACE);
+    }
+  }
+
   centreOf(state) {
     const [x, y, width, height] = this.places.get(state);
     return [x + width / 2, y + height / 2];
+  }
+
+  sizeOf(state) {
+    return this.places.get(state).slice(2);
   }
 }

@@ -13,6 +13,7 @@ import { listen as listenToKeys } from "./shortcuts.js";
 import { Simulation } from "./simulate.js";
 import { showTabs } from "./tabs.js";
 
+const NEW_SIZE = [100, 50]; // of the box of a new state
 const LINKS = { connecting: "connecting", live: "saved", stalled: "no answer", lost: "reconnecting", refused: "refused" };
 
 const machine = new Machine();
@@ -146,9 +147,9 @@ function escape() {
 
 function addState() {
   const [x, y, width, height] = drawing.view;
-  let at = [x + width / 2, y + height / 2].map((value) => Math.round(value / 10) * 10);
-  while (drawing.stateAt(at)) at = at.map((value) => value + 30);
-  editor.addState(at);
+  const at = [x + width / 2, y + height / 2].map((value) => Math.round(value / 10) * 10);
+  const shift = drawing.freeRoom([[at, NEW_SIZE]]);
+  editor.addState(at.map((value, i) => value + shift[i]));
 }
 
 const toggleTheme = useTheme();

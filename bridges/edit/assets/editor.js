@@ -14,6 +14,8 @@ export class Editor {
     this.onrename = () => {};
     this.focusText = () => {};
     this.drawing = null;
+    this.led = new Map(); // where arrow keys lead states, until they are drawn there
+    this.isLed = this.isLeading = false; // whether they lead further than was asked for; whether that is made
     this.copied = null;
   }
 
@@ -112,6 +114,7 @@ export class Editor {
   }
 
   arrived() {
+    if (!this.isLeading) this.led.clear();
     if (!this.waiting?.isThere()) return;
     const { act } = this.waiting;
     this.waiting = null;
@@ -164,13 +167,20 @@ export class Editor {
     return this.apply({ edit: "place states", places });
   }
 
-  nudge(dx, dy) {
-    const places = {};
+  // Moves what is selected by a step. Steps that come faster than they are made, as of a held key, are made together.
+  async nudge(dx, dy) {
     for (const state of this.selected) {
-      const [x, y] = this.drawing.centreOf(state);
-      places[state] = [x + dx * STEP, y + dy * STEP];
+      const [x, y] = this.led.get(state) ?? this.drawing.centreOf(state);
+      this.led.set(state, [x + dx * STEP, y + dy * STEP]);
     }
-    if (this.selected.size) this.place(places);
+    this.isLed = true;
+    if (this.isLeading) return;
+    this.isLeading = true;
+    while (this.isLed) {
+      this.isLed = false;
+      if (!(await this.place(Object.fromEntries(this.led)))) this.led.clear();
+    }
+    this.isLeading = false;
   }
 
   resize(state, w, h) {
@@ -209,6 +219,7 @@ export class Editor {
       return {
         state,
         at: this.drawing.centreOf(state),
+        size: this.drawing.sizeOf(state),
         texts,
         transitions: transitions.map(({ number, target }) => ({ target, expression: this.machine.text(`${state}|${number}`) })),
       };
@@ -242,7 +253,11 @@ export class Editor {
       for (let i = 2; this.machine.has(name) || [...names.values()].includes(name); i += 1) name = `${state}_${i}`;
       names.set(state, name);
     }
-    const edits = states.map(({ state, at: [x, y] }) => ({ edit: "add state", state: names.get(state), x: x + 30, y: y + 30 }));
+    const [dx, dy] = this.drawing.freeRoom(states.map(({ at, size }) => [at, size]));
+    const edits = states.flatMap(({ state, at: [x, y], size: [w, h] }) => [
+      { edit: "add state", state: names.get(state), x: x + dx, y: y + dy },
+      { edit: "resize state", state: names.get(state), w, h },
+    ]);
     for (const { state, texts, transitions } of states) {
       for (const [part, each] of Object.entries(texts)) {
         edits.push({ edit: "set text", place: { part, state: names.get(state) }, text: each, was: "" });

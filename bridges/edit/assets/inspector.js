@@ -210,7 +210,22 @@ export class Inspector {
     };
     for (const event of ["focus", "pointerdown", "keydown"]) select.addEventListener(event, fill);
     select.disabled = !this.machine.data.editable;
-    select.addEventListener("change", () => select.value && act(select.value));
+    // Keys change a list that is closed at each state on the way; Enter chooses one.
+    let isOnTheWay = false;
+    const choose = () => {
+      isOnTheWay = false;
+      if (select.value && select.value !== target) act(select.value);
+    };
+    select.addEventListener("keydown", ({ key, altKey }) => {
+      if (key === "Enter" && isOnTheWay) choose();
+      else isOnTheWay = !altKey && ![" ", "F4", "Enter"].includes(key); // which open it
+    });
+    select.addEventListener("pointerdown", () => { isOnTheWay = false; });
+    select.addEventListener("change", () => isOnTheWay || choose());
+    select.addEventListener("blur", () => {
+      if (isOnTheWay) select.value = target ?? "";
+      isOnTheWay = false;
+    });
     return select;
   }
 

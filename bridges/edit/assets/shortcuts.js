@@ -6,7 +6,7 @@ const LIST = [
   ["n", "a new state"],
   ["Tab", "to the next state"],
   ["↑ ↓ ← →", "move the selected states"],
-  ["c", "a new transition from the selected state"],
+  ["c", "a new transition from the selected state: its target, then Enter"],
   ["[  ]", "the previous or next transition of the state"],
   ["Alt+↑ Alt+↓", "evaluate the transition earlier or later"],
   ["Enter", "to the text of what is selected"],

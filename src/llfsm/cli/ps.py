@@ -84,6 +84,8 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
         if machine.status.error:
             how = "hangs in" if machine.status.hung else "failed:"
             click.echo(f"{machine.name} {how} {machine.status.error}")
+        if machine.status.refusal:
+            click.echo(f"{machine.name} is not reloaded: {machine.status.refusal}")
         if machine.status.caller:
             click.echo(f"{machine.name} is called by {machine.status.caller}")
         for sensor, left_s in _overrides(machine).items():
@@ -188,6 +190,7 @@ def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
         "paused": status.paused,
         "overridden": _overrides(machine),
         "caller": status.caller,
+        "refusal": status.refusal,
         "error": status.error,
         "error_state": status.error_state,
         "error_s": round(status.error_s + silent_s, 3) if status.failed else None,
