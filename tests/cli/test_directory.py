@@ -49,7 +49,7 @@ def test_boards_of_one_name_in_two_folders(tmp_path: Path) -> None:
         at = ("--directory", str(tmp_path / host))
         assert llfsm("whiteboard", "get", "s", "-b", "b", *at).output == f'{{"data": "{host}"}}\n'
         assert llfsm("whiteboard", "list", *at).output == "b  not in use\n"
-        assert llfsm("ps", "-a", *at).output.startswith("WHITEBOARD")
+        assert llfsm("ps", "-a", *at).output.startswith("no machine runs on a whiteboard of this")
     assert llfsm("whiteboard", "rm", "b", "--directory", str(tmp_path / "one")).exit_code == 0
     assert not board_files(tmp_path / "one")
     assert board_files(tmp_path / "two")

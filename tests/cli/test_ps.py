@@ -111,7 +111,9 @@ def test_ps_of_every_board_although_one_cannot_be_read(
 def test_ps_of_a_board_without_machines(llfsm: Llfsm, board: str) -> None:
     with Whiteboard(board):
         assert rows(llfsm, "-b", board) == {}
-        assert len(llfsm.run("ps", "-b", board).stdout.splitlines()) == 1
+        done = llfsm.run("ps", "-b", board)
+    told = f"no machine runs on whiteboard {board}; start one: llfsm run MACHINE -b {board}\n"
+    assert (done.returncode, done.stdout) == (0, told)
 
 
 def test_machines_of_one_name_are_told_apart(

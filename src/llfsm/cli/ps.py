@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import NamedTuple
@@ -76,6 +77,9 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
             lines.append((*first, *_row(machine)))
     if not any(machine.status.realtime for _, machine in rows):
         lines = [line[:-1] for line in lines]
+    if not rows:
+        click.echo(_none(board, every=every, fleet=fleet, host=host))
+        lines = []
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
         padded = (text.ljust(width) for text, width in zip(line, widths, strict=True))
@@ -97,6 +101,15 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
     for listing in found:
         for slot, commanders in listing.contested.items():
             click.echo(described(slot, commanders))
+
+
+def _none(board: BoardPlace, *, every: bool, fleet: bool, host: str) -> str:
+    """Return where no machine runs, and how to start one."""
+    if every:
+        return "no machine runs on a whiteboard of this host; start one: llfsm run MACHINE"
+    where = f" of host {host}" if host else " of any host" if fleet else ""
+    name = shlex.quote(board.name)
+    return f"no machine{where} runs on whiteboard {name}; start one: llfsm run MACHINE -b {name}"
 
 
 def listings(places: Iterable[BoardPlace]) -> list[Listing]:
