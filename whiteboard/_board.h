@@ -179,36 +179,20 @@ static PyObject *board_slots(Board *self, PyObject *unused)
     return list;
 }
 
-/* names(indices): the name of each of these slots, or None if it has none now. */
-static PyObject *board_names(Board *self, PyObject *indices)
+/* Append the name of a slot to a list, unless it has none now. Return whether that worked. */
+static bool append_name(Board *self, PyObject *list, int index)
 {
-    if (!is_open(self, self->path))
-        return NULL;
-    if (!PyList_Check(indices)) {
-        PyErr_SetString(PyExc_TypeError, "names() needs a list");
-        return NULL;
-    }
-    PyObject *list = PyList_New(0);
-    for (Py_ssize_t i = 0; list && i < PyList_Size(indices); i++) {
-        long index = PyLong_AsLong(PyList_GetItem(indices, i));
-        if (index == -1 && PyErr_Occurred()) {
-            Py_CLEAR(list);
-            break;
-        }
-        union lwb_name name;
-        uint64_t offset, life;
-        bool damaged;
-        int status;
-        struct lwb_record *r = index < 0 ? NULL
-            : lwb_slot_at(&self->board, index < LWB_MAX_SLOTS ? (int)index : LWB_MAX_SLOTS,
-                          &offset, &status);
-        PyObject *item = r && lwb_name_of(r, &name, &life, &damaged) ? decoded_name(&name)
-                                                                     : Py_NewRef(Py_None);
-        if (!item || PyList_Append(list, item))
-            Py_CLEAR(list);
-        Py_XDECREF(item);
-    }
-    return list;
+    union lwb_name name;
+    uint64_t offset, life;
+    bool damaged;
+    int status;
+    struct lwb_record *r = lwb_slot_at(&self->board, index, &offset, &status);
+    if (!r || !lwb_name_of(r, &name, &life, &damaged))
+        return true;
+    PyObject *text = decoded_name(&name);
+    bool done = text && !PyList_Append(list, text);
+    Py_XDECREF(text);
+    return done;
 }
 
 /* readings(): a number that grows when a process begins or ends to read a slot. */
@@ -218,23 +202,20 @@ static PyObject *board_readings(Board *self, PyObject *unused)
     return is_open(self, self->path) ? PyLong_FromUnsignedLong(lwb_readings(&self->board)) : NULL;
 }
 
-/* read(): the indices of the slots that any process reads. */
+/* read(): the names of the slots that any process reads. */
 static PyObject *board_read(Board *self, PyObject *unused)
 {
     (void)unused;
     if (!is_open(self, self->path))
         return NULL;
-    PyObject *list = PyList_New(0);
     uint64_t offset;
     int status;
-    for (int i = 0; list && lwb_slot_at(&self->board, i, &offset, &status); i++) {
-        if (!lwb_is_read(&self->board, i))
-            continue;
-        PyObject *index = PyLong_FromLong(i);
-        if (!index || PyList_Append(list, index))
+    self->users++; /* as in slots() */
+    PyObject *list = PyList_New(0);
+    for (int i = 0; list && lwb_slot_at(&self->board, i, &offset, &status); i++)
+        if (lwb_is_read(&self->board, i) && !append_name(self, list, i))
             Py_CLEAR(list);
-        Py_XDECREF(index);
-    }
+    board_leave(self);
     return list;
 }
 
@@ -269,7 +250,7 @@ static uint64_t sleep_ns(double left)
     return !(left > 0) ? 0 : left > 1 ? 1000000000u : (uint64_t)(left * 1e9);
 }
 
-/* watch(words, timeout, readings): returns the indices of the slots whose word differs from the one in
+/* watch(words, timeout, readings): returns the names of the slots whose word differs from the one in
  * `words`, a bytearray, and updates it; waits for a change for at most `timeout` seconds, or until
  * readings() is another number. */
 static PyObject *board_watch(Board *self, PyObject *args)
@@ -313,12 +294,12 @@ static PyObject *board_watch(Board *self, PyObject *args)
         if (PyErr_CheckSignals())
             return NULL;
     }
-    PyObject *list = PyList_New(number);
-    for (int i = 0; list && i < number; i++) {
-        PyObject *index = PyLong_FromUnsignedLong(which[i]);
-        if (!index || PyList_SetItem(list, i, index))
+    self->users++; /* making the list may start the garbage collector, which may run any code */
+    PyObject *list = PyList_New(0);
+    for (int i = 0; list && i < number; i++)
+        if (!append_name(self, list, (int)which[i]))
             Py_CLEAR(list);
-    }
+    board_leave(self);
     return list;
 }
 
@@ -336,7 +317,6 @@ static PyMethodDef board_methods[] = {
     {"linked", (PyCFunction)board_linked, METH_NOARGS, NULL},
     {"shared", (PyCFunction)board_shared, METH_NOARGS, NULL},
     {"slots", (PyCFunction)board_slots, METH_NOARGS, NULL},
-    {"names", (PyCFunction)board_names, METH_O, NULL},
     {"readings", (PyCFunction)board_readings, METH_NOARGS, NULL},
     {"read", (PyCFunction)board_read, METH_NOARGS, NULL},
     {"vacate", (PyCFunction)board_vacate, METH_O, NULL},

@@ -137,7 +137,7 @@ class Whiteboard(Board):
             nonlocal readings
             changed = self._core.watch(words, timeout, readings)
             readings = self._core.readings()
-            return self._names(changed)
+            return changed
 
         return wait
 
@@ -148,10 +148,7 @@ class Whiteboard(Board):
 
     def read_slots(self) -> set[str]:
         """Return the names of the slots that any process reads."""
-        return set(self._names(self._core.read()))
-
-    def _names(self, indices: list[int]) -> list[str]:
-        return [name for name in self._core.names(indices) if name is not None]
+        return set(self._core.read())
 
     def vacate(self, slot: Slot[Any]) -> None:
         """Give up the slot's name; see :meth:`.Board.vacate`."""

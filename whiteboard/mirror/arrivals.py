@@ -68,6 +68,8 @@ class Arrivals:
     ) -> None:
         self._store = store
         self._settings = settings
+        self._ahead_ns = settings.ahead_ns
+        self._is_renaming = bool(routes.naming.host)
         self._routes = routes
         self._peers = peers
         self._quotas = quotas
@@ -100,27 +102,27 @@ class Arrivals:
                     declared[declaration.slot] = declaration
             yield
         for raw in batch.values:
-            account.charge(self._now_ns(), messages=1)
-            value = self._here(self._decode(_VALUES, raw, "message"))
-            if value is not None and self._may_add(source, value.slot):
+            now_ns = self._now_ns()
+            account.charge(now_ns, messages=1)
+            value = self._decode(_VALUES, raw, "message")
+            if self._is_renaming:
+                value = self._here(value)
+            if value is not None and (not self._access or self._may_add(source, value.slot)):
                 try:
-                    self._add(source, value, declared.get(value.slot))
+                    route = self._routes.known(value.slot)
+                    if route is None or route.cell.kind != value.kind or not route.enters:
+                        route = self._find_route(source, value, declared.get(value.slot))
+                    if route is not None and self._is_timely(source, value):
+                        self._enter(source, route, value, now_ns)
                 except BoardClosedError:
                     return
                 except (Refused, WhiteboardError) as error:
                     self._refuse(source, value.slot, error)
             yield
 
-    def _add(self, source: Source, value: Value, declaration: Declaration | None) -> None:
-        route = self._routes.known(value.slot)
-        if route is None or route.cell.kind != value.kind or not route.enters:
-            route = self._find_route(source, value, declaration)
-        if route is not None and self._is_timely(source, value):
-            self._enter(source, route, value)
-
     def _may_add(self, source: Source, slot: str) -> bool:
-        """Return whether the sender may add to a slot, which other hosts may do, too."""
-        if not self._access or self._access.get(source.name, _NOTHING)(slot):
+        """Return whether the sender may add to a slot, if the settings list who may."""
+        if self._access.get(source.name, _NOTHING)(slot):
             return True
         self._refusals.add(f"from {source}: {slot}", f"slot {slot!r}: {source} may not add to it")
         return False
@@ -205,10 +207,10 @@ class Arrivals:
     def _is_timely(self, source: Source, value: Value) -> bool:
         """Return whether a message's version is not too far ahead of this host's clock."""
         ahead_ns = value.version.time - self._wall_ns()
-        if ahead_ns <= self._settings.ahead_ns:
+        if ahead_ns <= self._ahead_ns:
             return True
         # It may be this clock that is wrong: then the message is missed once the clock is set.
-        self._peers.miss_later(source, value.version.time - self._settings.ahead_ns)
+        self._peers.miss_later(source, value.version.time - self._ahead_ns)
         self._refusals.add(
             f"from {source}: ahead of this host's clock",
             f"slot {value.slot!r}: its version is {ahead_ns / _DAY_NS:.1f} days ahead of this "
@@ -220,9 +222,9 @@ class Arrivals:
         why = f"from {source}" if isinstance(error, Refused) else "no room"
         self._refusals.add(f"{why}: {slot}", str(error))
 
-    def _enter(self, source: Source, route: Route, value: Value) -> None:
+    def _enter(self, source: Source, route: Route, value: Value, now_ns: int) -> None:
         """Add a message to the board, or hold it back if its slot arrives too often."""
-        now_ns, slot = self._now_ns(), value.slot
+        slot = value.slot
         size, capacity = len(value.payload), route.cell.capacity
         if size > capacity:
             raise Refused(
@@ -251,7 +253,7 @@ class Arrivals:
             if held.route.arrivals.due_ns <= now_ns:
                 del self._held[slot]
                 try:
-                    self._enter(*held)
+                    self._enter(*held, now_ns)
                 except (Refused, WhiteboardError) as error:
                     self._refuse(held.source, slot, error)
 

@@ -10,7 +10,7 @@ import os
 import socket
 from collections import Counter
 from collections.abc import Callable, Iterable
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import msgspec
 
@@ -48,13 +48,6 @@ _QUERIES = decoder(StateQuery)
 _DONE = object()
 _MAX_LISTED = 50  # hosts, and kinds of refusals, in a status
 _ANNOUNCE_NS = 2_000_000_000  # from a connection on, so that a lost announcement is repeated
-
-
-class _Leaving(NamedTuple):
-    """What leaves in one group."""
-
-    values: list[Value]
-    declarations: list[Declaration]
 
 
 class Exchange:
@@ -114,13 +107,20 @@ class Exchange:
         `slots` are those that may have changed since the last call. A slot waits until its rate
         permits it to leave, unless `ignore_rates`. One that nobody reads does not leave.
         """
-        read = {group for group in self._groups_of_changes(slots) if self._is_read(group)}
+        store, changed = self._store, self._changed
+        is_read: dict[str, bool] = {}
         with self._lock:
-            store, changed = self._store, self._changed
-            now_ns, leaving = self._now_ns(), dict[str, _Leaving]()
+            self._look(slots)
+            for route in changed.values():
+                is_read[route.group] = False
+        for group in is_read:
+            is_read[group] = self._is_read(group)
+        with self._lock:
+            now_ns = self._now_ns()
+            leaving: dict[str, tuple[list[Value], list[Declaration]]] = {}
             for name, route in list(changed.items()):
                 group = route.group
-                if group not in read:  # who begins to read it asks for it
+                if not is_read.get(group):  # who begins to read it asks for it
                     del changed[name]
                     continue
                 if now_ns < route.departures.due_ns and not ignore_rates:
@@ -130,31 +130,33 @@ class Exchange:
                 store.news.pop(name, None)
                 if value is None or value.version.host != store.host or value.version == route.sent:
                     continue
-                values, declarations = leaving.setdefault(group, _Leaving([], []))
+                if group not in leaving:
+                    leaving[group] = [], []
+                values, declarations = leaving[group]
                 if route.sent is None:
                     declarations.append(store.declaration(route.cell))
                 route.sent = value.version
                 route.departures.record(now_ns)
                 values.append(value)
                 self._traffic.left += 1
-            return [
-                Packet(group, data)
-                for group in self._routes.in_order(leaving)
-                for data in self._pack(*leaving[group], group)
-            ]
+            packets = []
+            for group in self._routes.in_order(leaving) if len(leaving) > 1 else leaving:
+                for data in self._pack(*leaving[group], group):
+                    packets.append(Packet(group, data))
+            return packets
 
-    def _groups_of_changes(self, slots: Iterable[str]) -> set[str]:
-        """Return the groups of the slots that have changed, `slots` perhaps among them."""
-        with self._lock:
-            changed, news = self._changed, self._store.news
-            for name in slots:
-                route = self._routes.usable(name)
-                if route is not None and route.leaves and route.cell.has_news():
-                    changed[name] = route
-            routes = {name: self._routes.get(name) for name in news}
-            changed.update((name, route) for name, route in routes.items() if route.leaves)
-            news.clear()
-            return {route.group for route in changed.values()}
+    def _look(self, slots: Iterable[str]) -> None:
+        """Record what has changed, `slots` perhaps among it."""
+        changed, routes, news = self._changed, self._routes, self._store.news
+        for name in slots:
+            route = routes.usable(name)
+            if route is not None and route.leaves and route.cell.has_news():
+                changed[name] = route
+        for name in news:
+            route = routes.get(name)
+            if route.leaves:
+                changed[name] = route
+        news.clear()
 
     def batches_sent(self) -> None:
         """Record that the collected batches were sent."""
@@ -165,15 +167,17 @@ class Exchange:
         self, values: list[Value], declarations: list[Declaration], group: str | None
     ) -> list[bytes]:
         """Return batches, with the next numbers of a group; a reply has none."""
-        packed = []
-        for part in divide(list(map(self._routes.naming.leaving, values))):
+        packed, naming = [], self._routes.naming
+        if naming.host:
+            values = list(map(naming.leaving, values))
+        for part in divide(values):
             number = 0
             if group is not None:
                 number = self._numbers[group] = self._numbers[group] + 1
             declared: tuple[Declaration, ...] = ()
             if declarations:
                 names = {value.slot for value in part}
-                leaving = map(self._routes.naming.leaving, declarations)
+                leaving = map(naming.leaving, declarations)
                 declared = tuple(d for d in leaving if d.slot in names)
             head = self._store.host, self._born, number, self._wall_ns()
             packed.append(encode(Batch(*head, tuple(part), declared)))

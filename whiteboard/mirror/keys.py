@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from .batches import VERSION
@@ -122,6 +123,7 @@ def board_in(key: str) -> str:
     return key.split("/", 3)[2]
 
 
+@lru_cache(maxsize=8192)
 def sender_in(key: str) -> tuple[str, str, bool]:
     """Return the name of the host that has published under a key, its group, and if it beats."""
     _, name, group, kind = key.rsplit("/", 3)

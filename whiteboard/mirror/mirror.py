@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from ..board import Board
@@ -59,7 +59,8 @@ class Mirror:
         host = secrets.randbits(63) if host is None else host
         self._board = board
         self._watch = board.watcher()
-        horizon_ns = lambda: time.time_ns() + settings.ahead_ns  # noqa: E731
+        ahead_ns = settings.ahead_ns
+        horizon_ns = lambda: time.time_ns() + ahead_ns  # noqa: E731
         self._store = store = Store(board, host, _wall_ns, versions, horizon_ns)
         self._network = Network(board.name, host, settings, mode)
         self._exchange = Exchange(
@@ -77,6 +78,7 @@ class Mirror:
         self._naming = Naming(settings.as_, settings.fleet)
         self._leaves = matcher(settings.leave)
         self._hosts: tuple[str, ...] | None = None  # as published
+        self._offered: set[str] = set()  # slots whose groups were offered when they changed first
         self._begun: dict[str, None] = {}  # groups that other hosts have begun to read
         self._network.join(self)
         if self._eager:
@@ -102,9 +104,12 @@ class Mirror:
             changed = self._watch(self._until_due(max(0, heartbeat - time.monotonic())))
             while self._begun:
                 self._exchange.begin_sending(self._begun.popitem()[0])
-            self._offer(changed)
+            if not self._offered.issuperset(changed):
+                self._offer(changed)
             has_sent = self._send(self._exchange.collect(changed))
             # What other hosts wait for is sent by now: so no message is later for the rest.
+            self._exchange.batches_sent()
+            self._offer()
             self._keep(changed)
             self._receive_what_is_read()
             self._publish_hosts()
@@ -115,6 +120,7 @@ class Mirror:
         changed = self._watch(0)
         self._offer(changed)
         self._send(self._exchange.collect(changed, ignore_rates=True))
+        self._exchange.batches_sent()
         self._keep(changed)
         if self._keeper is not None:
             self._keeper.finish(self._store, self._exchange.refuse)
@@ -167,9 +173,10 @@ class Mirror:
                 self._board.add_message(HOSTS, Hosts(hosts))
         self._hosts = hosts
 
-    def _offer(self, changed: list[str]) -> None:
+    def _offer(self, changed: Sequence[str] = ()) -> None:
         """Let other hosts read new groups, before any message of theirs is sent or withheld."""
         offered = self._network.offer(self._exchange.groups(changed))
+        self._offered.update(changed)
         for group in offered:
             self._exchange.begin_sending(group)
         if offered:
@@ -193,7 +200,6 @@ class Mirror:
     def _send(self, batches: list[Packet]) -> bool:
         for packet in batches:
             self._network.send_batch(packet)
-        self._exchange.batches_sent()
         return bool(batches)
 
     def _send_heartbeats(self) -> None:

@@ -26,15 +26,12 @@ class _Bucket:
 
     def __init__(self, per_s: float) -> None:
         self._cost_ns = 1e9 / per_s
-        self._paid_ns = 0.0
+        self.paid_ns = 0.0
+        """When all is paid off: something may pass from then on."""
 
     def charge(self, amount: int, now_ns: int) -> None:
         """Add to what has to be paid off."""
-        self._paid_ns = max(self._paid_ns, now_ns - _BURST_NS) + amount * self._cost_ns
-
-    def is_paid(self, now_ns: int) -> bool:
-        """Return whether something may pass."""
-        return self._paid_ns <= now_ns
+        self.paid_ns = max(self.paid_ns, now_ns - _BURST_NS) + amount * self._cost_ns
 
 
 class Account:
@@ -51,7 +48,7 @@ class Account:
 
     def admits(self, size: int, now_ns: int) -> bool:
         """Take `size` bytes of traffic; return False, counted, if the host is over a rate."""
-        if not (self._traffic.is_paid(now_ns) and self._messages.is_paid(now_ns)):
+        if self._traffic.paid_ns > now_ns or self._messages.paid_ns > now_ns:
             self.over_rate += 1
             return False
         self._traffic.charge(size, now_ns)
@@ -59,14 +56,15 @@ class Account:
 
     def is_over(self, now_ns: int) -> bool:
         """Return whether a batch takes so much that its rest has to be dropped; counted if so."""
-        over = not self._messages.is_paid(now_ns + _BURST_NS)
+        over = self._messages.paid_ns > now_ns + _BURST_NS
         self.over_rate += over
         return over
 
     def charge(self, now_ns: int, *, messages: int, size: int = 0) -> None:
         """Take the time for messages, looked at or sent, and the traffic for what is sent."""
         self._messages.charge(messages, now_ns)
-        self._traffic.charge(size, now_ns)
+        if size:
+            self._traffic.charge(size, now_ns)
 
     def failure(self, name: str, kind: int) -> str | None:
         """Return why a slot with this type could not be used before; None if it was not tried."""

@@ -105,7 +105,7 @@ class Routes:
     def usable(self, name: str) -> Route | None:
         """Return the route of a slot, or None, counted, if its record is unusable."""
         try:
-            return self.get(name)
+            return self._routes.get(name) or self.get(name)
         except Refused as refused:
             self._refusals.add(f"unusable: {name}", str(refused))
             return None

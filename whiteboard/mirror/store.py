@@ -103,8 +103,9 @@ class Store:
         latest = cell.encoded()
         if latest is None:
             return None
-        payload, *added = latest
-        return Value(cell.slot.name, cell.kind, self._settle(cell, *added), payload)
+        payload, count, stamp_ns, writer = latest
+        version = self._settle(cell, count, stamp_ns, writer)
+        return Value(cell.slot.name, cell.kind, version, payload)
 
     def version(self, cell: Cell) -> Version | None:
         """Return the version of a slot's latest message, or None before the first."""
@@ -123,15 +124,17 @@ class Store:
 
     def _settle(self, cell: Cell, count: int, stamp_ns: int, writer: int) -> Version:
         """Return the version of message number `count`; assign one if it has no credible one."""
-        before = cell.version
-        if before is not None and count == cell.count and self._is_credible(before):
-            return before
-        known, name = None, cell.slot.name
+        before, known, name = cell.version, None, cell.slot.name
         if before is None:
             known, before = self._versions.recall(name, count, writer)
-        if known is None or not self._is_credible(known):
-            before = before if self._is_credible(before) else None
-            known = succeed(before, self._wall_ns(stamp_ns), self.host)
+            known = known if self._is_credible(known) else None
+        elif count == cell.count and self._is_credible(before):
+            return before
+        if known is None:
+            wall_ns = self._wall_ns(stamp_ns)
+            if before is not None and before.time >= wall_ns and not self._is_credible(before):
+                before = None
+            known = succeed(before, wall_ns, self.host)
         self._pending.append((name, count, writer, known))
         cell.version, cell.count = known, count
         if known.host == self.host:
@@ -185,12 +188,15 @@ class Store:
         version, payload = value.version, value.payload
         message: Message | None = None
         while True:
-            ours = self.version(cell)
-            if ours is not None and ours >= version:
-                return Outcome.KNOWN if ours == version else Outcome.OLDER
+            ours = cell.version  # if it is older, its own time does not matter
+            if cell.bound.count != cell.count or (ours is not None and ours >= version):
+                ours = self.version(cell)
+                if ours is not None and ours >= version:
+                    return Outcome.KNOWN if ours == version else Outcome.OLDER
             if message is None:
                 message = self._decode(cell, payload)
-            self.note()
+            if self._pending:
+                self.note()
             # Stored before the add: if the daemon is killed in between, the entry's number and
             # writer match no message.
             self._versions.note(value.slot, cell.count + 1, self._pid, version)
