@@ -15,7 +15,10 @@ from .loops import self_loops
 from .nearby import Grid
 from .shapes import Curve, Point
 
-__all__ = ["bowed_curve", "editor_layout", "given_curve", "has_room", "place_boxes"]
+__all__ = [
+    "bowed_curve", "editor_layout", "given_curve", "has_room", "label_places", "overlap",
+    "place_boxes",
+]  # fmt: skip
 
 _GAP = 40.0
 _BOWS = (0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 140.0, -140.0, 220.0, -220.0)
@@ -86,7 +89,7 @@ def editor_layout(
 def has_room(boxes: Sequence[Box], layout: MachineLayout) -> bool:
     """Return whether no two boxes overlap at their positions in `layout`."""
     places = place_boxes(boxes, layout)
-    return not any(_overlap(a, b) for a, b in combinations(places, 2))
+    return not any(overlap(a, b) for a, b in combinations(places, 2))
 
 
 def place_boxes(boxes: Sequence[Box], layout: MachineLayout) -> list[Box]:
@@ -122,7 +125,7 @@ def _apart(boxes: Sequence[Box], layout: MachineLayout) -> list[Box]:
         moved = False
         for i, j in combinations(range(len(places)), 2):
             a, b = places[i], places[j]
-            if not _overlap(a, b):
+            if not overlap(a, b):
                 continue
             moved = True
             if grown[i] > grown[j]:
@@ -256,7 +259,7 @@ def _free_loops(
         return sum(
             _COVERED * _covered(points, label, _NEAR)
             + sum(
-                _overlap(label, boxes[other])
+                overlap(label, boxes[other])
                 for other in around.near(label.x, label.y, label.width, label.height)
                 if other != i
             )
@@ -319,28 +322,33 @@ def _free_label(
     """Place a label on its curve or beside it, where it covers least."""
     label = arrow.label
 
-    def places() -> Iterator[Label]:
-        for aside in _ASIDE:
-            for t in _ALONG:
-                point, way = at(curve, t)
-                length = hypot(*way) or 1
-                x = point.x - way.y / length * (aside + _sign(aside) * label.width / 4)
-                yield replace(label, x=x, y=point.y + way.x / length * aside)
-
     def covered(place: Label) -> float:
         near = taken.near(place.x, place.y, place.width, place.height)
-        return sum(_overlap(place, item) for item in near) + _COVERED * _covered(
+        return sum(overlap(place, item) for item in near) + _COVERED * _covered(
             points, place, own=arrow
         )
 
-    return _best(places(), covered)
+    return _best((replace(label, x=x, y=y) for x, y in label_places(label, curve)), covered)
+
+
+def label_places(
+    label: Label, curve: Curve, asides: Sequence[float] = _ASIDE, along: Sequence[float] = _ALONG
+) -> Iterator[Point]:
+    """Give places for a label on its curve, then beside it, the best first."""
+    for aside in asides:
+        for t in along:
+            point, way = at(curve, t)
+            length = hypot(*way) or 1
+            x = point.x - way.y / length * (aside + _sign(aside) * label.width / 4)
+            yield Point(x, point.y + way.x / length * aside)
 
 
 def _sign(value: float) -> int:
     return (value > 0) - (value < 0)
 
 
-def _overlap(a: Box | Label, b: Box | Label) -> float:
+def overlap(a: Box | Label, b: Box | Label) -> float:
+    """Return the area that two things have in common."""
     x = (a.width + b.width) / 2 - abs(a.x - b.x)
     y = (a.height + b.height) / 2 - abs(a.y - b.y)
     return x * y if x > 0 and y > 0 else 0.0

@@ -1,7 +1,8 @@
 """The drawing of a bundle while it is edited: quick, and also if its code cannot be parsed.
 
 States are where the layout has them. Arrows without a path are drawn without looking for free room,
-unlike in `llfsm.runtime.drawing.arrange`, which would take seconds for hundreds of them.
+unlike in `llfsm.runtime.drawing.arrange`, which would take seconds for hundreds of them. A label is
+at the first of a few places where it covers no box and no other label; arrows may cross it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ..bundles.outline import cpp_label
 from ..drawing.automatic_layout import automatic_layout
 from ..drawing.curves import at, straight
 from ..drawing.diagram import Arrow, Box, Diagram, Edge, Label, SectionText
-from ..drawing.editor_layout import bowed_curve, given_curve, place_boxes
+from ..drawing.editor_layout import bowed_curve, given_curve, label_places, place_boxes
 from ..drawing.loops import self_loops
 from ..drawing.shapes import Curve, Point
 from ..drawing.style import MARGIN
@@ -33,6 +34,9 @@ _IN_PYTHON = (PYTHON, CLASS)
 _BOW = 26.0  # between arrows that connect the same states
 _ALONG = (0.5, 0.28, 0.72)  # where their labels are
 _START = 26.0  # the length of the arrow to the initial state
+_BESIDE = (0.0, 14.0, -14.0, 40.0, -40.0)  # the arrow, where labels have room
+_CELL = 160.0  # of the drawing, in which things are compared
+_MOST = 8192.0  # the width and height of what is in cells
 _LOOP = Label(0, 0, 0, 0, ())
 
 
@@ -43,6 +47,7 @@ def sketch(bundle: Bundle) -> Diagram:
     boxes = placed_boxes(bundle)
     paths = {} if bundle.layout is None else bundle.layout.transitions
     pairs: Counter[frozenset[int]] = Counter()
+    room = _Room(boxes)
     edges = []
     for arrow in _arrows(bundle):
         own = paths.get(boxes[arrow.source].state, ())
@@ -52,7 +57,7 @@ def sketch(bundle: Bundle) -> Diagram:
             path, boxes[arrow.source], boxes[arrow.target], pairs[pair], arrow.label
         )
         pairs[pair] += 1
-        edges.append(arrow.edge(boxes, curve, label))
+        edges.append(arrow.edge(boxes, curve, room.place(label, curve)))
     first = boxes[0]
     start = straight(Point(first.x, first.top - _START), Point(first.x, first.top))
     return _framed(bundle.name, boxes, edges, start)
@@ -175,6 +180,57 @@ def _drawn(
         curve = bowed_curve(source, target, _BOW * beside)
     middle = at(curve, _ALONG[beside % len(_ALONG)])[0]
     return curve, replace(label, x=middle.x, y=middle.y)
+
+
+class _Room:
+    """What is drawn, in cells, so that a label is compared with few of it."""
+
+    def __init__(self, boxes: Iterable[Box]):
+        self._cells: dict[tuple[int, int], list[Box | Label]] = {}
+        self._large: list[Box | Label] = []  # or without a place
+        for box in boxes:
+            self._add(box)
+
+    def _add(self, item: Box | Label) -> None:
+        if not item.width + item.height < _MOST:
+            self._large.append(item)
+            return
+        for cell in _cells(item.x, item.y, item.width, item.height):
+            self._cells.setdefault(cell, []).append(item)
+
+    def place(self, label: Label, curve: Curve) -> Label:
+        """Add a label where it covers nothing: where it is, or along its arrow or beside it."""
+        if not self._is_free(label, label.x, label.y):
+            places = (each for each in _label_places(label, curve) if self._is_free(label, *each))
+            place = next(places, None)
+            label = label if place is None else replace(label, x=place.x, y=place.y)
+        self._add(label)
+        return label
+
+    def _is_free(self, label: Label, x: float, y: float) -> bool:
+        width, height = label.width, label.height
+        if not width + height < _MOST:
+            return True
+        near = [self._cells.get(cell, ()) for cell in _cells(x, y, width, height)]
+        for items in (*near, self._large):
+            for each in items:
+                if (
+                    abs(each.x - x) * 2 < each.width + width
+                    and abs(each.y - y) * 2 < each.height + height
+                ):
+                    return False
+        return True
+
+
+def _cells(x: float, y: float, width: float, height: float) -> list[tuple[int, int]]:
+    left, right = int((x - width / 2) // _CELL), int((x + width / 2) // _CELL)
+    top, bottom = int((y - height / 2) // _CELL), int((y + height / 2) // _CELL)
+    return [(i, j) for i in range(left, right + 1) for j in range(top, bottom + 1)]
+
+
+@lru_cache(maxsize=4096)
+def _label_places(label: Label, curve: Curve) -> tuple[Point, ...]:
+    return tuple(label_places(label, curve, _BESIDE, _ALONG))
 
 
 def _framed(title: str, boxes: Sequence[Box], edges: Sequence[Edge], start: Curve) -> Diagram:

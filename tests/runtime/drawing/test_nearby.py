@@ -44,7 +44,7 @@ def compared(count: int, monkeypatch: pytest.MonkeyPatch) -> int:
     label = Label(0, 0, 60, 16, ("x",))
     arrows = [Arrow(i, 0, (i + 1) % count, label) for i in range(count - 1)]
     calls = 0
-    overlap = editor_layout._overlap
+    overlap = editor_layout.overlap
 
     def counting(a: Box | Label, b: Box | Label) -> float:
         nonlocal calls
@@ -52,7 +52,7 @@ def compared(count: int, monkeypatch: pytest.MonkeyPatch) -> int:
         return overlap(a, b)
 
     with monkeypatch.context() as patch:
-        patch.setattr(editor_layout, "_overlap", counting)
+        patch.setattr(editor_layout, "overlap", counting)
         editor_layout.editor_layout(boxes, arrows, MachineLayout(places, {}))
     return calls
 
