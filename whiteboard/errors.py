@@ -103,7 +103,14 @@ class BoardMirroredError(BoardError):
 
 
 class NetworkError(BoardError):
-    """A board cannot be mirrored or reached; the text gives the reason."""
+    """A board cannot be mirrored or reached; the text gives the reason.
+
+    `setting` is the path of the wrong one in the settings, as ("listen", 0), or empty.
+    """
+
+    def __init__(self, what: str, setting: tuple[str | int, ...] = ()):
+        self.setting = setting
+        super().__init__(what)
 
 
 class SlotError(WhiteboardError):

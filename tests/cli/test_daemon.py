@@ -98,6 +98,10 @@ def test_status_says_that_the_daemon_is_silent(tmp_path: Path) -> None:
         ('[rates]\n"a" = 1\n"b" = "fast"', "hosts.toml:1: rates: Expected `float`, got `str`"),
         ("rate = ", "hosts.toml:1"),
         ("zenoh = 'not-there.json5'", "not-there.json5: no such Zenoh configuration file"),
+        ("\nzenoh = 'not-there.json5'", "hosts.toml:2: "),
+        ("\nlisten = ['nonsense']", "hosts.toml:2: listen: 'nonsense' is not an endpoint"),
+        ("connect = ['tcp/']", "hosts.toml:1: connect: 'tcp/' is not an endpoint"),
+        ("rate = 5\n[access]\nrobot = ['*']", "hosts.toml:2: `access` names hosts by their"),
     ],
 )
 def test_a_mistake_in_the_settings_is_told_with_its_place(
@@ -107,6 +111,15 @@ def test_a_mistake_in_the_settings_is_told_with_its_place(
     status, output = run("daemon", "--directory", str(tmp_path), "-c", str(tmp_path / "hosts.toml"))
     assert status == 1
     assert message in output
+
+
+def test_a_flag_that_overrides_the_file_is_not_looked_for_there(tmp_path: Path) -> None:
+    file = tmp_path / "hosts.toml"
+    file.write_text("listen = ['tcp/127.0.0.1:0']")
+    flags = ("--directory", str(tmp_path), "-c", str(file), "--listen", "nonsense")
+    status, output = run("daemon", *flags)
+    assert status == 1
+    assert "Error: listen: 'nonsense' is not an endpoint" in output
 
 
 def test_a_mistake_in_the_flags_is_one_of_usage(tmp_path: Path) -> None:

@@ -46,8 +46,9 @@ def configure(settings: Settings, mode: str) -> zenoh.Config:
     import zenoh
 
     for which in ("listen", "connect"):
-        for problem in filter(None, map(endpoint_problem, getattr(settings, which) or ())):
-            raise NetworkError(f"{which}: {problem}")
+        for number, endpoint in enumerate(getattr(settings, which) or ()):
+            if problem := endpoint_problem(endpoint):
+                raise NetworkError(f"{which}: {problem}", (which, number))
     unchanged = zenoh.Config()
     config = zenoh.Config() if settings.zenoh is None else _read(settings.zenoh)
     # A key that the file does not set has Zenoh's own default.
@@ -115,10 +116,13 @@ def _check_certificates(config: zenoh.Config) -> None:
     if config.get_json("transport/link/tls/enable_mtls") != "true":
         raise NetworkError(
             "`access` names hosts by their certificates: let `zenoh` name a Zenoh configuration "
-            "file with `enable_mtls: true` and this host's certificate"
+            "file with `enable_mtls: true` and this host's certificate",
+            ("access",),
         )
     if config.get_json("access_control/enabled") == "true":
-        raise NetworkError("access_control is in the Zenoh configuration file, and in `access`")
+        raise NetworkError(
+            "access_control is in the Zenoh configuration file, and in `access`", ("access",)
+        )
 
 
 def certificate_name(config: zenoh.Config) -> str:
@@ -140,7 +144,7 @@ def _read(path: str) -> zenoh.Config:
     import zenoh
 
     if not Path(path).is_file():
-        raise NetworkError(f"{path}: no such Zenoh configuration file")
+        raise NetworkError(f"{path}: no such Zenoh configuration file", ("zenoh",))
     try:
         return zenoh.Config.from_file(path)
     except zenoh.ZError as error:

@@ -270,17 +270,18 @@ def run(
     with ExitStack() as stack:
         clock: Clock | None = DebugClock() if plan.debug_clock else None
         live: MakeEnvironment = LiveEnvironment
+        if ros:
+            from .ros_world import connections, on_ros  # here, as few machines need ROS
+
+            connected = connections(plan, resolved.classes.values(), config, node, place)
         if ros or ros_time:
             enclave = ros_arguments().enclave
             opened = stack.enter_context(open_chosen(transport, domain, router, enclave))
         if ros_time:
-            from .ros_time import ros_clock  # here, as few machines need ROS
+            from .ros_time import ros_clock
 
             clock = stack.enter_context(ros_clock(opened))
         if ros:
-            from .ros_world import connections, on_ros
-
-            connected = connections(plan, resolved.classes.values(), config, node, place)
             logging.getLogger().setLevel(ros_arguments().log_level(connected.node.full_node))
             live = stack.enter_context(on_ros(opened, connected, begin=not lifecycle))
             where.append(f"ROS domain {opened.domain} as {connected.node.full_node}")

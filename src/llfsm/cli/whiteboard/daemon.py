@@ -11,11 +11,14 @@ from pathlib import Path
 import click
 import msgspec
 
+from llfsm.errors import LlfsmError
+from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.engine.signals import stop_on_signals
-from llfsm.runtime.plans.toml_files import read_toml
+from llfsm.runtime.plans.toml_files import line_of, read_text, read_toml
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.runtime.presence.summary import summary_publisher
 from llfsm.whiteboard import BoardNotFoundError
+from llfsm.whiteboard.errors import NetworkError
 from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
 from llfsm.whiteboard.mirror.settings import DEFAULT_ENDPOINT, Settings
 from llfsm.whiteboard.schema import to_plain
@@ -66,7 +69,10 @@ def daemon(board: BoardPlace, config: Path | None, **flags: object) -> None:
         wb = stack.enter_context(board.opened())
         # Only Zenoh's own configuration brings certificates, which can be refused.
         log = None if settings.zenoh is None else stack.enter_context(refusal_log())
-        mirror = stack.enter_context(daemon(wb, settings))
+        try:
+            mirror = stack.enter_context(daemon(wb, settings))
+        except NetworkError as error:
+            raise _located(error, config, flags) from error
         if log is not None:
             log.report = mirror.refuse
         with stop_on_signals(lambda _: mirror.stop()):
@@ -98,6 +104,15 @@ def _settings(config: Path | None, flags: dict[str, object]) -> Settings:
     except msgspec.ValidationError as error:
         what, _, place = str(error).partition(" - at `$.")
         raise click.UsageError(f"{place.rstrip('`')}: {what}" if place else what) from error
+
+
+def _located(error: NetworkError, config: Path | None, flags: dict[str, object]) -> LlfsmError:
+    """Return the error with the place in the file where the wrong setting is, if it is there."""
+    setting = error.setting
+    if config is None or not setting or flags.get(str(setting[0])):
+        return error
+    line = line_of(read_text(config), setting)
+    return ConfigurationError(str(error), setting, file=config, line=line)
 
 
 @click.command()

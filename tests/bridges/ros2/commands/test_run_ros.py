@@ -142,3 +142,11 @@ def test_what_is_wrong_is_usage(folder, router, arguments, why):
     done = call("run", "counter.py:Counter", "--router", router, *arguments, cwd=folder)
     assert done.returncode == 2, done.stderr
     assert why in done.stderr
+
+
+def test_a_configuration_that_is_wrong_is_reported_before_ros_is_looked_for(folder):
+    nowhere = ["--transport", "zenoh", "--router", "tcp/127.0.0.1:1"]
+    arguments = ["counter.py:Counter", "--ros", "--config", "missing.toml", *nowhere]
+    done = call("run", *arguments, cwd=folder)
+    assert done.returncode == 2
+    assert done.stderr == "Error: missing.toml: cannot be read: No such file or directory\n"
