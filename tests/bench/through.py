@@ -3,6 +3,7 @@
 raw      a Zenoh publisher in one process, a Zenoh subscriber in another
 through  the same publisher, a bridge with two relays of one slot, the same subscriber
 
+Publisher and subscriber send and receive as rmw_zenoh configures every node of ROS.
 That is twice the way. A small message may be no more than 0.4 ms later; of a large one, which takes
 its time on the way, the bridge may add half.
 """
@@ -38,6 +39,7 @@ __all__ = ["rows"]
 
 _GID = b"bench-of-bridges"
 _DOMAIN = 78
+_AS_RMW_ZENOH = {"ZENOH_CONFIG_OVERRIDE": "transport/link/tx/queue/size/data=2"}
 _STAMP, _STAMP_AT = "<iI", 4  # a header's stamp, behind the encapsulation of the message
 
 
@@ -71,7 +73,8 @@ class Place(NamedTuple):
     def role(self, name: str) -> Popen[str]:
         """Start this file as one of the processes."""
         command = [sys.executable, __file__, "--role", name, "--place", json.dumps(self)]
-        return Popen(command, text=True, stdin=PIPE, stdout=PIPE)
+        environment = os.environ | _AS_RMW_ZENOH
+        return Popen(command, text=True, env=environment, stdin=PIPE, stdout=PIPE)
 
     def bridge(self, folder: Path) -> Popen[str]:
         """Start a bridge from the topic `in` to `out`."""

@@ -37,6 +37,9 @@ _ALWAYS: dict[str, Any] = {
     "scouting/delay": 1,  # ms that opening takes; it waits for no other peer
     "timestamping/enabled": True,  # histories are ordered by time stamps
     "transport/shared_memory/enabled": False,  # not used, and its file outlives a killed process
+    # Batches of 64 KB that may wait to be sent, the most that Zenoh accepts. With its own 2, who
+    # publishes a large message sleeps again and again until the thread that sends has made room.
+    "transport/link/tx/queue/size/data": 16,
 }
 
 

@@ -76,6 +76,23 @@ def test_nothing_is_in_shared_memory_that_a_killed_process_would_leave(opened):
     assert "/dev/shm/" not in "".join(line for line in mapped.splitlines() if "zenoh" in line)
 
 
+@pytest.mark.parametrize("opened", ["node", "router"])
+def test_a_large_message_has_room_in_the_queue_of_a_connection(monkeypatch, opened):
+    sizes = []
+    monkeypatch.setattr(
+        "zenoh.open",
+        lambda config: sizes.append(config.get_json("transport/link/tx/queue/size/data")),
+    )
+    if opened == "node":
+        open_session(["tcp/127.0.0.1:1"])
+        monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", "transport/link/tx/queue/size/data=4")
+        open_session(["tcp/127.0.0.1:1"])
+        assert sizes == ["16", "4"]
+    else:
+        open_with({})
+        assert sizes == ["16"]
+
+
 def test_a_router_that_is_none_is_said():
     with pytest.raises(TransportUnavailableError, match="nonsense"):
         open_session(["nonsense"])
