@@ -9,8 +9,10 @@ from llfsm.bridges.view.diagram_data import plain_diagram
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, Fragment
 from llfsm.runtime.checking import Finding
+from llfsm.runtime.checking.message_fields import message_fields
 from llfsm.runtime.editing.document import Document
 from llfsm.runtime.editing.sketch import sketch
+from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.table import dead_transitions, unreachable_states
 from llfsm.runtime.presence.remote import condition_of
 from llfsm.whiteboard import Sample
@@ -49,9 +51,13 @@ def machine_data(document: Document) -> dict[str, Any]:
 
 
 def findings_data(document: Document) -> dict[str, Any]:
-    """Return what `llfsm check` finds in the texts, and the names that code can use."""
+    """Return what `llfsm check` finds in the texts, and the names and fields that code can use."""
     found, names = document.findings()
-    return {"findings": [_finding(each) for each in found], "names": names}
+    try:
+        fields = message_fields(document.bundle)
+    except BundleError:
+        fields = {}
+    return {"findings": [_finding(each) for each in found], "names": names, "fields": fields}
 
 
 def live_data(source: PageSource, name: str) -> dict[str, Any]:

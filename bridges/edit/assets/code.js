@@ -45,9 +45,15 @@ export class Code {
     this.isSending = false;
     this.note = make("p", { class: "problem", role: "alert", hidden: true });
     const complete = (context) => {
-      const word = context.matchBefore(/[A-Za-z_]\w*/);
-      if (!word && !context.explicit) return null;
-      return { from: word?.from ?? context.pos, options: machine.data.names.map((label) => ({ label, type: "variable" })), validFor: /^\w*$/ };
+      const typed = context.matchBefore(/[A-Za-z_][\w.]*/);
+      if (!typed && !context.explicit) return null;
+      const parts = (typed?.text ?? "").split(".");
+      const word = parts.pop();
+      const fields = parts.reduce((found, part) => found?.[part], machine.data.fields);
+      const names = parts.length ? Object.keys(fields ?? {}) : machine.data.names;
+      if (!names.length) return null;
+      const type = parts.length ? "property" : "variable";
+      return { from: context.pos - word.length, options: names.map((label) => ({ label, type })), validFor: /^\w*$/ };
     };
     this.view = new EditorView({
       state: EditorState.create({

@@ -5,7 +5,7 @@ const KEYED = ["boxes", "edges", "texts"];
 export class Machine {
   constructor() {
     this.styles = ""; // the nonce of styles that scripts add
-    this.data = { states: [], boxes: {}, edges: {}, texts: {}, findings: [], names: [], unreachable: [], dead: [], expanded: [] };
+    this.data = { states: [], boxes: {}, edges: {}, texts: {}, findings: [], names: [], fields: {}, unreachable: [], dead: [], expanded: [] };
   }
 
   // Takes a frame; returns the keys of what has changed.

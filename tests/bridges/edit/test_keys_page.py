@@ -129,3 +129,24 @@ def test_a_hundred_steps_are_undone_and_made_again(
         wait_for(lambda files=files: files_of(bundle) == files, "everything is written")
     expect(page.locator("#drawing .state")).to_have_count(103)
     assert seen.errors == []
+
+
+def test_fields_of_messages_are_completed(
+    lamp: Path,
+    open_page: Callable[[Path], Visit],  # noqa: F811
+) -> None:
+    seen = open_page(lamp)
+    page = seen.page
+    state(page, "On").click()
+    text = page.locator("[data-place='On|Internal'] .cm-content")
+    offered = page.locator(".cm-tooltip-autocomplete li")
+    text.click()
+    page.keyboard.type("if level.")
+    expect(offered).to_have_text(["on", "value"])
+    page.keyboard.type("v")
+    expect(offered).to_have_text(["value"])
+    page.keyboard.press("Enter")
+    expect(text).to_have_text("if level.value")
+    page.keyboard.type(" > cou")
+    expect(offered.first).to_have_text("count")
+    assert seen.errors == []
