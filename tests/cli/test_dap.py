@@ -269,7 +269,9 @@ def test_what_the_document_launches(board: str, tmp_path: Path) -> None:
     launch, package = map(json.loads, texts)
     (debugger,) = package["contributes"]["debuggers"]
     (robot,) = launch["configurations"]
-    assert (debugger["type"], debugger["args"]) == (robot["type"], ["dap"])
+    assert (debugger["type"], debugger["runtimeArgs"]) == (robot["type"], ["dap"])
+    # VS Code takes a `program` without a whole path for a file in the extension's folder.
+    assert (debugger["runtime"], "program" in debugger) == ("llfsm", False)
     machine = f'[[machine]]\ndefinition = "{MACHINES}:Bouncer"\nname = "Wall"\n'
     (tmp_path / "robot.toml").write_text(f'break = ["Wall:GO"]\n{machine}')
     with client() as editor:
