@@ -205,3 +205,11 @@ def test_a_name_or_argument_of_ros_that_is_none_is_refused(llfsm, arguments, wha
     status, said = llfsm("turtlesim", *arguments, *(["--"] if "--ros-args" in arguments else []))
     assert status == 2
     assert what in said
+
+
+def test_a_name_that_a_flag_gives_is_not_looked_for_in_the_file(llfsm, tmp_path):
+    file = tmp_path / "bridge.toml"
+    file.write_text('node = "wired"\n')
+    status, said = llfsm("ros2", "--config", str(file), "--node", "a b")
+    assert status == 2
+    assert said.startswith("Error: --node: 'a b' is not a node name")

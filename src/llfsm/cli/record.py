@@ -24,6 +24,7 @@ from llfsm.whiteboard import (
 from llfsm.whiteboard.liveness import host_name
 
 from . import VERSION
+from .ending import ending_once
 from .numbers import Number
 from .options import (
     BoardPlace,
@@ -82,12 +83,31 @@ def record(
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     if until_eof:
         end_with_input()
+    signals: list[str] = []  # that asked this process to end
+
+    def run() -> None:
+        _record(output, board, slots, host, cdr, max_size, max_time, signals)
+
+    # `ros2 launch` sends SIGINT twice; the second must not cost the end of the recording.
+    ending_once(run, lambda: bool(signals), lambda: False)
+
+
+def _record(
+    output: Path,
+    board: BoardPlace,
+    slots: tuple[str, ...],
+    host: str,
+    cdr: bool,
+    max_size: float | None,
+    max_time: float | None,
+    signals: list[str],
+) -> None:
+    """Record until a signal is added to `signals`, or until one of the limits."""
     about = {
         "board": board.name,
         "host": host_name(),
         "version": VERSION,
     }
-    signals: list[str] = []  # that asked this process to end
     with (
         stop_on_signals(signals.append),
         board.open(create=False) if host else board.opened() as wb,

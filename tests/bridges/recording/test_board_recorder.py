@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import subprocess
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import VIEWER
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from .conftest import OTHER, READING, Reading, end_of
 
@@ -123,6 +125,23 @@ def test_a_signal_completes_the_file(
     process = start(llfsm, board)
     board.add_message(READING, Reading(7))
     process.send_signal(number)
+    status, said = end_of(process)
+    assert status == 0
+    assert said.startswith("run.mcap: ")
+    assert Recording(file).complete
+    assert numbers(file) == [7]
+
+
+def test_any_number_of_interrupts_completes_the_file(
+    llfsm: Any, board: Whiteboard, file: Path
+) -> None:
+    process = start(llfsm, board)
+    board.add_message(READING, Reading(7))
+    for _ in range(round(PATIENCE_S / 0.0005)):
+        process.send_signal(signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(0.0005)
+            break
     status, said = end_of(process)
     assert status == 0
     assert said.startswith("run.mcap: ")

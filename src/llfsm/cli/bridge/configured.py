@@ -51,6 +51,8 @@ class Configured(NamedTuple):
     config: BridgeConfig
     file: Path | None = None
     flags: tuple[str, ...] = ()
+    is_named: bool = False
+    """Whether a flag has given the node's name."""
 
     @classmethod
     def read(cls, file: Path | None, flags: Sequence[tuple[str, RelayConfig]] = ()) -> Self:
@@ -63,8 +65,10 @@ class Configured(NamedTuple):
         return cls(replace(config, relay=relays), file, tuple(text for text, _ in flags))
 
     def named(self, node: str | None) -> Self:
-        """Return it with another name of the bridge's node, if one is given."""
-        return self if node is None else self._replace(config=replace(self.config, node=node))
+        """Return it with another name of the bridge's node, if `--node` gives one."""
+        if node is None:
+            return self
+        return self._replace(config=replace(self.config, node=node), is_named=True)
 
     def plan(self, slots: list[SlotInfo], arguments: RosArguments) -> BridgePlan:
         """Return the plan for a board with these slots, and print its warnings and notes.
@@ -96,6 +100,8 @@ class Configured(NamedTuple):
     def _located(self, fault: ConfigurationError, kind: str = "") -> str:
         what = kind + fault.what
         match fault.where:
+            case ["node"] if self.is_named:
+                return f"--node: {what}"
             case "relay", int(i), *_ if i >= len(self.config.relay) - len(self.flags):
                 return f"{self.flags[i - len(self.config.relay)]}: {what}"
         if self.file is None:
