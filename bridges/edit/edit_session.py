@@ -207,7 +207,7 @@ class EditSession:
 
     async def _publish(self, data: dict[str, Any]) -> None:
         async with self._changed:
-            self._data = {"findings": [], "names": [], "simulation": None, **self._data, **data}
+            self._data = {"findings": [], "names": {}, "simulation": None, **self._data, **data}
             self._serial += 1
             self._changed.notify_all()
 

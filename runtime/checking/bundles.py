@@ -94,9 +94,25 @@ def bundle_subject(folder: Path) -> Subject:
     return _Checker(read_bundle(folder)).subject()
 
 
-def declared_names(bundle: Bundle) -> list[str]:
-    """Return the names of a bundle's variables, slots and methods, as its code can use them."""
-    return [*_Checker(bundle).scope(bundle, None).names]
+def declared_names(bundle: Bundle) -> dict[str, list[str]]:
+    """Return the names that code can use: at "" those of all states, then what each has besides.
+
+    They are those of variables, slots, methods, of what is included and of what every machine has.
+    """
+    checker = _Checker(bundle)
+    machine = checker.scope(bundle, None)
+    names = {"": sorted({*machine.names, *_included(bundle)})}
+    for state in bundle.states:
+        own = {*checker.scope(state, machine).names, *_included(state)}
+        names[state.name] = sorted(own.difference(names[""]))
+    return names
+
+
+def _included(source: Bundle | BundleState) -> frozenset[str]:
+    """Return the names that includes import or define, as far as they can be told."""
+    if source.includes is None:
+        return frozenset()
+    return included_names(parse(source.includes).body) or frozenset()
 
 
 class _Lenient(Reader):

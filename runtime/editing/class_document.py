@@ -60,9 +60,9 @@ class ClassDocument(Document):
             changed.append(self.path.name)
         return changed
 
-    def findings(self) -> tuple[list[Finding], list[str]]:
+    def findings(self) -> tuple[list[Finding], dict[str, list[str]]]:
         """Return what `llfsm check` finds in the class, and no names: nothing is written."""
-        return (self._text.findings if isinstance(self._text, ClassText) else []), []
+        return (self._text.findings if isinstance(self._text, ClassText) else []), {}
 
     def convert(self) -> Path:
         """Make a bundle of the class beside it; return its folder."""

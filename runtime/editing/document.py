@@ -139,13 +139,16 @@ class Document:
     def _draft(self) -> Draft:
         return Draft(self.folder.path, self.files, self.bundle)
 
-    def findings(self) -> tuple[list[Finding], list[str]]:
-        """Return what `llfsm check` finds without a run, and the names that code can use."""
+    def findings(self) -> tuple[list[Finding], dict[str, list[str]]]:
+        """Return what `llfsm check` finds without a run, and the names that code can use.
+
+        Those at "" can be used in all states, others in the state by whose name they are.
+        """
         try:
-            declared = declared_names(self.bundle)
+            names = declared_names(self.bundle)
         except BundleError:
-            declared = []
-        return check_bundle(self.folder.path, load=False), [*declared, *CONTROLS]
+            names = {"": list(CONTROLS)}
+        return check_bundle(self.folder.path, load=False), names
 
     def convert(self) -> Path:
         """Make a class of the bundle beside it; return its file. Raise `BundleError`."""

@@ -50,7 +50,7 @@ export class Code {
       const parts = (typed?.text ?? "").split(".");
       const word = parts.pop();
       const fields = parts.reduce((found, part) => found?.[part], machine.data.fields);
-      const names = parts.length ? Object.keys(fields ?? {}) : machine.data.names;
+      const names = parts.length ? Object.keys(fields ?? {}) : machine.names(this.place);
       if (!names.length) return null;
       const type = parts.length ? "property" : "variable";
       return { from: context.pos - word.length, options: names.map((label) => ({ label, type })), validFor: /^\w*$/ };

@@ -5,7 +5,7 @@ const KEYED = ["boxes", "edges", "texts"];
 export class Machine {
   constructor() {
     this.styles = ""; // the nonce of styles that scripts add
-    this.data = { states: [], boxes: {}, edges: {}, texts: {}, findings: [], names: [], fields: {}, unreachable: [], dead: [], expanded: [] };
+    this.data = { states: [], boxes: {}, edges: {}, texts: {}, findings: [], names: {}, fields: {}, unreachable: [], dead: [], expanded: [] };
   }
 
   // Takes a frame; returns the keys of what has changed.
@@ -23,6 +23,12 @@ export class Machine {
       this.data[key] = kept;
     }
     return new Set(Object.keys(frame));
+  }
+
+  // The names that the text of a place can use.
+  names(place) {
+    const { names } = this.data;
+    return [...(names[""] ?? []), ...(names[place.split("|")[0] || null] ?? [])];
   }
 
   has(state) {

@@ -33,7 +33,7 @@ def test_a_window_shows_the_machine(windows: Open) -> None:
     assert shown["texts"]["|Variables"] == ["M_Variables.py", "count: int = 0\n"]
     assert shown["unreachable"] == ["Lost"]
     assert shown["dead"] == ["A:1"]
-    assert {"count", "after_ms", "suspend"} <= set(shown["names"])
+    assert {"count", "after_ms", "suspend"} <= set(shown["names"][""])
     assert [(each["file"], each["line"], each["severity"]) for each in shown["findings"]] == [
         ("State_A_Transition_1.expr", 1, "error"), ("States", 3, "warning")
     ]  # fmt: skip

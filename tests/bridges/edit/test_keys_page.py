@@ -145,7 +145,7 @@ def test_fields_of_messages_are_completed(
     expect(offered).to_have_text(["on", "value"])
     page.keyboard.type("v")
     expect(offered).to_have_text(["value"])
-    page.keyboard.press("Enter")
+    offered.click()
     expect(text).to_have_text("if level.value")
     page.keyboard.type(" > cou")
     expect(offered.first).to_have_text("count")

@@ -335,5 +335,10 @@ def test_all_names_that_code_can_use_are_offered(confusing: Path) -> None:
     methods = "def far(x: float) -> bool:\n    return x > 1\n"
     (confusing / "M_Variables.py").write_text(declared)
     (confusing / "M_Methods.py").write_text(methods)
+    includes = "from llfsm.whiteboard.messages.geometry_msgs import Twist as Speed\n"
+    (confusing / "M_Includes.py").write_text(includes)
+    state = Document(confusing).bundle.states[0].name
+    (confusing / f"State_{state}_Variables.py").write_text("own: int = 0\n")
     _, names = Document(confusing).findings()
-    assert {"motor", "far", "after_ms"} <= set(names)
+    assert {"motor", "far", "after_ms", "Speed"} <= set(names[""])
+    assert names[state] == ["own"]
