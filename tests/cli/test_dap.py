@@ -263,6 +263,44 @@ def test_over_standard_input_and_output(llfsm: Llfsm, board: str) -> None:
         assert process.wait() == 0
 
 
+ASKS = """
+from llfsm.runtime import Machine, State
+
+class Asks(Machine):
+    A = State()
+    turns: int = 0
+    A.to(A, when=lambda m: False)
+
+    @A.internal
+    def _(self):
+        self.turns += 1
+        if self.turns == 2:
+            breakpoint()
+        if self.turns == 3:
+            input()
+"""
+
+
+def test_code_that_reads_gets_no_message_of_the_editor(
+    llfsm: Llfsm, board: str, tmp_path: Path
+) -> None:
+    (tmp_path / "asks.py").write_text(ASKS)
+    with subprocess.Popen(
+        llfsm.command(("dap",)), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        editor = Client(process.stdout, process.stdin)
+        editor.begin(board, "asks.py:Asks", cwd=str(tmp_path))
+        editor.ask("configurationDone")
+        stopped = editor.event("stopped")
+        assert (stopped["reason"], stopped["text"]) == ("breakpoint", "breakpoint in asks.py:13")
+        assert editor.ask("evaluate", expression="turns")["result"] == "2"
+        editor.ask("continue", threadId=1)
+        assert "EOFError" in editor.event("output")["output"]
+        editor.event("terminated")
+        editor.ask("disconnect")
+        assert process.wait() == 0
+
+
 def test_what_the_document_launches(board: str, tmp_path: Path) -> None:
     document = Path(__file__).parents[2] / "docs/how-to/debugging.md"
     texts = re.findall(r"```text\n({.+?})\n```", document.read_text(), re.DOTALL)

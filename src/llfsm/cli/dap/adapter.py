@@ -7,6 +7,7 @@ https://microsoft.github.io/debug-adapter-protocol/specification
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -98,6 +99,13 @@ class Adapter:
     def print(self, category: str, text: str) -> None:
         """Show the editor what was printed."""
         self._event("output", category=category, output=text)
+
+    def break_in_code(self, *given: object, **options: object) -> None:
+        """Pause before the next turn: a machine's code calls `breakpoint()`."""
+        if self._has_breakpoints and self._session is not None:
+            frame = sys._getframe(1)
+            name = os.path.basename(frame.f_code.co_filename)
+            self._session.debugger.pause(f"breakpoint in {name}:{frame.f_lineno}")
 
     def _answer(self, request: Message) -> None:
         command, arguments = str(request.get("command")), request.get("arguments") or {}

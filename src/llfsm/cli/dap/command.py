@@ -25,10 +25,18 @@ def dap() -> None:
     \b
     llfsm dap
     """
-    # What code prints must not get among the messages, and neither what it starts.
-    with suppress(BrokenPipeError), os.fdopen(os.dup(1), "wb") as sent:
+    # What code prints must not get among the messages, nor what it reads take any from them; and
+    # neither what programs do that it starts.
+    with (
+        suppress(BrokenPipeError),
+        os.fdopen(os.dup(0), "rb") as received,
+        os.fdopen(os.dup(1), "wb") as sent,
+        open(os.devnull) as nothing,
+    ):
+        os.dup2(nothing.fileno(), 0)
         os.dup2(2, 1)
-        adapter = Adapter(MessageStream(sys.stdin.buffer, sent))
+        adapter = Adapter(MessageStream(received, sent))
+        sys.stdin, sys.breakpointhook = nothing, adapter.break_in_code
         logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_Log(adapter)])
         with redirect_stdout(_Printed(adapter)):
             adapter.serve()
