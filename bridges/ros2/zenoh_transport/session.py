@@ -40,6 +40,10 @@ _ALWAYS: dict[str, Any] = {
     # Batches of 64 KB that may wait to be sent, the most that Zenoh accepts. With its own 2, who
     # publishes a large message sleeps again and again until the thread that sends has made room.
     "transport/link/tx/queue/size/data": 16,
+    # As rmw_zenoh. Who stalls for longer than the others' leases takes their connections for dead.
+    # Zenoh makes them again, but its subscriptions are lost. On a busy host, 10 s are too short.
+    "transport/link/tx/lease": 60_000,
+    "transport/link/tx/keep_alive": 2,
 }
 
 

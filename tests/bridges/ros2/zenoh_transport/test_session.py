@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -91,6 +92,18 @@ def test_a_large_message_has_room_in_the_queue_of_a_connection(monkeypatch, open
     else:
         open_with({})
         assert sizes == ["16"]
+
+
+@pytest.mark.parametrize("opened", ["node", "router"])
+def test_who_stalls_for_half_a_minute_keeps_its_connections(monkeypatch, opened):
+    """As nodes of rmw_zenoh do; it would get nothing from who connects to it again."""
+    leases = []
+    monkeypatch.setattr(
+        "zenoh.open",
+        lambda config: leases.append(json.loads(config.get_json("transport/link/tx/lease"))),
+    )
+    open_session(["tcp/127.0.0.1:1"]) if opened == "node" else open_with({})
+    assert leases == [60_000]
 
 
 def test_a_router_that_is_none_is_said():
