@@ -18,7 +18,7 @@ from calling import call
 from forked import Forked
 from free_ports import free_endpoint
 from llfsm.whiteboard import Message, Slot, Whiteboard
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 __all__ = ["LLFSM", "NAME", "NUMBER", "Host", "MakeHost", "Number", "hosts_in", "number_slot"]
 
@@ -97,7 +97,7 @@ class Host:
         assert self.process is not None
         self.process.send_signal(signal.SIGCONT)
         self.process.send_signal(number)
-        status = self.process.wait(30)
+        status = self.process.wait(PATIENCE_S)
         assert self.process.stdout is not None
         self.process.stdout.close()
         self.process = None

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 __all__ = ["PATIENCE_S", "rest_of", "wait_for"]
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 """How many seconds a condition may take before the test fails. A test that passes never waits so
 long."""
 

@@ -9,7 +9,7 @@ import pytest
 
 from driving import DRIVE, SAFE, Runs, kill
 from llfsm.whiteboard import Whiteboard
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from .conftest import Llfsm, wait_for_line
 
@@ -51,4 +51,4 @@ def test_the_safe_value_of_a_killed_machine_is_posted(
         f"posted its safe values to drive, lamp\n"
     )
     guard.send_signal(signal.SIGTERM)
-    assert guard.wait(30) in (0, -signal.SIGTERM)
+    assert guard.wait(PATIENCE_S) in (0, -signal.SIGTERM)

@@ -119,7 +119,7 @@ def test_it_ends_with_its_supervisor(board: str, tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     assert b"http://127.0.0.1" in process.stdout.readline()
-    process.communicate(timeout=30)
+    process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
 
 

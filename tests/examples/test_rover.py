@@ -20,7 +20,7 @@ from definition import BUILT
 from forked import Forked
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.whiteboard import Whiteboard
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 FOLDER = Path(__file__).parents[2] / "examples" / "rover"
 NEEDS_PYMUNK = pytest.mark.skipif(
@@ -68,7 +68,7 @@ def test_in_two_processes_it_begins_to_follow_the_wall(tmp_path: Path) -> None:
     finally:
         for process in started:
             process.send_signal(signal.SIGTERM)
-            assert process.wait(30) in (0, -signal.SIGTERM)
+            assert process.wait(PATIENCE_S) in (0, -signal.SIGTERM)
 
 
 @pytest.fixture

@@ -23,6 +23,7 @@ from llfsm.whiteboard import (
     Slot,
     SlotRetiredError,
 )
+from waiting import PATIENCE_S
 
 OpenBoard = Callable[[], Board]
 
@@ -166,7 +167,7 @@ def test_handles_of_one_board_see_the_same(open_board: OpenBoard) -> None:
     for count, handle in enumerate((one, other, one, other, other, one), 1):
         assert handle.add_message(POINT, Point(float(count))) == count
         for reader in (one, other):
-            sample = reader[POINT].wait(after=count - 1, timeout=30)
+            sample = reader[POINT].wait(after=count - 1, timeout=PATIENCE_S)
             assert sample is not None
             assert (sample.message, sample.count) == (Point(float(count)), count)
 

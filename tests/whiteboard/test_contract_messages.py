@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from llfsm.whiteboard import Board, Message, Slot
 from thoroughness import examples
+from waiting import PATIENCE_S
 
 OpenBoard = Callable[[], Board]
 
@@ -85,7 +86,7 @@ RICHES = st.builds(
 def test_any_message_is_read_as_it_was_added(open_board: OpenBoard, message: Rich) -> None:
     board = open_board()
     count = board.add_message(RICH, message)
-    sample = board[RICH].wait(after=count - 1, timeout=30)
+    sample = board[RICH].wait(after=count - 1, timeout=PATIENCE_S)
     assert sample is not None
     # repr distinguishes 0.0 from -0.0, nan from nothing, and 1 from 1.0 and True
     read, added = (

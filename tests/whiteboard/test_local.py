@@ -9,6 +9,7 @@ import pytest
 
 from llfsm.whiteboard import BoardClosedError, Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int64, String
+from waiting import PATIENCE_S
 
 NUMBER = Slot("number", Int64)
 
@@ -38,7 +39,7 @@ def test_closing_ends_the_wait_of_another_thread() -> None:
     board[NUMBER].wait(after=0, timeout=0.02)  # most of the threads wait by then
     board.close()
     for thread in threads:
-        thread.join(timeout=30)
+        thread.join(timeout=PATIENCE_S)
     assert ended == ["well"] * 4
 
 

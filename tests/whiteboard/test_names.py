@@ -17,6 +17,7 @@ from llfsm.whiteboard import BoardVersionError, Slot, SlotTypeError, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32, Int64
 from own_boards import own_board
 from thoroughness import examples
+from waiting import PATIENCE_S
 
 pytestmark = pytest.mark.compiler
 
@@ -123,7 +124,7 @@ def test_who_waits_for_a_name_gets_its_next_message(board: Whiteboard, many: boo
             assert board.waiter().wait(seen, 30) == [bound]
             got.append(bound.get())
         else:
-            sample = bound.wait(after=2, timeout=30)
+            sample = bound.wait(after=2, timeout=PATIENCE_S)
             got.append(None if sample is None else sample.message)
 
     thread = threading.Thread(target=wait)

@@ -32,6 +32,7 @@ from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.shared import boards
 from thoroughness import examples
+from waiting import PATIENCE_S
 
 from .conftest import OTHER, READING, Reading, Spy, end_of, keep_journal
 
@@ -269,7 +270,7 @@ def test_it_loops_until_the_board_is_gone(llfsm: Any, file: Path, board: Whitebo
     record(file, MESSAGES)
     process = llfsm("replay", file, "-b", board.name, "--loop", "--speed", 50)
     bound = board[OTHER]
-    assert bound.wait(after=20, timeout=30)
+    assert bound.wait(after=20, timeout=PATIENCE_S)
     board.remove()
     assert end_of(process) == (0, "")
 

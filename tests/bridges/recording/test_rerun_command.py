@@ -15,7 +15,7 @@ from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.writer import ARRANGEMENT, RecordingWriter
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from .conftest import end_of, entries_in, keep_journal, write
 from .journalled_run import keep, patrol
@@ -33,7 +33,7 @@ def test_a_demo_that_was_recorded_runs_again(
     llfsm("turtlesim", "-b", board.name)
     machine = llfsm("run", "RosWallTurttleBot", "-q", "-b", board.name, "--record", file)
     bound = board[Slot("turtle1/cmd_vel", Twist)]
-    assert bound.wait(after=0, timeout=30)
+    assert bound.wait(after=0, timeout=PATIENCE_S)
     wait_for(lambda: turns_in(file) > 50, "turns in the file")
     machine.terminate()
     assert end_of(machine)[0] == 0

@@ -21,7 +21,7 @@ from llfsm.runtime import ManualClock
 from llfsm.runtime.goals import GoalStatus
 from memory_transport import MemoryTransport, MemoryWorld
 from thoroughness import examples
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 TYPE = "turtlesim/action/RotateAbsolute"
 TYPES = TypeLibrary()
@@ -83,7 +83,7 @@ class Scene:
 
     def ask(self, name, **fields):
         client, of = self.services[name]
-        future = client.call(of.request.message(**fields), timeout=20)
+        future = client.call(of.request.message(**fields), timeout=PATIENCE_S)
         self.wait(lambda: future.done() or len(self.queue))
         self.queue.run_pending()
         return future
@@ -175,7 +175,7 @@ def test_the_result_reaches_who_waits_and_who_asks_later(scene, status):
     scene.end(1, status, delta=0.5)
     later = scene.call("get_result", goal_id=scene.id(1))
     assert (later.status, later.result.delta) == (status, 0.5)
-    assert [each.result(20) for each in waiting] == [later, later]
+    assert [each.result(PATIENCE_S) for each in waiting] == [later, later]
     assert scene.statuses() == {1: status}
 
 
@@ -321,7 +321,7 @@ def test_a_server_that_is_closed_is_off_the_graph_and_who_waits_gets_no_result(s
     waiting = scene.ask("get_result", goal_id=scene.id(1))
     scene.server.close()
     with pytest.raises(CallFailedError):
-        waiting.result(20)
+        waiting.result(PATIENCE_S)
     ends = scene.theirs.graph().endpoints
     assert {end.role for end in ends if "turn" in end.name} == {Role.CLIENT}
 

@@ -8,6 +8,7 @@ from llfsm.bridges.ros2.errors import DomainIdError, NoServerError
 from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.transport import NoticeKind
 from memory_transport import MemoryTransport, MemoryWorld
+from waiting import PATIENCE_S
 
 LOOSE = Qos(ReliabilityPolicy.BEST_EFFORT)
 KEPT = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -85,12 +86,12 @@ def test_a_world_that_is_lost_delivers_nothing_and_says_so(world, types, seen):
         assert not client.ready
         publisher.publish(number.message(data=1))
         with pytest.raises(NoServerError):
-            client.call(spawn.request.message(), timeout=20).result(20)
+            client.call(spawn.request.message(), timeout=PATIENCE_S).result(PATIENCE_S)
         world.restore()
         assert transport.up
         publisher.publish(number.message(data=2))
         got.wait(len)
-        client.call(spawn.request.message(), timeout=20).result(20)
+        client.call(spawn.request.message(), timeout=PATIENCE_S).result(PATIENCE_S)
     assert got == [2]
     assert [notice.kind for notice in told] == [NoticeKind.DOWN, NoticeKind.UP]
 

@@ -13,6 +13,7 @@ from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos, Reli
 from llfsm.bridges.ros2.qos_overrides import overridden
 from llfsm.bridges.ros2.types import TypeLibrary
 from memory_transport import MemoryTransport, MemoryWorld
+from waiting import PATIENCE_S
 
 TYPES = TypeLibrary()
 NODE = "/ns/robot"
@@ -50,7 +51,7 @@ def call(parameters):
                 f"rcl_interfaces/srv/{''.join(map(str.capitalize, name.split('_')))}"
             )
             client = node.client(f"{NODE}/{name}", of)
-            return client.call(of.request.message(**fields), timeout=20).result(20)
+            return client.call(of.request.message(**fields), timeout=PATIENCE_S).result(PATIENCE_S)
 
         call.node = node
         yield call

@@ -12,6 +12,7 @@ import pytest
 from forked import Forked
 from llfsm.bridges.ros2.router import loopback
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
+from waiting import PATIENCE_S
 
 ROUTER = [sys.executable, "-m", "llfsm.cli", "router"]
 
@@ -39,21 +40,21 @@ def test_it_says_where_it_listens_and_nodes_meet_there(start, free_port):
     where = [f"tcp/127.0.0.1:{free_port}"]
     with ZenohTransport(7, router=where) as one, ZenohTransport(7, router=where) as two:
         one.node("one")
-        assert two.wait_graph(lambda graph: graph.nodes == ("/one",), 20)
+        assert two.wait_graph(lambda graph: graph.nodes == ("/one",), PATIENCE_S)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_cleanly_when_it_is_asked_to(start, number):
     process, _ = start()
     process.send_signal(number)
-    assert process.wait(20) == 0
+    assert process.wait(PATIENCE_S) == 0
     assert process.stderr.read() == ""
 
 
 def test_it_ends_with_its_supervisor(start):
     process, _ = start("--until-eof")
     process.stdin.close()
-    assert process.wait(20) == 0
+    assert process.wait(PATIENCE_S) == 0
 
 
 def test_a_port_that_is_in_use_is_said(free_port):
@@ -64,7 +65,7 @@ def test_a_port_that_is_in_use_is_said(free_port):
             [*ROUTER, "--listen", f"tcp/127.0.0.1:{free_port}"],
             capture_output=True,
             text=True,
-            timeout=30,
+            timeout=PATIENCE_S,
             check=False,
         )
     assert done.returncode == 1
@@ -78,7 +79,11 @@ def test_a_port_that_is_in_use_is_said(free_port):
 
 def test_a_place_that_is_none_is_said():
     done = subprocess.run(
-        [*ROUTER, "--listen", "nonsense"], capture_output=True, text=True, timeout=30, check=False
+        [*ROUTER, "--listen", "nonsense"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
     )
     assert done.returncode == 1
     assert done.stderr.startswith("Error: no router: 'nonsense' is not an endpoint such as tcp/")

@@ -7,6 +7,7 @@ import pytest
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.transport import NoticeKind
+from waiting import PATIENCE_S
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def populated(world, types):
         "/kill": node.client("/kill", spawn),
     }
     transport = world.open()
-    assert transport.wait_graph(lambda graph: len(graph.endpoints) == 4 and graph.nodes, 20)
+    assert transport.wait_graph(lambda graph: len(graph.endpoints) == 4 and graph.nodes, PATIENCE_S)
     return transport, node, ends
 
 
@@ -69,30 +70,30 @@ def test_a_node_that_is_closed_takes_its_endpoints_along(populated, world):
     transport, node, ends = populated
     node.close()
     assert all(end.closed for end in ends.values())
-    assert transport.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+    assert transport.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, PATIENCE_S)
 
 
 def test_a_transport_that_is_closed_leaves_no_ghost(world, types):
     one, two = world.open(), world.open()
     one.node("there").publisher("a", types.message("turtlesim/msg/Pose"))
-    assert two.wait_graph(lambda graph: bool(graph.nodes and graph.endpoints), 20)
+    assert two.wait_graph(lambda graph: bool(graph.nodes and graph.endpoints), PATIENCE_S)
     one.close()
     assert one.closed
-    assert two.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+    assert two.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, PATIENCE_S)
 
 
 def test_a_transport_that_is_open_is_up_and_sees_itself(world):
     transport = world.open()
     assert transport.up
     transport.node("me")
-    assert transport.wait_graph(lambda graph: graph.nodes == ("/me",), 20)
+    assert transport.wait_graph(lambda graph: graph.nodes == ("/me",), PATIENCE_S)
 
 
 def test_two_nodes_may_have_one_name(world):
     one, two = world.open(), world.open()
     one.node("twin")
     two.node("twin")
-    assert one.wait_graph(lambda graph: graph.nodes == ("/twin", "/twin"), 20)
+    assert one.wait_graph(lambda graph: graph.nodes == ("/twin", "/twin"), PATIENCE_S)
 
 
 def test_a_hidden_node_is_not_listed_and_its_endpoints_are(world, types, seen):
@@ -102,7 +103,7 @@ def test_a_hidden_node_is_not_listed_and_its_endpoints_are(world, types, seen):
     node.publisher("a", types.message("turtlesim/msg/Pose"))
     node.server("s", types.service("turtlesim/srv/Spawn"), print)
     two.node("shown").subscription("a", types.message("std_msgs/msg/Int64"), print)
-    assert two.wait_graph(lambda graph: len(graph.endpoints) == 3, 20)
+    assert two.wait_graph(lambda graph: len(graph.endpoints) == 3, PATIENCE_S)
     assert two.graph().nodes == ("/shown",)
     assert {end.node for end in two.graph().endpoints} == {"/_ros2cli_1", "/shown"}
     told.wait(len)

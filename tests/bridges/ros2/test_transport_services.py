@@ -17,7 +17,7 @@ from llfsm.bridges.ros2.errors import (
 )
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.transport import NoticeKind
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def pair(world, spawn):
         server = world.open(told).node("serving").server("spawn", spawn, handler)
         transport = world.open()
         client = transport.node("calling").client("spawn", spawn)
-        assert transport.wait_graph(lambda _: client.ready, 20)
+        assert transport.wait_graph(lambda _: client.ready, PATIENCE_S)
         return client, server
 
     return make
@@ -56,7 +56,10 @@ def test_a_request_is_answered(pair, spawn):
     before = time.time_ns()
     ask = spawn.request.message
     names = ["bob", "eve", "zoë"]
-    answers = [client.call(ask(x=1.0, name=name), timeout=20).result(20).name for name in names]
+    answers = [
+        client.call(ask(x=1.0, name=name), timeout=PATIENCE_S).result(PATIENCE_S).name
+        for name in names
+    ]
     assert answers == ["bob!", "eve!", "zoë!"]
     assert [request.message.x for request in got] == [1.0] * 3
     assert [r.info.sequence - got[0].info.sequence for r in got] == [0, 1, 2]
@@ -73,12 +76,15 @@ def test_each_of_many_calls_gets_its_own_answer_in_any_order(pair, spawn):
 
     client, _ = pair(handler)
     calls = [
-        client.call(spawn.request.message(name=f"t{number}"), timeout=20) for number in range(20)
+        client.call(spawn.request.message(name=f"t{number}"), timeout=PATIENCE_S)
+        for number in range(20)
     ]
-    assert all_there.wait(20)
+    assert all_there.wait(PATIENCE_S)
     for request in reversed(waiting):  # on this thread, later
         request.answer(spawn.response.message(name=request.message.name))
-    assert [call.result(20).name for call in calls] == [f"t{number}" for number in range(20)]
+    assert [call.result(PATIENCE_S).name for call in calls] == [
+        f"t{number}" for number in range(20)
+    ]
 
 
 def test_no_request_is_lost_while_the_server_is_busy(pair, spawn):
@@ -86,22 +92,24 @@ def test_no_request_is_lost_while_the_server_is_busy(pair, spawn):
 
     def handler(request):
         begun.set()
-        assert go_on.wait(20)
+        assert go_on.wait(PATIENCE_S)
         request.answer(spawn.response.message(name=request.message.name))
 
     client, _ = pair(handler)
-    calls = [client.call(spawn.request.message(name="0"), timeout=20)]
-    assert begun.wait(20)
-    calls += [client.call(spawn.request.message(name=f"{n}"), timeout=20) for n in range(1, 40)]
+    calls = [client.call(spawn.request.message(name="0"), timeout=PATIENCE_S)]
+    assert begun.wait(PATIENCE_S)
+    calls += [
+        client.call(spawn.request.message(name=f"{n}"), timeout=PATIENCE_S) for n in range(1, 40)
+    ]
     go_on.set()
-    assert [each.result(20).name for each in calls] == [f"{n}" for n in range(40)]
+    assert [each.result(PATIENCE_S).name for each in calls] == [f"{n}" for n in range(40)]
 
 
 def test_a_request_that_fails_is_told_from_an_answer(pair, spawn, failure, world):
     client, _ = pair(lambda request: request.fail("no pose yet"))
     error, patience = failure
     with pytest.raises(error, match="no pose yet" if world.tells_failure else None):
-        client.call(spawn.request.message(), timeout=patience).result(20)
+        client.call(spawn.request.message(), timeout=patience).result(PATIENCE_S)
 
 
 def test_a_handler_that_raises_fails_the_request_and_is_told(pair, spawn, failure, seen):
@@ -113,7 +121,7 @@ def test_a_handler_that_raises_fails_the_request_and_is_told(pair, spawn, failur
     client, _ = pair(handler, told)
     error, patience = failure
     with pytest.raises(error):
-        client.call(spawn.request.message(), timeout=patience).result(20)
+        client.call(spawn.request.message(), timeout=patience).result(PATIENCE_S)
     told.wait(len)
     assert [(n.kind, n.name) for n in told] == [(NoticeKind.CALLBACK_FAILED, "/spawn")]
 
@@ -124,31 +132,31 @@ def test_a_request_that_is_dropped_has_failed(pair, spawn, failure):
     call = client.call(spawn.request.message(), timeout=patience)
     gc.collect()
     with pytest.raises(error):
-        call.result(20)
+        call.result(PATIENCE_S)
 
 
 def test_a_call_without_a_server_says_so(world, spawn):
     client = world.open().node("calling").client("spawn", spawn)
     assert not client.ready
     with pytest.raises(NoServerError, match="/spawn"):
-        client.call(spawn.request.message(), timeout=20).result(20)
+        client.call(spawn.request.message(), timeout=PATIENCE_S).result(PATIENCE_S)
 
 
 def test_a_server_with_another_type_is_none(world, types, spawn):
     transport = world.open()
     world.open().node("serving").server("spawn", types.service("std_srvs/srv/Empty"), print)
     client = transport.node("calling").client("spawn", spawn)
-    assert transport.wait_graph(lambda graph: bool(graph.ends("/spawn", Role.SERVER)), 20)
+    assert transport.wait_graph(lambda graph: bool(graph.ends("/spawn", Role.SERVER)), PATIENCE_S)
     assert not client.ready
     with pytest.raises(NoServerError, match="/spawn"):
-        client.call(spawn.request.message(), timeout=20).result(20)
+        client.call(spawn.request.message(), timeout=PATIENCE_S).result(PATIENCE_S)
 
 
 def test_a_call_ends_when_its_time_has_passed(pair, spawn):
     kept = []
     client, _ = pair(kept.append)
     with pytest.raises(CallTimeoutError, match="/spawn"):
-        client.call(spawn.request.message(), timeout=0.1).result(20)
+        client.call(spawn.request.message(), timeout=0.1).result(PATIENCE_S)
     kept[0].answer(spawn.response.message())  # too late, and nobody minds
 
 
@@ -160,25 +168,25 @@ def test_a_server_that_is_closed_while_it_is_asked_has_failed(pair, spawn, failu
     if kept.wait(len) or error is CallFailedError:
         server.close()
     with pytest.raises(error):
-        call.result(20)
+        call.result(PATIENCE_S)
 
 
 def test_a_client_that_is_closed_ends_its_calls(pair, spawn, seen):
     kept = seen()
     client, _ = pair(kept)
-    call = client.call(spawn.request.message(), timeout=20)
+    call = client.call(spawn.request.message(), timeout=PATIENCE_S)
     kept.wait(len)
     client.close()
     with pytest.raises(TransportClosedError, match="/spawn"):
-        call.result(20)
+        call.result(PATIENCE_S)
     with pytest.raises(TransportClosedError, match="/spawn"):
-        client.call(spawn.request.message(), timeout=20)
+        client.call(spawn.request.message(), timeout=PATIENCE_S)
 
 
 def test_a_request_has_one_answer(pair, spawn):
     kept = []
     client, _ = pair(kept.append)
-    call = client.call(spawn.request.message(), timeout=20)
+    call = client.call(spawn.request.message(), timeout=PATIENCE_S)
     wait_for(lambda: kept, "the request")
     assert not call.done()
     kept[0].answer(spawn.response.message(name="first"))
@@ -186,7 +194,7 @@ def test_a_request_has_one_answer(pair, spawn):
         kept[0].answer(spawn.response.message(name="second"))
     with pytest.raises(AlreadyAnsweredError, match="/spawn"):
         kept[0].fail("third")
-    assert call.result(20).name == "first"
+    assert call.result(PATIENCE_S).name == "first"
 
 
 def test_what_follows_a_call_may_call_and_wait_for_the_answer(pair, spawn, seen):
@@ -194,11 +202,11 @@ def test_what_follows_a_call_may_call_and_wait_for_the_answer(pair, spawn, seen)
     client, _ = pair(lambda request: request.answer(spawn.response.message(name="x")))
 
     def again(call):
-        client.call(spawn.request.message(name=call.result().name), timeout=20).add_done_callback(
-            lambda second: done(second.result().name)
-        )
+        client.call(
+            spawn.request.message(name=call.result().name), timeout=PATIENCE_S
+        ).add_done_callback(lambda second: done(second.result().name))
 
-    client.call(spawn.request.message(), timeout=20).add_done_callback(again)
+    client.call(spawn.request.message(), timeout=PATIENCE_S).add_done_callback(again)
     done.wait(len)
     assert done == ["x"]
 
@@ -206,12 +214,12 @@ def test_what_follows_a_call_may_call_and_wait_for_the_answer(pair, spawn, seen)
 def test_a_call_that_is_cancelled_stays_so(pair, spawn, seen):
     kept = seen()
     client, _ = pair(kept)
-    call = client.call(spawn.request.message(), timeout=20)
+    call = client.call(spawn.request.message(), timeout=PATIENCE_S)
     kept.wait(len)
     assert call.cancel()
     kept[0].answer(spawn.response.message())
-    after = client.call(spawn.request.message(), timeout=20)
+    after = client.call(spawn.request.message(), timeout=PATIENCE_S)
     kept.wait(lambda kept: len(kept) == 2)
     kept[1].answer(spawn.response.message(name="next"))
-    assert after.result(20).name == "next"
+    assert after.result(PATIENCE_S).name == "next"
     assert call.cancelled()

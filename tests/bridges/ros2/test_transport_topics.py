@@ -12,6 +12,7 @@ from llfsm.bridges.ros2.errors import RosNameError, TransportClosedError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.transport import NoticeKind
+from waiting import PATIENCE_S
 
 
 @pytest.fixture
@@ -102,14 +103,14 @@ def test_the_newest_wins_while_a_callback_is_busy(world, number, seen):
     def slow(arrival):
         got(data(arrival))
         first.set()
-        assert go_on.wait(20)
+        assert go_on.wait(PATIENCE_S)
 
     two.node("listener").subscription("a", number, slow, Qos(depth=1))
     witness.node("witness").subscription("a", number, witnessed, Qos(depth=100))
     publisher = one.node("talker").publisher("a", number, Qos(depth=100))
     met(world, one, "/a", subscriptions=2)
     publisher.publish(number.message(data=0))
-    assert first.wait(20)
+    assert first.wait(PATIENCE_S)
     for value in range(1, 51):
         publisher.publish(number.message(data=value))
     witnessed.wait(lambda got: len(got) == 51)
@@ -258,7 +259,7 @@ def test_a_subscription_may_be_closed_in_its_own_callback(world, number, seen):
     met(world, one, "/a")
     publisher.publish(number.message(data=1))
     got.wait(len)
-    assert one.wait_graph(lambda graph: not graph.ends("/a", Role.SUBSCRIPTION), 20)
+    assert one.wait_graph(lambda graph: not graph.ends("/a", Role.SUBSCRIPTION), PATIENCE_S)
 
 
 @pytest.mark.parametrize("close", ["publisher", "node", "transport"])
@@ -281,7 +282,7 @@ def test_nothing_can_be_made_in_what_is_closed(world, number):
     with pytest.raises(TransportClosedError, match="transport"):
         transport.node("again")
     with pytest.raises(TransportClosedError, match="transport"):
-        transport.wait_graph(lambda _: False, 20)
+        transport.wait_graph(lambda _: False, PATIENCE_S)
 
 
 def test_names_are_made_full_and_remapped(world, number):
@@ -298,5 +299,5 @@ def test_a_bad_name_is_refused_and_leaves_nothing(world, number, seen):
         node.subscription("bad name!", number, seen())
     with pytest.raises(RosNameError, match="no-node"):
         transport.node("no-node")
-    assert transport.wait_graph(lambda graph: graph.nodes == ("/me",), 20)
+    assert transport.wait_graph(lambda graph: graph.nodes == ("/me",), PATIENCE_S)
     assert not transport.graph().endpoints

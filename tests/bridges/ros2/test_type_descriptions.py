@@ -12,6 +12,7 @@ from llfsm.bridges.ros2.types import jazzy
 from llfsm.bridges.ros2.types.definition_text import definition_text
 from llfsm.bridges.ros2.types.parsing import parse
 from memory_transport import MemoryTransport, MemoryWorld
+from waiting import PATIENCE_S
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 
@@ -26,7 +27,7 @@ def ask(types):
 
         def ask(name, type_hash):
             request = of.request.message(type_name=name, type_hash=type_hash)
-            return client.call(request, timeout=20).result(20)
+            return client.call(request, timeout=PATIENCE_S).result(PATIENCE_S)
 
         yield ask
 
@@ -119,7 +120,7 @@ def test_sources_are_left_out_on_request(types):
         client = node.client("~/get_type_description", of)
         pose = types.message("turtlesim/msg/Pose")
         request = of.request.message(pose.name, pose.type_hash, False)
-        answer = client.call(request, timeout=20).result(20)
+        answer = client.call(request, timeout=PATIENCE_S).result(PATIENCE_S)
     assert answer.successful
     assert answer.type_sources == ()
 

@@ -22,6 +22,7 @@ from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.cli.root import main
 from llfsm.whiteboard.shared import boards
+from waiting import PATIENCE_S
 
 DOMAIN = 92
 HASHES = Path(__file__).parents[2] / "data" / "ros2" / "type_hashes.json"
@@ -102,14 +103,14 @@ def test_arguments_of_ros_rename_it_set_it_and_its_lines_are_those_of_ros(start,
     node = transport.node("tool")
     of = types.service("rcl_interfaces/srv/GetParameters")
     client = node.client("/pond/turtlesim/get_parameters", of)
-    assert transport.wait_graph(lambda _: client.ready, 20)
+    assert transport.wait_graph(lambda _: client.ready, PATIENCE_S)
     request = of.request.message(names=("background_r",))
-    (value,) = client.call(request, timeout=20).result(20).values
+    (value,) = client.call(request, timeout=PATIENCE_S).result(PATIENCE_S).values
     assert value.integer_value == 1
     of = types.service("turtlesim/srv/Kill")
     client = node.client("/pond/kill", of)
-    assert transport.wait_graph(lambda _: client.ready, 20)
-    client.call(of.request.message(name="bob"), timeout=20).result(20)
+    assert transport.wait_graph(lambda _: client.ready, PATIENCE_S)
+    client.call(of.request.message(name="bob"), timeout=PATIENCE_S).result(PATIENCE_S)
     process.send_signal(signal.SIGTERM)
     (line,) = process.stderr.read().splitlines()  # those for information are not printed
     assert re.fullmatch(
@@ -130,9 +131,9 @@ def test_it_ends_cleanly_leaves_the_graph_and_touches_no_whiteboard(
     else:
         process.send_signal(signal.Signals[end])
     errors = process.stderr.read()
-    assert process.wait(20) == 0, errors
+    assert process.wait(PATIENCE_S) == 0, errors
     assert "Traceback" not in errors
-    assert transport.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, 20)
+    assert transport.wait_graph(lambda graph: not graph.nodes and not graph.endpoints, PATIENCE_S)
     assert "bob" in picture.read_text()
 
 

@@ -10,6 +10,7 @@ from llfsm.bridges.ros2.errors import CallFailedError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
 from llfsm.whiteboard.schema import to_plain
+from waiting import PATIENCE_S
 
 LINE = re.compile(r"\[(\w+)\] \[[\d.]+\] \[turtlesim\]: (.*)")
 TYPES = {
@@ -106,7 +107,7 @@ def test_what_came_for_a_turtle_that_is_killed_first_has_failed_and_harms_nobody
     ros.until(late.done)
     with pytest.raises(CallFailedError):
         late.result()
-    assert fields(kill.result(20)) == {}
+    assert fields(kill.result(PATIENCE_S)) == {}
     assert not log
     assert not caplog.records
     assert pose_of(ros, "turtle1")["linear_velocity"] == 2.0

@@ -14,7 +14,7 @@ from llfsm.whiteboard import Message, NetworkError, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board, version_log_path
 from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Value
 from llfsm.whiteboard.mirror.merge import Version
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from .conftest import (
     BATCHES,
@@ -121,7 +121,7 @@ def test_a_daemon_ends_with_its_board(pair: tuple[Host, Host]) -> None:
     process = other.process
     assert process is not None
     remove_board(NAME, other.directory)
-    assert process.wait(30) == 1
+    assert process.wait(PATIENCE_S) == 1
     assert "was removed" in other.log
     assert not version_log_path(other.board.path).exists()
 
@@ -166,7 +166,7 @@ def test_machines_are_seen_and_controlled_from_another_host(pair: tuple[Host, Ho
     bell = other.board[BELL]
     before = bell.count
     one.board.add_message(request_slot("Patrol"), MachineRequest("suspend"))
-    assert bell.wait(after=before, timeout=30) is not None
+    assert bell.wait(after=before, timeout=PATIENCE_S) is not None
     assert other.board.get_message(request_slot("Patrol")) == MachineRequest("suspend")
 
 

@@ -24,7 +24,7 @@ from free_ports import free_endpoint
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.zenoh_config import configure
 from llfsm.whiteboard.mirror.zenoh_internals import error_text, limit_link, parse_refusal
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from .conftest import Certify
 
@@ -177,7 +177,7 @@ def log(certify: Certify, tmp_path: Path) -> Iterator[Callable[[], list[str]]]:
     with path.open("w") as out:
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=out, env=environment)
     yield lambda: path.read_text().splitlines()
-    process.communicate(timeout=30)
+    process.communicate(timeout=PATIENCE_S)
 
 
 def test_the_log_goes_to_standard_output(log: Callable[[], list[str]]) -> None:

@@ -26,7 +26,7 @@ from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 from llfsm.whiteboard.messages.std_msgs import Int64
 from memory_transport import MemoryTransport
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 N = Slot("n", Int64)
 RELAY = {"slot": "n", "type": "std_msgs/msg/Int64", "direction": "to_ros"}
@@ -41,7 +41,7 @@ def call(peer, types):
         kind = "".join(map(str.capitalize, name.split("_")))
         of = types.service(f"rcl_interfaces/srv/{kind}")
         client = node.client(f"/llfsm_bridge/{name}", of)
-        return client.call(of.request.message(**fields), timeout=20).result(20)
+        return client.call(of.request.message(**fields), timeout=PATIENCE_S).result(PATIENCE_S)
 
     return call
 

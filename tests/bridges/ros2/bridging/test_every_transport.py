@@ -14,7 +14,7 @@ from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.bridges.ros2.graph import Role
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 N = Slot("n", Int64)
 
@@ -67,7 +67,7 @@ def test_services_through_slots_on_both_ends(bridge, board, world, types):
     bridge(node="server", server=[{"service": "s", "type": name, "slots": "serving"}])
     bridge(node="client", client=[{"service": "s", "type": name, "slots": "asking"}])
     witness = world.open()
-    assert witness.wait_graph(lambda graph: bool(graph.ends("/s", Role.SERVER)), 20)
+    assert witness.wait_graph(lambda graph: bool(graph.ends("/s", Role.SERVER)), PATIENCE_S)
     asking, serving = service_slots("asking", of), service_slots("serving", of)
     answers, requests = board[asking.answer], board[serving.request]
     number, request = 0, None
@@ -77,11 +77,11 @@ def test_services_through_slots_on_both_ends(bridge, board, world, types):
         board.add_message(asking.request, asking.request.type(number, name="bob"))
         request = requests.wait(after=0, timeout=0.2)
         if request is None:
-            assert answers.wait(after=seen, timeout=20) is not None
+            assert answers.wait(after=seen, timeout=PATIENCE_S) is not None
     assert request.message.name == "bob"
     seen = answers.count
     board.add_message(serving.answer, serving.answer.type(request.message.number, "bob"))
-    answer = answers.wait(after=seen, timeout=20)
+    answer = answers.wait(after=seen, timeout=PATIENCE_S)
     assert answer is not None
     assert (answer.message.number, answer.message.name) == (number, "bob")
 
@@ -103,14 +103,21 @@ def test_every_node_has_the_services_that_ros2_param_waits_for(bridge, world, ty
     )
     transport = world.open()
     ours = {"/llfsm_bridge", "/turtle_sensor_poster"}
-    assert transport.wait_graph(lambda graph: ours <= set(graph.nodes), 20)
+    assert transport.wait_graph(lambda graph: ours <= set(graph.nodes), PATIENCE_S)
     tool = transport.node("tool")
     for node in set(transport.graph().nodes) - {"/tool"}:
         clients = {
             name: tool.client(f"{node}/{name}", types.service(f"rcl_interfaces/srv/{kind}"))
             for name, kind in WAITED_FOR.items()
         }
-        assert transport.wait_graph(lambda _, c=clients: all(o.ready for o in c.values()), 20)
+        assert transport.wait_graph(
+            lambda _, c=clients: all(o.ready for o in c.values()), PATIENCE_S
+        )
         request = types.service("rcl_interfaces/srv/ListParameters").request.message()
-        names = clients["list_parameters"].call(request, timeout=20).result(20).result.names
+        names = (
+            clients["list_parameters"]
+            .call(request, timeout=PATIENCE_S)
+            .result(PATIENCE_S)
+            .result.names
+        )
         assert "use_sim_time" in names

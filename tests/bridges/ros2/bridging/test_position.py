@@ -17,7 +17,7 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
     TurtlePositionRequest,
 )
 from llfsm.whiteboard.messages.turtlesim import Pose
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 POSE = Slot("turtle1/pose", Pose)
 HERE = Pose(5.5, 6.5, 1.0)
@@ -27,7 +27,7 @@ HERE = Pose(5.5, 6.5, 1.0)
 def ask(peer, types):
     of = types.service("turtle_sensor_poster/srv/TurtlePosition")
     client = peer.node("caller").client("/turtle_position", of)
-    return lambda: client.call(of.request.message(), timeout=20).result(20)
+    return lambda: client.call(of.request.message(), timeout=PATIENCE_S).result(PATIENCE_S)
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def answer(board, number):
     bound = board[ANSWER]
     sample = bound.sample()
     while sample is None or sample.message.number != number:
-        sample = bound.wait(after=0 if sample is None else sample.count, timeout=20)
+        sample = bound.wait(after=0 if sample is None else sample.count, timeout=PATIENCE_S)
         assert sample is not None
     return sample.message
 

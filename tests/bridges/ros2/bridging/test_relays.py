@@ -17,7 +17,7 @@ from llfsm.bridges.ros2.timer_thread import TimerThread
 from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind, SerializedBytes
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 N = Slot("n", Int64)
 TYPE = "std_msgs/msg/Int64"
@@ -53,7 +53,7 @@ class Blocked:
 
     def publish(self, message):
         self.published((time.monotonic(), message.data))
-        assert self.go_on.wait(20)
+        assert self.go_on.wait(PATIENCE_S)
 
 
 @pytest.fixture

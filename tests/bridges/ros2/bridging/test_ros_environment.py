@@ -20,6 +20,7 @@ from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.std_msgs import Int64, String
 from memory_transport import MemoryTransport
+from waiting import PATIENCE_S
 
 TYPE = "std_msgs/msg/Int64"
 
@@ -103,7 +104,7 @@ def test_it_waits_for_a_subscription_of_another_node_to_each_topic(transport, pe
         node = peer.node("peer")
         node.subscription("out", number, lambda _: None)
         assert not environment.wait_subscribed(0.01)  # its own subscription to "both" is none
-        waiting = ThreadPoolExecutor(1).submit(environment.wait_subscribed, 20)
+        waiting = ThreadPoolExecutor(1).submit(environment.wait_subscribed, PATIENCE_S)
         node.subscription("both", number, lambda _: None)
         assert waiting.result()
 

@@ -7,6 +7,7 @@ import pytest
 from llfsm.bridges.ros2.bridging.service_slots import service_slots
 from llfsm.bridges.ros2.errors import CallFailedError
 from llfsm.whiteboard import Slot
+from waiting import PATIENCE_S
 
 SPAWN = "turtlesim/srv/Spawn"
 
@@ -47,9 +48,9 @@ def server_of(start, **more):
 def answer_to(board, slots, number):
     """Wait for the answer with a number."""
     bound = board[slots.answer]
-    sample = bound.wait(after=0, timeout=20)
+    sample = bound.wait(after=0, timeout=PATIENCE_S)
     while sample is not None and sample.message.number != number:
-        sample = bound.wait(after=sample.count, timeout=20)
+        sample = bound.wait(after=sample.count, timeout=PATIENCE_S)
     assert sample is not None
     return sample.message
 
@@ -144,7 +145,7 @@ def test_a_bridge_that_ends_while_it_calls_says_so(board, start, slots, serve, s
 
 
 def next_request(board, slots, after):
-    sample = board[slots.request].wait(after=after, timeout=20)
+    sample = board[slots.request].wait(after=after, timeout=PATIENCE_S)
     assert sample is not None
     return sample.message
 
@@ -156,7 +157,7 @@ def test_a_call_in_ros_is_answered_from_a_slot(board, start, slots, call):
         request = next_request(board, slots, turn)
         assert (request.number, request.name) == (turn + 1, name)
         board.add_message(slots.answer, slots.answer.type(request.number, name + "!"))
-        assert future.result(20).name == name + "!"
+        assert future.result(PATIENCE_S).name == name + "!"
     assert [(link.passed, link.failed) for link in bridge.links] == [(2, 0)]
 
 
@@ -175,11 +176,11 @@ def test_calls_come_one_by_one_and_answers_to_others_are_not_theirs(board, start
     with pytest.raises(TimeoutError):
         first.result(0.1)
     board.add_message(slots.answer, slots.answer.type(request.number, "one"))
-    assert first.result(20).name == "one"
+    assert first.result(PATIENCE_S).name == "one"
     request = next_request(board, slots, 1)
     assert request.name == "second"
     board.add_message(slots.answer, slots.answer.type(request.number, "two"))
-    assert second.result(20).name == "two"
+    assert second.result(PATIENCE_S).name == "two"
 
 
 def test_a_failure_in_the_slot_fails_the_call(board, start, slots, call):
@@ -188,17 +189,17 @@ def test_a_failure_in_the_slot_fails_the_call(board, start, slots, call):
     number = next_request(board, slots, 0).number
     board.add_message(slots.answer, slots.answer.type(number, failure="no room"))
     with pytest.raises(CallFailedError, match="no room"):
-        future.result(20)
+        future.result(PATIENCE_S)
 
 
 def test_if_nobody_answers_the_call_fails_and_the_next_one_does_not(board, start, slots, call):
     server_of(start, timeout=0.2)
     with pytest.raises(CallFailedError, match=r"no answer in slot spawn/answer within 0\.2 s"):
-        call().result(20)
+        call().result(PATIENCE_S)
     future = call("again")
     number = next_request(board, slots, 1).number
     board.add_message(slots.answer, slots.answer.type(number, "yes"))
-    assert future.result(20).name == "yes"
+    assert future.result(PATIENCE_S).name == "yes"
 
 
 def test_too_many_calls_at_once_are_refused(board, start, slots, call):
@@ -206,7 +207,7 @@ def test_too_many_calls_at_once_are_refused(board, start, slots, call):
     futures = [call() for _ in range(30)]
     refused = futures[-1]
     with pytest.raises(CallFailedError, match="waiting already"):
-        refused.result(20)
+        refused.result(PATIENCE_S)
     assert not futures[0].done()
 
 
@@ -215,7 +216,7 @@ def test_a_request_that_is_too_large_for_its_slot_fails(board, start, spawn, cal
     assert board[small.request].capacity == 64
     server_of(start)
     with pytest.raises(CallFailedError, match="64"):
-        call("x" * 100).result(20)
+        call("x" * 100).result(PATIENCE_S)
     assert len(told) == 1
 
 
@@ -225,7 +226,7 @@ def test_a_bridge_that_ends_fails_open_calls(board, start, slots, call):
     next_request(board, slots, 0)
     bridge.close()
     with pytest.raises(CallFailedError, match="ended"):
-        future.result(20)
+        future.result(PATIENCE_S)
 
 
 def test_a_bridge_answers_its_own_client_through_ros(board, start, spawn):

@@ -17,6 +17,7 @@ import pyte
 from llfsm.bridges.ros2.graph import Role
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import String
+from waiting import PATIENCE_S
 
 from .conftest import where
 
@@ -32,7 +33,7 @@ def test_a_terminal_has_a_table_that_changes_and_notices_above_it(
     stream = pyte.ByteStream(screen)
 
     def see(*words):
-        until = time.monotonic() + 20
+        until = time.monotonic() + PATIENCE_S
         while not any(line.split()[: len(words)] == list(words) for line in screen.display):
             assert time.monotonic() < until, screen.display
             stream.feed(os.read(controller, 65536))
@@ -44,7 +45,9 @@ def test_a_terminal_has_a_table_that_changes_and_notices_above_it(
     ) as process:  # fmt: skip
         try:
             see("pinpong", "->", "/pinpong", "std_msgs/msg/String", "0")
-            assert peer.wait_graph(lambda graph: bool(graph.ends("/pinpong", Role.PUBLISHER)), 20)
+            assert peer.wait_graph(
+                lambda graph: bool(graph.ends("/pinpong", Role.PUBLISHER)), PATIENCE_S
+            )
             peer.node("odd").subscription("pinpong", types.message("std_msgs/msg/Bool"), print)
             see("/pinpong:", "the", "subscription", "of", "/odd", "has", "type")
             for number in range(2):
@@ -53,7 +56,7 @@ def test_a_terminal_has_a_table_that_changes_and_notices_above_it(
                 see("pinpong", "->", "/pinpong", "std_msgs/msg/String", str(number + 1))
             process.send_signal(signal.SIGINT)
             os.close(terminal)
-            assert process.wait(20) == 0
+            assert process.wait(PATIENCE_S) == 0
         finally:
             process.kill()
     os.close(controller)

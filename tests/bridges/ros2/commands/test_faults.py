@@ -17,7 +17,7 @@ from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64, String
 from llfsm.whiteboard.messages.turtlesim import Pose
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 TEXT, NUMBER = "std_msgs/msg/String", "std_msgs/msg/Int64"
 N = Slot("n", Int64)
@@ -52,7 +52,7 @@ def test_a_router_that_is_killed_is_told_and_found_again(
         own_router()
         process.says("connected to a router")
     with ZenohTransport(domain, router=[endpoint], notify=lambda _: None) as newcomer:
-        assert newcomer.wait_graph(lambda graph: "/llfsm_bridge" in graph.nodes, 20)
+        assert newcomer.wait_graph(lambda graph: "/llfsm_bridge" in graph.nodes, PATIENCE_S)
         publish_until_added(newcomer.node("talker").publisher("n", number), board[N], 2)
     assert process.end() == 0
     said = "".join(process.said)
@@ -78,13 +78,13 @@ def test_a_simulator_that_is_killed_and_comes_back_is_relayed_again(
     process = bridge("turtlesim")
     pose = board[Slot("turtle1/pose", Pose)]
     simulator = run("turtlesim", *where)
-    assert pose.wait(after=0, timeout=20) is not None
+    assert pose.wait(after=0, timeout=PATIENCE_S) is not None
     simulator.end(signal.SIGKILL)
     while pose.wait(after=pose.count, timeout=0.5) is not None:
         pass  # what was on its way
     count = pose.count  # and nothing false is added while nobody publishes
     run("turtlesim", *where)
-    assert pose.wait(after=count, timeout=20) is not None
+    assert pose.wait(after=count, timeout=PATIENCE_S) is not None
     assert process.end() == 0
 
 
@@ -96,10 +96,10 @@ def test_a_bridge_that_is_killed_leaves_the_graph_and_its_successor_goes_on(
     first = bridge("ros2", "--both", f"n:{NUMBER}")
     publish_until_added(publisher, board[N], 1)
     first.end(signal.SIGKILL)
-    assert peer.wait_graph(lambda graph: "/llfsm_bridge" not in graph.nodes, 20)
+    assert peer.wait_graph(lambda graph: "/llfsm_bridge" not in graph.nodes, PATIENCE_S)
     board.add_message(N, Int64(2))  # nobody is there to send it, and it is old when somebody is
     bridge("ros2", "--both", f"n:{NUMBER}")
-    assert peer.wait_graph(lambda graph: len(graph.ends("/n", Role.PUBLISHER)) == 2, 20)
+    assert peer.wait_graph(lambda graph: len(graph.ends("/n", Role.PUBLISHER)) == 2, PATIENCE_S)
     peer.node("listener").subscription("n", number, lambda a: heard(a.decode().data))
     publish_until_added(publisher, board[N], 3)
     # A 3 that arrives only now may take the place of a 4 before that is sent.
@@ -123,7 +123,7 @@ def test_nonsense_on_a_topic_is_told_once_and_the_next_message_is_added(
 ):
     text = types.message(TEXT)
     process = bridge("ros2", "--from-ros", f"s:{TEXT}")
-    assert peer.wait_graph(lambda graph: bool(graph.ends("/s", Role.SUBSCRIPTION)), 20)
+    assert peer.wait_graph(lambda graph: bool(graph.ends("/s", Role.SUBSCRIPTION)), PATIENCE_S)
     key = data_key(domain, "/s", text.dds_name, text.type_hash)
     good = text.encode(String("whole"))
     dice = random.Random(1)

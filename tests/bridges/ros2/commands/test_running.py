@@ -13,6 +13,7 @@ from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.std_msgs import String
 from llfsm.whiteboard.messages.turtle_sensor_poster import REQUEST
 from llfsm.whiteboard.messages.turtlesim import Pose
+from waiting import PATIENCE_S
 
 TEXT = "std_msgs/msg/String"
 CMD_VEL = Slot("turtle1/cmd_vel", Twist)
@@ -31,7 +32,7 @@ def hear(peer, seen):
     def hearing(topic, of):
         got = seen()
         peer.node("listener").subscription(topic, of, lambda a: got(a.decode()))
-        assert peer.wait_graph(lambda graph: bool(graph.ends(topic, Role.PUBLISHER)), 20)
+        assert peer.wait_graph(lambda graph: bool(graph.ends(topic, Role.PUBLISHER)), PATIENCE_S)
         return got
 
     return hearing
@@ -55,13 +56,13 @@ def test_flags_connect_slots_with_topics(bridge, board, peer, text, hear):
     assert heard[0] == String("hello")
     publisher = peer.node("talker").publisher("in", text)
     slot = board[Slot("in", String)]
-    assert peer.wait_graph(lambda graph: len(graph.ends("/in", Role.SUBSCRIPTION)) == 1, 20)
+    assert peer.wait_graph(lambda graph: len(graph.ends("/in", Role.SUBSCRIPTION)) == 1, PATIENCE_S)
     publisher.publish(String("there"))
-    sample = slot.wait(after=0, timeout=20)
+    sample = slot.wait(after=0, timeout=PATIENCE_S)
     assert sample is not None
     assert sample.message == String("there")
     assert process.end() == 0
-    assert peer.wait_graph(lambda graph: "/llfsm_bridge" not in graph.nodes, 20)
+    assert peer.wait_graph(lambda graph: "/llfsm_bridge" not in graph.nodes, PATIENCE_S)
     said = "".join(process.said)
     assert re.search("out -> /out: [1-9]", said)
     assert "in <- /in: 1, " in said
@@ -83,8 +84,8 @@ def test_a_bridge_ends_with_its_whiteboard(bridge, board, peer, met):
     process = bridge("turtlesim")
     met("/llfsm_turtlesim_bridge", "/turtle_sensor_poster")
     board.remove()
-    assert process.process.wait(20) == 0
-    assert peer.wait_graph(lambda graph: not graph.nodes, 20)
+    assert process.process.wait(PATIENCE_S) == 0
+    assert peer.wait_graph(lambda graph: not graph.nodes, PATIENCE_S)
 
 
 def test_a_command_to_stop_gets_through_at_the_end(bridge, run, board, types, hear):
@@ -99,14 +100,14 @@ def test_a_command_to_stop_gets_through_at_the_end(bridge, run, board, types, he
     machine.process.send_signal(signal.SIGTERM)
     machine.process.send_signal(signal.SIGCONT)
     heard.wait(lambda got: got[-1] == Twist())
-    assert process.process.wait(20) == 0
+    assert process.process.wait(PATIENCE_S) == 0
 
 
 def test_the_wall_machine_drives_the_turtle_of_a_node(bridge, run, simulator, board):
     """As it is, in a process of its own, beside a simulator that it shares no board with."""
     bridge("turtlesim")
     simulator()
-    pose = board[POSE].wait(after=0, timeout=20)
+    pose = board[POSE].wait(after=0, timeout=PATIENCE_S)
     assert pose is not None
     machine = run("run", "RosWallTurttleBot", "--board", board.name, "-v")
     for state in ("STRAIGHT", "STOP", "TEST", "STRAIGHT"):
@@ -117,7 +118,7 @@ def test_the_wall_machine_drives_the_turtle_of_a_node(bridge, run, simulator, bo
     assert board.get_message(REQUEST) is not None
     assert machine.end() == 0
     stopped = board[POSE].count
-    after = board[POSE].wait(after=stopped + 10, timeout=20)
+    after = board[POSE].wait(after=stopped + 10, timeout=PATIENCE_S)
     while after is not None and after.message.linear_velocity:
-        after = board[POSE].wait(after=after.count, timeout=20)
+        after = board[POSE].wait(after=after.count, timeout=PATIENCE_S)
     assert after is not None

@@ -22,6 +22,7 @@ from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.rclpy_transport.api import find_class, import_rclpy
 from llfsm.bridges.ros2.rclpy_transport.transport import RclpyTransport
 from llfsm.bridges.ros2.transport import NoticeKind
+from waiting import PATIENCE_S
 
 
 @pytest.fixture
@@ -98,10 +99,10 @@ def test_a_client_that_is_being_closed_has_no_server(transport, types):
     client._node.destroy_client(client._client)
     assert not client.ready
     client._client.service_is_ready = lambda: True  # as it was a moment before
-    call = client.call(spawn.request.message(), timeout=20)
+    call = client.call(spawn.request.message(), timeout=PATIENCE_S)
     client.close()
     with pytest.raises(TransportClosedError):
-        call.result(20)
+        call.result(PATIENCE_S)
 
 
 def test_a_shutdown_by_another_part_of_the_process_is_told(fake_rclpy, told):
@@ -161,13 +162,13 @@ def test_a_late_answer_to_a_call_that_timed_out_is_dropped(transport, types, see
     client = node.client("spawn", spawn)
     call = client.call(spawn.request.message(), timeout=0.05)
     with pytest.raises(CallTimeoutError):
-        call.result(20)
+        call.result(PATIENCE_S)
     assert client._client.pending == {}
     kept[0].answer(spawn.response.message())
-    after = client.call(spawn.request.message(), timeout=20)
+    after = client.call(spawn.request.message(), timeout=PATIENCE_S)
     kept.wait(lambda kept: len(kept) == 2)
     kept[1].answer(spawn.response.message(name="next"))
-    assert after.result(20).name == "next"
+    assert after.result(PATIENCE_S).name == "next"
 
 
 def test_a_response_that_waits_for_the_executor_is_sent_before_its_server_goes(
@@ -176,12 +177,12 @@ def test_a_response_that_waits_for_the_executor_is_sent_before_its_server_goes(
     spawn, kept = types.service("turtlesim/srv/Spawn"), seen()
     node = transport.node("me")
     server = node.server("spawn", spawn, kept)
-    call = node.client("spawn", spawn).call(spawn.request.message(), timeout=20)
+    call = node.client("spawn", spawn).call(spawn.request.message(), timeout=PATIENCE_S)
     kept.wait(len)
     with NODES_CHANGED:  # the executor can do nothing meanwhile
         kept[0].answer(spawn.response.message(name="bob"))
         server.close()
-    assert call.result(20).name == "bob"
+    assert call.result(PATIENCE_S).name == "bob"
 
 
 @pytest.mark.parametrize("kind", ["subscription", "client", "server"])
@@ -213,10 +214,10 @@ def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
 
     def use():
         publisher.publish(number.message())
-        return client.call(spawn.request.message(), timeout=20)
+        return client.call(spawn.request.message(), timeout=PATIENCE_S)
 
     lost = [use(), use()]
-    assert use().result(20) == spawn.response.message()
+    assert use().result(PATIENCE_S) == spawn.response.message()
     got.wait(len)
     assert not unread
     told.wait(len)

@@ -30,7 +30,7 @@ from llfsm.whiteboard.messages.llfsm import status_slot, will_slot
 from llfsm.whiteboard.messages.std_msgs import String
 from memory_transport import MemoryWorld
 from stopping_robot import TWIST, Robot, memory_bridge, memory_robot, subscribe
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 from wheels import CMD_VEL, CUE, LAMP
 
 HERE = Path(__file__).parent
@@ -194,7 +194,9 @@ def shared_rig(
             rig.bridge = bridge_process(board, lasting, "rclpy").pid
             peer = stack.enter_context(RclpyTransport(DOMAIN, notify=lambda _: None))
             subscribe(peer, robot)
-            peer.wait_graph(lambda graph: bool(graph.ends(f"/{CMD_VEL.name}", Role.PUBLISHER)), 20)
+            peer.wait_graph(
+                lambda graph: bool(graph.ends(f"/{CMD_VEL.name}", Role.PUBLISHER)), PATIENCE_S
+            )
         yield rig
 
 

@@ -22,7 +22,7 @@ from llfsm.whiteboard.messages.std_msgs import Int32
 from memory_transport import MemoryWorld
 from small_disks import small_disk
 from stopping_robot import Robot, memory_bridge, memory_robot, report
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 from wheels import CMD_VEL
 
 from .conftest import LLFSM, Processes, Rig, bridge_process, zenoh_robot
@@ -185,8 +185,8 @@ def test_on_a_board_that_is_removed_the_run_and_the_bridge_end_with_a_stop(
     took_s = since(lambda: remove_board(rig.board.name), rig)
     assert rig.commander == machine.pid
     assert rig.lamp == "ended"
-    assert machine.wait(30) == 0
-    assert bridge.wait(30) == 0
+    assert machine.wait(PATIENCE_S) == 0
+    assert bridge.wait(PATIENCE_S) == 0
     assert rig.robot.speed == 0
     report("zenoh   the whiteboard is removed", took_s, GRACE_S + 0.5)
 

@@ -16,7 +16,7 @@ from llfsm.bridges.ros2.transport import NoticeKind
 from llfsm.bridges.ros2.zenoh_transport.attachment import pack
 from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 GARBAGE = [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0\1\2\3", b"\xff" * 200, b"\0\1\0\0" + b"\1" * 19]
 
@@ -64,8 +64,10 @@ def test_a_router_that_is_killed_is_told_and_found_again_with_all_that_was_there
             assert kinds(told)[3] is NoticeKind.UP
             two.node("two").subscription("a", number, got)
             for transport in (one, two):
-                assert transport.wait_graph(lambda graph: graph.nodes == ("/one", "/two"), 20)
-                assert transport.wait_graph(lambda graph: len(graph.topics()) == 1, 20)
+                assert transport.wait_graph(
+                    lambda graph: graph.nodes == ("/one", "/two"), PATIENCE_S
+                )
+                assert transport.wait_graph(lambda graph: len(graph.topics()) == 1, PATIENCE_S)
             publisher.publish(number.message(data=7))
             got.wait(len)
             assert [arrival.decode().data for arrival in got] == [7]
@@ -131,7 +133,7 @@ def test_a_message_with_a_bad_attachment_or_none_arrives_and_that_is_told_once(
 
 
 def ask(session, key, **what):
-    return list(session.get(key, target=zenoh.QueryTarget.ALL_COMPLETE, timeout=20, **what))
+    return list(session.get(key, target=zenoh.QueryTarget.ALL_COMPLETE, timeout=PATIENCE_S, **what))
 
 
 def test_a_bad_request_is_refused_and_told_once_and_the_next_is_served(
@@ -176,8 +178,8 @@ def test_a_response_that_cannot_be_decoded_fails_the_call(transport, domain, str
 
     with stranger.declare_queryable(key, answer, complete=True):
         client = transport.node("we").client("spawn", spawn)
-        assert transport.wait_graph(lambda _: client.ready, 20)
-        error = client.call(spawn.request.message(), timeout=20).exception(20)
+        assert transport.wait_graph(lambda _: client.ready, PATIENCE_S)
+        error = client.call(spawn.request.message(), timeout=PATIENCE_S).exception(PATIENCE_S)
     assert isinstance(error, CdrError)
     assert "Spawn_Response" in str(error)
 
@@ -190,7 +192,7 @@ def test_a_token_that_says_nothing_is_passed_over(transport, domain, stranger, t
         token = token.replace("**", "star")
     with stranger.liveliness().declare_token(token.format(domain)):
         node = stranger.liveliness().declare_token(f"@ros2_lv/{domain}/b/0/0/NN/%/%/after")
-        assert transport.wait_graph(lambda graph: graph.nodes == ("/after",), 20)
+        assert transport.wait_graph(lambda graph: graph.nodes == ("/after",), PATIENCE_S)
         node.undeclare()
     assert not transport.graph().endpoints
 
@@ -230,5 +232,5 @@ sys.exit(3)
 
 def test_a_process_that_closes_nothing_ends_as_it_wants_to(router, domain):
     command = [sys.executable, "-c", FORGETFUL, str(domain), router]
-    done = subprocess.run(command, timeout=30, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, timeout=PATIENCE_S, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (3, "")

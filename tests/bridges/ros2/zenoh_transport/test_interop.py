@@ -11,6 +11,7 @@ import pytest
 from llfsm.bridges.ros2.errors import CallFailedError, NoServerError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, ReliabilityPolicy
+from waiting import PATIENCE_S
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def make(of, x, z):
 
 
 def has(transport, name, role):
-    return transport.wait_graph(lambda graph: bool(graph.ends(name, role)), 20)
+    return transport.wait_graph(lambda graph: bool(graph.ends(name, role)), PATIENCE_S)
 
 
 def test_we_hear_the_peer_and_see_it_on_the_graph(transport, start_peer, twist, seen, types):
@@ -92,9 +93,11 @@ def test_we_call_the_peer(transport, start_peer, spawn):
     client = transport.node("we").client("/spawn", spawn)
     peer = start_peer()
     peer.do("server", "/spawn")
-    assert transport.wait_graph(lambda _: client.ready, 20)
+    assert transport.wait_graph(lambda _: client.ready, PATIENCE_S)
     names = [
-        client.call(spawn.request.message(x=1.5, name=name), timeout=20).result(20).name
+        client.call(spawn.request.message(x=1.5, name=name), timeout=PATIENCE_S)
+        .result(PATIENCE_S)
+        .name
         for name in ("bob", "eve")
     ]
     assert names == ["bob at 1.5", "eve at 1.5"]
@@ -128,23 +131,23 @@ def test_a_peer_that_is_killed_is_gone_and_its_service_is_nobodys(
     client = transport.node("we").client("/spawn", spawn)
     peer = start_peer()
     peer.do("server", "/spawn")
-    assert transport.wait_graph(lambda _: client.ready, 20)
+    assert transport.wait_graph(lambda _: client.ready, PATIENCE_S)
     peer.process.kill()
-    assert transport.wait_graph(lambda graph: not graph.ends("/spawn", Role.SERVER), 20)
+    assert transport.wait_graph(lambda graph: not graph.ends("/spawn", Role.SERVER), PATIENCE_S)
     assert transport.wait_graph(
         lambda _: not client.ready, 20
     )  # its token may be gone before it is
     with pytest.raises(NoServerError, match="/spawn"):
-        client.call(spawn.request.message(), timeout=20).result(20)
+        client.call(spawn.request.message(), timeout=PATIENCE_S).result(PATIENCE_S)
 
 
 def test_a_call_of_a_peer_that_is_killed_meanwhile_ends(transport, start_peer, spawn):
     client = transport.node("we").client("/spawn", spawn)
     peer = start_peer()
     peer.do("server", "/spawn")
-    assert transport.wait_graph(lambda _: client.ready, 20)
+    assert transport.wait_graph(lambda _: client.ready, PATIENCE_S)
     peer.process.send_signal(signal.SIGSTOP)  # it will not answer
-    call = client.call(spawn.request.message(), timeout=20)
+    call = client.call(spawn.request.message(), timeout=PATIENCE_S)
     peer.process.kill()
     with pytest.raises(CallFailedError, match="/spawn"):
-        call.result(20)
+        call.result(PATIENCE_S)
