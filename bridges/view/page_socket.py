@@ -62,3 +62,10 @@ async def serve_page(
     finally:
         for task in tasks:
             task.cancel()
+            task.add_done_callback(_take)
+
+
+def _take(task: asyncio.Task[None]) -> None:
+    """Take how a task has ended, of which asyncio would print a traceback: both see the page go."""
+    if not task.cancelled():
+        task.exception()
