@@ -74,7 +74,7 @@ def live_data(source: PageSource, name: str) -> dict[str, Any]:
         failed = sample.message.error_state if sample.message.failed else None
         live |= {"state": sample.message.state, "condition": condition_of(sample.message, silent_s)}
         live |= {"failed": failed, "pending": sample.message.pending}
-        live["refusal"] = sample.message.refusal
+        live |= {"refusal": sample.message.refusal, "obeyed": sample.message.obeyed}
     return live
 
 

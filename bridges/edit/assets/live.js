@@ -9,6 +9,7 @@ export class Live {
     this.flush = flush;
     this.mayReload = false;
     this.shown = null;
+    this.asked = null; // requests that had been obeyed when a reload was asked for here
     $("reload").addEventListener("click", () => this.reload());
   }
 
@@ -16,14 +17,16 @@ export class Live {
     if ($("reload").hidden || $("reload").disabled) return;
     try {
       await this.flush();
+      this.asked = this.shown.obeyed;
       await this.ask({ type: "reload" });
     } catch (error) {
+      this.asked = null;
       toast(error.message, "problem");
     }
   }
 
   show(live) {
-    const { board, state, condition, pending, refusal } = live;
+    const { board, state, condition, pending, refusal, obeyed } = live;
     const words = [state, condition !== "running" && condition, refusal && "not reloaded"].filter(Boolean);
     setText($("live"), state ? `${board}: ${words.join(", ")}${pending ? `, ${pending} …` : ""}` : `${board}: no such machine runs`);
     setData($("live"), "is", state && !refusal ? "live" : "lost");
@@ -32,7 +35,10 @@ export class Live {
     $("live").hidden = false;
     $("reload").hidden = !this.mayReload;
     $("reload").disabled = !state || pending === "reload";
-    if (state && this.shown?.pending === "reload" && !pending) {
+    // One that takes no longer than a look at the board is never seen pending.
+    const isObeyed = this.asked !== null && obeyed > this.asked;
+    if (state && (isObeyed || this.shown?.pending === "reload") && !pending) {
+      this.asked = null;
       if (refusal) toast(`Not reloaded: ${refusal}`, "problem");
       else toast(`Reloaded: it is in ${state}`);
     }

@@ -63,6 +63,7 @@ def test_what_is_edited_runs_after_a_reload(
     page.keyboard.press("Enter")
     expect(page.locator("#drawing [data-state=Dark]")).to_be_visible()
     page.keyboard.press("l")
+    expect(page.locator("#toasts")).to_have_text("Reloaded: it is in Dark")
     expect(page.locator("#live")).to_have_text("robot: Dark")
     assert live.state_name_of("Lamp") == "Dark"
 
@@ -70,6 +71,7 @@ def test_what_is_edited_runs_after_a_reload(
     page.keyboard.press("Control+a")
     page.keyboard.insert_text("lamp(")
     page.locator("#reload").click()  # what was typed is written before
+    expect(page.locator("#toasts")).to_contain_text("Not reloaded: ")
     expect(page.locator("#live")).to_have_text("robot: Dark, not reloaded")
     why = page.locator("#live").get_attribute("title") or ""
     assert "State_Dark_OnEntry.py:1: " in why
