@@ -285,6 +285,7 @@ def test_a_failed_machine_is_reloaded(run: Callable[..., Running]) -> None:
     running.write(OTHER)
     status = running.ask()
     assert (status.failed, status.state, status.suspended) == (False, "Dark", False)
+    wait_for(lambda: running.value("bell") == 1, "it has run")
     running.arrangement.stop()
     running.thread.join()
     times = running.arrangement.statistics()[1].state_s
