@@ -159,7 +159,7 @@ soak: $(VENV)/.ready-test
 # Beside ROS 2, what is installed with it counts, in the versions that it has.
 EXTRAS_setup := draw,ros,hosts,record,view,examples
 EXTRAS_test := test,$(EXTRAS_setup)
-EXTRAS_bench := bench,draw,ros,hosts,view
+EXTRAS_bench := bench,$(EXTRAS_setup)
 EXTRAS_release := release
 EXTRAS_docs := docs
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
