@@ -67,7 +67,11 @@ class _Undecoded:
 
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[Any] | None:
         count = self._slot.wait_count(after=after, timeout=timeout)
-        return None if count is None else Sample[Any](None, count, 0, 0)
+        return None if count is None else _undecoded(count)
+
+
+def _undecoded(count: int) -> Sample[Any]:
+    return Sample[Any](None, count, 0, 0)
 
 
 class ToRos(Generic[M]):
@@ -107,8 +111,10 @@ class ToRos(Generic[M]):
         self._arrival = arrival
         self._seen = 0 if latched else slot.count
         self._ahead = 0  # the number of a message that was read instead of an older one
+        # Of what came from ROS, perhaps, the number is enough: most of it is not to be decoded.
+        followed = slot if arrival is None and echo is None else _Undecoded(slot)
         self._subscription = Subscription(
-            _Undecoded(slot), self._relay, after=self._seen, backlog=1, on_error=self._failed
+            followed, self._relay, after=self._seen, backlog=1, on_error=self._failed
         )
 
     def finish(self) -> None:
@@ -128,7 +134,7 @@ class ToRos(Generic[M]):
             return
         if count > max(self._seen, self._ahead):
             try:
-                self._pass_on(count)
+                self._pass_on(_undecoded(count))
             except Exception as error:
                 self._failed(error)
 
@@ -142,27 +148,28 @@ class ToRos(Generic[M]):
             if newer.count != self.slot.count:
                 return  # the newest comes next
         try:
-            self._pass_on(newer.count)
+            self._pass_on(newer)
         finally:
             if period := self._settings.period:
                 self._over.wait(begun + period - time.monotonic())
 
-    def _pass_on(self, count: int) -> None:
+    def _pass_on(self, newer: Sample[Any]) -> None:
+        count = newer.count
         if not self._settings.enabled or not (self._echo is None or self._echo.is_news(count)):
             return
         arrival = None if self._arrival is None else self._arrival.get(count)
         if arrival is not None:
             self._publisher.forward(arrival)
-        elif not self._publish_latest(count):
+        elif not self._publish(newer):
             return
         self._link.count()
 
-    def _publish_latest(self, count: int) -> bool:
-        """Publish the latest message, which is that number or a newer one, if ROS needs it."""
-        sample = self.slot.sample()
+    def _publish(self, newer: Sample[Any]) -> bool:
+        """Publish a message, or a newer one if it is not decoded yet, if ROS needs it."""
+        sample = newer if newer.message is not None else self.slot.sample()
         if sample is None:  # its slot's name has just been given up
             return False
-        if sample.count != count:
+        if sample.count != newer.count:
             self._ahead = sample.count
         if self._echo is not None:
             if not self._echo.is_news(sample.count):
