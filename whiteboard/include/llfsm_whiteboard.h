@@ -1057,6 +1057,7 @@ static inline void lwb_wake(struct lwb_slot *s)
 }
 
 #define LWB_ANY UINT64_MAX
+#define LWB_AHEAD 128 /* words between the one that is stored and the one that is fetched for it */
 
 /* Add a message if the slot's count still is `after`, else return LWB_PASSED; with LWB_ANY, add in
  * any case. Never blocks. */
@@ -1083,6 +1084,9 @@ static inline int lwb_add_after(struct lwb_slot *s, const void *data, size_t len
     const unsigned char *from = (const unsigned char *)data;
     size_t words = length / 8, rest = length % 8;
     for (size_t i = 0; i < words; i++) {
+        /* Of a large message, a writer that has slept finds the buffer in no cache. */
+        if (i % 8 == 0 && i + LWB_AHEAD < words)
+            __builtin_prefetch((const void *)&buffer->payload[i + LWB_AHEAD], 1);
         uint64_t w;
         memcpy(&w, from + 8 * i, 8);
         atomic_store_explicit(&buffer->payload[i], w, memory_order_relaxed);
