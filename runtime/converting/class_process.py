@@ -20,7 +20,7 @@ from llfsm.errors import LlfsmError
 
 from ..bundles import Bundle, load_bundle
 from ..checking import Finding
-from ..drawing.overview import MachineLinks
+from ..drawing.overview import MachineLinks, links_of
 from ..engine.errors import BundleError
 from ..engine.machine import Machine
 from ..plans.plan import PlannedMachine
@@ -108,15 +108,15 @@ def _main() -> None:
 
 
 def _answer(what: str, arguments: Sequence[str]) -> Any:
-    from ..checking import check_class
+    from ..checking import check_class, requests_of
     from .class_outline import class_outline
     from .convert import write_converted
 
     if what == "links":
-        from ..plans.links import links_of
-
         planned = msgspec.json.decode(arguments[0], type=PlannedMachine)
-        return links_of(load_machine(arguments[1:]), planned)._asdict()
+        cls = load_machine(arguments[1:])
+        requests = requests_of(cls, planned.variables)
+        return links_of(cls, planned.slots, requests)._asdict()
     cls = load_machine(arguments)
     if what == "convert":
         return {"wrote": str(write_converted(cls, Path(arguments[0]).parent))}

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from ..engine.machine import Machine
+from ..engine.ports import Actuator, Sensor
 from .arrange import framed
 from .automatic_layout import automatic_layout
 from .diagram import Arrow, Diagram
 from .typeset import make_box, make_label
 
-__all__ = ["MachineLinks", "overview"]
+__all__ = ["MachineLinks", "links_of", "overview"]
 
 
 class MachineLinks(NamedTuple):
@@ -24,6 +26,17 @@ class MachineLinks(NamedTuple):
     reads: Sequence[str] = ()
     posts: Sequence[str] = ()
     requests: Sequence[tuple[str, str]] = ()
+
+
+def links_of(
+    cls: type[Machine], slots: Mapping[str, str], requests: Sequence[tuple[str, str]]
+) -> MachineLinks:
+    """Return the links of a machine that makes `requests` and is loaded with other `slots`."""
+
+    def names(ports: Mapping[str, Sensor[Any, Any] | Actuator[Any]]) -> list[str]:
+        return [slots.get(port.slot.name, port.slot.name) for port in ports.values()]
+
+    return MachineLinks(names(cls.table.sensors), names(cls.table.actuators), requests)
 
 
 def overview(title: str, machines: Mapping[str, MachineLinks]) -> Diagram:

@@ -8,10 +8,11 @@ from pathlib import Path
 import click
 
 from llfsm.runtime.bundles import outline, read_bundle
+from llfsm.runtime.checking import requests_of
 from llfsm.runtime.converting import class_layout
 from llfsm.runtime.drawing import arrange, overview, to_dot, to_mermaid, to_png, to_svg
+from llfsm.runtime.drawing.overview import links_of
 from llfsm.runtime.engine.table import Table
-from llfsm.runtime.plans.links import links_of
 
 from .machine_names import find_bundle, find_machine
 from .run.arguments import parse_arguments
@@ -79,7 +80,10 @@ def _overview(file: str, form: str) -> bytes:
         raise click.UsageError(f"an arrangement is drawn as svg or png, not as {form}")
     resolved = parse_arguments([file], None, (), ())
     found = zip(resolved.classes.items(), resolved.plan.machines, strict=True)
-    machines = {name: links_of(cls, planned) for (name, cls), planned in found}
+    machines = {
+        name: links_of(cls, planned.slots, requests_of(cls, planned.variables))
+        for (name, cls), planned in found
+    }
     diagram = overview(Path(file).name, machines)
     return to_png(diagram) if form == "png" else to_svg(diagram).encode()
 
