@@ -165,6 +165,7 @@ class JournalledEnvironment(Environment):
                 f"{machine} is recorded for `llfsm rerun`, which cannot follow a reload: "
                 f"end the recording first"
             )
+        self._inner.requested(action, machine)
         if self.journal.outside:
             self.journal.add(("Asked", action, machine))
 
@@ -173,6 +174,10 @@ class JournalledEnvironment(Environment):
         self._inner.loaded(machine, path)
         if self.journal.outside:
             self.journal.add(("Loaded", machine, path))
+
+    def retire(self, machine: str) -> None:
+        """Retire what the machine reads and posts by in the other environment."""
+        self._inner.retire(machine)
 
     def unloaded(self, machine: str) -> None:
         """Let nothing be posted for the machine in the other environment."""

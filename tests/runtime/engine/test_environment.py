@@ -196,6 +196,22 @@ def test_machines_do_the_same_in_every_environment(
     assert on_board(OnLiveBoard, wrap) == expected
 
 
+def test_a_journal_forwards_requests_to_the_environment_that_it_wraps() -> None:
+    class Noting(Scripted):
+        def requested(self, action: str, machine: str) -> None:
+            noted.append((action, machine))
+
+        def retire(self, machine: str) -> None:
+            noted.append(("retire", machine))
+
+    noted: list[tuple[str, str]] = []
+    world = in_two_journals(Noting(ManualClock()))
+    with Arrangement([Adder], environment=world) as arrangement:
+        arrangement.restart("Adder")
+        world.retire("Adder")
+    assert noted == [("restart", "Adder"), ("retire", "Adder")]
+
+
 def test_a_move_leaves_machines_where_they_are_and_connects_them_anew() -> None:
     clock, first, second = ManualClock(), Whiteboard.local(), Whiteboard.local()
     arrangement = Arrangement([Adder], environment=BoardEnvironment(first, clock))
