@@ -21,7 +21,6 @@ __all__ = ["FleetTable", "HostRow", "Trouble"]
 Trouble: TypeAlias = Literal["lost", "failed", "clock", ""]
 """What is worst about a host: it is silent, a machine is in trouble, its clock is wrong; or ""."""
 
-_SILENT_NS = 3_000_000_000  # a host whose summary is older is lost: three were missed
 _WRONG_CLOCK_S = 1.0
 _LEADS = 10  # summaries from which a clock's lead is estimated
 
@@ -71,11 +70,13 @@ class FleetTable:
 
     Args:
         board: of this host.
+        silent_s: a host whose summary is older is lost. They are published once a second.
 
     """
 
-    def __init__(self, board: Board) -> None:
+    def __init__(self, board: Board, *, silent_s: float = 3.0) -> None:
         self._board = board
+        self._silent_ns = silent_s * 1e9
         self._names = HostNames(board)
         self._known: dict[str, _Known] = {}
 
@@ -127,7 +128,7 @@ class FleetTable:
     def _row(self, name: str, known: _Known, now_ns: int) -> HostRow:
         sample, lead_s = known.sample, known.lead_s
         trouble: Trouble = ""
-        is_silent = sample is not None and now_ns - sample.stamp_ns > _SILENT_NS
+        is_silent = sample is not None and now_ns - sample.stamp_ns > self._silent_ns
         if not known.is_there or is_silent:
             trouble = "lost"
         elif sample is not None and sample.message.troubled:

@@ -26,28 +26,27 @@ from llfsm.whiteboard.messages.llfsm import (
 from llfsm.whiteboard.mirror.naming import Naming
 
 from ..engine.errors import UnknownMachineError
-from .remote import Directory, RemoteMachine
+from .remote import PATIENCE_S, Directory, RemoteMachine
 
 __all__ = ["NO_DAEMON", "FleetReader", "HostNames", "find_machine", "keep_read"]
 
 NO_DAEMON = "no daemon mirrors this whiteboard; start `llfsm whiteboard daemon`"
 """Why no other host can be reached, and what to do."""
 
-_SILENT_NS = 3_000_000_000  # a daemon in another container may publish no status for so long
+_SILENT_S = 3.0  # a daemon in another container may publish no status for so long
 _POLL_S = 0.02
 _QUIET_S = 0.5  # without another host, all that can be reached are known
-_PATIENCE_S = 5.0
 
 
 class HostNames:
     """Whose the slots and machines on a board are."""
 
-    def __init__(self, board: Board) -> None:
+    def __init__(self, board: Board, *, silent_s: float = _SILENT_S) -> None:
         sample = None
         with suppress(WhiteboardError):
             if any(info.name == MIRROR.name for info in board.slots()):
                 sample = board[MIRROR].sample()
-        self.is_mirrored = sample is not None and _is_mirrored(sample)
+        self.is_mirrored = sample is not None and _is_mirrored(sample, silent_s)
         self.own = "" if sample is None else sample.message.name
         """The name of this host; empty if it has none."""
         self._naming = Naming(self.own, () if sample is None else sample.message.fleet)
@@ -79,9 +78,9 @@ class HostNames:
         board.add_message(viewer_slot("" if host == self.own else host), viewer)
 
 
-def _is_mirrored(sample: Sample[MirrorStatus]) -> bool:
+def _is_mirrored(sample: Sample[MirrorStatus], silent_s: float) -> bool:
     """Return whether the daemon runs; one of this PID namespace may be as slow as it likes."""
-    return time.monotonic_ns() - sample.stamp_ns < _SILENT_NS or writer_lives(sample)
+    return time.monotonic_ns() - sample.stamp_ns < silent_s * 1e9 or writer_lives(sample)
 
 
 class FleetReader:
@@ -91,12 +90,21 @@ class FleetReader:
         board: of this host.
         host: the one to read; by default all that can be reached.
         machines: read the statuses of machines only.
+        silent_s: take a daemon elsewhere that publishes nothing for so long to have ended.
 
     """
 
-    def __init__(self, board: Board, host: str = "", *, machines: bool = False) -> None:
+    def __init__(
+        self,
+        board: Board,
+        host: str = "",
+        *,
+        machines: bool = False,
+        silent_s: float = _SILENT_S,
+    ) -> None:
         self._board = board
-        self.names = HostNames(board)
+        self._silent_s = silent_s
+        self.names = HostNames(board, silent_s=silent_s)
         self._host = host
         self._machines = machines
         self._read: dict[str, Slot[Any]] = {}
@@ -112,7 +120,8 @@ class FleetReader:
 
     def look(self) -> None:
         """Read what hosts have announced since; call it a few times a second."""
-        self.names = HostNames(self._board)  # a daemon may have been started, or have ended
+        # A daemon may have been started, or have ended.
+        self.names = HostNames(self._board, silent_s=self._silent_s)
         with suppress(WhiteboardError):  # no room: then what is there is all
             hosts = self.hosts()
             for host in {self._host} if self._host else {*hosts}:
@@ -146,7 +155,7 @@ class FleetReader:
         """Wait until machines of the hosts are there, for a few seconds at most."""
         begun = changed = time.monotonic()
         known: tuple[object, ...] = ()
-        while self.names.is_mirrored and time.monotonic() < begun + _PATIENCE_S:
+        while self.names.is_mirrored and time.monotonic() < begun + PATIENCE_S:
             self.look()
             hosts, answers = self.hosts(), self._board[HOSTS].count
             if (hosts, answers, len(self._read)) != known:

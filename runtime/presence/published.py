@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Published", "PublishedMachine", "vacate_dead"]
 
-_LONG_NS = 60_000_000_000  # a machine whose process has died is shown for so long
-
 
 class Published(NamedTuple):
     """The part of a status that is posted as soon as it changes."""
@@ -198,13 +196,13 @@ class PublishedMachine:
             _vacate(self._board, self.published_name)
 
 
-def vacate_dead(board: Board) -> None:
-    """Give up the names of machines whose processes died long ago."""
+def vacate_dead(board: Board, *, after_s: float = 60.0) -> None:
+    """Give up the names of machines whose processes died so long ago; till then they are shown."""
     listed = [info.name for info in board.slots()]
     for machine in [name.removeprefix(MACHINES) for name in listed if name.startswith(MACHINES)]:
         with suppress(SlotError, MessageError):  # not a machine's slots, whatever their names
             sample = board.publisher(status_slot(machine)).sample()
-            if sample is None or time.monotonic_ns() - sample.stamp_ns < _LONG_NS:
+            if sample is None or time.monotonic_ns() - sample.stamp_ns < after_s * 1e9:
                 continue
             if not is_live(sample):
                 _vacate(board, machine)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -26,12 +26,16 @@ from ..engine.events import Status
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Sample
 
-__all__ = ["SILENT_S", "Condition", "Directory", "RemoteMachine", "condition_of", "is_live"]
+__all__ = [
+    "PATIENCE_S", "SILENT_S", "Condition", "Directory", "RemoteMachine", "condition_of", "is_live",
+]  # fmt: skip
 
 Condition: TypeAlias = Literal["running", "suspended", "paused", "failed", "hung", "silent"]
 
 SILENT_S = 1.0
 """A process that has posted nothing for so long is gone or stalled."""
+PATIENCE_S = 5.0
+"""How long people wait for a machine, whose next turn may be that far away."""
 
 
 class RemoteMachine:
@@ -88,6 +92,22 @@ class RemoteMachine:
             return Status.ERROR
         self.send(MachineRequest(action))
         return Status.SUSPENDED if self.suspended else Status.RUNNING
+
+    def statuses(self, patience_s: float | None = None) -> Iterator[MachineStatus]:
+        """Yield its latest status and those that it publishes, until it has ended.
+
+        Raise `TimeoutError` after `patience_s` seconds, by default `PATIENCE_S`.
+        """
+        patience_s = PATIENCE_S if patience_s is None else patience_s
+        until = time.monotonic() + patience_s
+        slot = self._board[status_slot(self.name)]
+        sample = slot.sample()
+        while sample is not None and is_live(sample, self._host):
+            yield sample.message
+            left_s = until - time.monotonic()
+            if left_s <= 0:
+                raise TimeoutError(f"within {patience_s:g} s")
+            sample = slot.wait(after=sample.count, timeout=min(left_s, SILENT_S)) or slot.sample()
 
     def renew(self, lease_s: float) -> None:
         """Let a pause last so long from now on, unless another request is still to be obeyed."""

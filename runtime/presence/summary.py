@@ -23,22 +23,22 @@ __all__ = ["summary_publisher"]
 _MOST = 16  # machines in trouble that are named
 _LONGEST = 300  # characters of an error
 _TROUBLE = ("failed", "hung", "silent")
-_DIED_NS = 3_600_000_000_000  # a machine that died is told for so long, or until it runs again
 
 
-def summary_publisher(board: Board) -> Callable[[MirrorStatus], None]:
+def summary_publisher(board: Board, *, died_s: float = 3600.0) -> Callable[[MirrorStatus], None]:
     """Return a function that publishes the summary of a named host, to be called once a second.
 
-    It takes the status of the host's daemon.
+    It takes the status of the host's daemon. A machine that has died is reported for `died_s`
+    seconds, or until it runs again.
     """
     slots: dict[str, Slot[MachineStatus]] = {}
 
     def publish(status: MirrorStatus) -> None:
-        if not status.name:  # others could not tell whose it is
+        if not status.name:  # others would not know whose it is
             return
         with suppress(WhiteboardError):  # mirroring goes on without
             _look(board, Naming(status.name, status.fleet), slots)
-            board.add_message(summary_slot(), _summary(board, status, slots))
+            board.add_message(summary_slot(), _summary(board, status, slots, died_s))
 
     return publish
 
@@ -54,9 +54,9 @@ def _look(board: Board, naming: Naming, slots: dict[str, Slot[MachineStatus]]) -
 
 
 def _summary(
-    board: Board, status: MirrorStatus, slots: dict[str, Slot[MachineStatus]]
+    board: Board, status: MirrorStatus, slots: dict[str, Slot[MachineStatus]], died_s: float
 ) -> HostSummary:
-    samples = dict(_samples(board, slots))
+    samples = dict(_samples(board, slots, died_s))
     troubles = [each for name, sample in samples.items() for each in _troubles(name, sample)]
     return HostSummary(
         system=socket.gethostname()[:255],
@@ -73,17 +73,18 @@ def _summary(
 
 
 def _samples(
-    board: Board, slots: dict[str, Slot[MachineStatus]]
+    board: Board, slots: dict[str, Slot[MachineStatus]], died_s: float
 ) -> Iterator[tuple[str, Sample[MachineStatus]]]:
     for name, slot in slots.items():
         with suppress(WhiteboardError):  # not a machine's status, whatever its name
             sample = board[slot].sample()
-            if sample is not None and sample.message.loaded and not _died_long_ago(sample):
+            if sample is not None and sample.message.loaded and not _has_died(sample, died_s):
                 yield name.removeprefix(MACHINES), sample
 
 
-def _died_long_ago(sample: Sample[MachineStatus]) -> bool:
-    return time.monotonic_ns() - sample.stamp_ns > _DIED_NS and not is_live(sample)
+def _has_died(sample: Sample[MachineStatus], before_s: float) -> bool:
+    """Return whether a machine has died, and published nothing for so long."""
+    return time.monotonic_ns() - sample.stamp_ns > before_s * 1e9 and not is_live(sample)
 
 
 def _troubles(machine: str, sample: Sample[MachineStatus]) -> Iterator[MachineTrouble]:

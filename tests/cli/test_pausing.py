@@ -132,7 +132,7 @@ def test_there_must_be_a_machine(llfsm: Llfsm, board: str) -> None:
 def test_a_step_that_is_not_over_goes_on(
     llfsm: Llfsm, board: str, running: subprocess.Popen[str], monkeypatch
 ) -> None:
-    monkeypatch.setattr("llfsm.cli.pausing._PATIENCE_S", 0.2)
+    monkeypatch.setattr("llfsm.runtime.presence.remote.PATIENCE_S", 0.2)
     done = llfsm.run("step", "Stubborn", "--until", "leave", "-b", board)
     assert done.returncode == 1
     assert "has not reached that within 0.2 s: it runs on until it does" in done.stderr

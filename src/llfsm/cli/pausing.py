@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar, get_args
@@ -11,10 +10,10 @@ import click
 
 from llfsm.runtime.debugging.debugger import LEASE_S, Step
 from llfsm.runtime.presence.hosts import find_machine
-from llfsm.runtime.presence.remote import SILENT_S, Directory, RemoteMachine, is_live
+from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.liveness import identity
-from llfsm.whiteboard.messages.llfsm import MachineRequest, MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import MachineRequest, MachineStatus
 
 from .numbers import Number
 from .options import BoardPlace, board_option
@@ -23,8 +22,6 @@ from .why import fetch_why
 __all__ = ["continue_", "override", "pause", "step"]
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-_PATIENCE_S = 5.0
 
 _machine = click.argument("machine", required=False)
 
@@ -133,7 +130,7 @@ def override(
         request = MachineRequest("override", f"{sensor} {message}", lease_s)
     with board.open(create=False) as wb:
         remote = find_machine(wb, machine)
-        _carry_out(wb, remote, request, lambda status: True)
+        _carry_out(remote, request, lambda status: True)
         if problem := fetch_why(wb, remote.name).problem:
             raise click.ClickException(problem)
         how = "released" if release else f"overridden; `--release`, or {lease_s:g} s, end that"
@@ -149,44 +146,32 @@ def _debug(board: Board, remote: RemoteMachine, request: MachineRequest) -> Mach
     def is_done(status: MachineStatus) -> bool:
         return bool(status.paused) == (request.action != "continue")
 
-    status = _carry_out(board, remote, request, is_done)
+    status = _carry_out(remote, request, is_done)
     for other in Directory(board).machines():  # their statuses are published one by one
         if identity(other.status) == identity(status):
             with suppress(click.ClickException):  # it may end: only the first one is asked for
-                _await(board, other, request, is_done)
+                _await(other, request, is_done)
     return status
 
 
 def _carry_out(
-    board: Board,
-    remote: RemoteMachine,
-    request: MachineRequest,
-    is_done: Callable[[MachineStatus], bool],
+    remote: RemoteMachine, request: MachineRequest, is_done: Callable[[MachineStatus], bool]
 ) -> MachineStatus:
     remote.send(request)
     before = remote.status.obeyed
-    return _await(board, remote, request, lambda status: status.obeyed > before and is_done(status))
+    return _await(remote, request, lambda status: status.obeyed > before and is_done(status))
 
 
 def _await(
-    board: Board,
-    remote: RemoteMachine,
-    request: MachineRequest,
-    is_done: Callable[[MachineStatus], bool],
+    remote: RemoteMachine, request: MachineRequest, is_done: Callable[[MachineStatus], bool]
 ) -> MachineStatus:
-    slot, until = board[status_slot(remote.name)], time.monotonic() + _PATIENCE_S
-    sample = slot.sample()
-    while sample is not None and is_live(sample):
-        status = sample.message
-        if is_done(status):
-            return status
-        left = until - time.monotonic()
-        if left <= 0:
-            does = "it runs on until it does" if request.action == "step" else "see `llfsm ps`"
-            raise click.ClickException(
-                f"{remote.name} has not reached that within {_PATIENCE_S:g} s: {does}"
-            )
-        sample = slot.wait(after=sample.count, timeout=min(left, SILENT_S)) or slot.sample()
+    try:
+        for status in remote.statuses():
+            if is_done(status):
+                return status
+    except TimeoutError as error:
+        does = "it runs on until it does" if request.action == "step" else "see `llfsm ps`"
+        raise click.ClickException(f"{remote.name} has not reached that {error}: {does}") from error
     raise click.ClickException(f"{remote.name} has ended in the meantime")
 
 

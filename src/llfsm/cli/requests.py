@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from typing import NamedTuple
 
 import click
 
 from llfsm.runtime.engine.events import Status
 from llfsm.runtime.presence.hosts import find_machine
-from llfsm.runtime.presence.remote import SILENT_S, is_live
 from llfsm.whiteboard import Board
-from llfsm.whiteboard.messages.llfsm import Action, MachineStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import Action, MachineStatus
 
 from .options import BoardPlace, board_option
 
 __all__ = ["carry_out", "reload", "restart", "resume", "stop", "suspend"]
 
-_PATIENCE_S = 5.0  # a machine's next turn may be that far away; with a long period, further
 _LOADING_S = 60.0  # a bundle may include what takes long to import
 
 
@@ -43,37 +40,33 @@ _OUTCOMES: dict[Action, _Outcome] = {
 }
 
 
-def carry_out(board: Board, name: str, action: Action, *, patience_s: float = _PATIENCE_S) -> str:
+def carry_out(board: Board, name: str, action: Action, *, patience_s: float | None = None) -> str:
     """Request `action` of a machine and wait until it has taken effect.
 
     Return the state it is in then, "" if it has ended. Raise `UnknownMachineError` if there is no
-    such machine, and ``click.ClickException`` if it does not obey within `patience_s` seconds,
-    refuses to or ends instead.
+    such machine, and ``click.ClickException`` if it does not obey within `patience_s` seconds (by
+    default `PATIENCE_S`), refuses to or ends instead.
     """
     outcome = _OUTCOMES[action]
     remote = find_machine(board, name)
     if remote.request(action) is Status.ERROR:
         raise click.ClickException(f"{name} is about to restart; try again after that")
-    slot = board[status_slot(name)]
-    sample, until = slot.sample(), time.monotonic() + patience_s
-    while sample is not None and is_live(sample):
-        status = sample.message
-        if status.obeyed > remote.status.obeyed and not status.pending:
-            if action == "reload" and status.refusal:
-                raise click.ClickException(f"{name} is not reloaded: {status.refusal}")
-            if outcome.holds(status):
-                return status.state
-            if status.failed and not outcome.suspended:
-                again = "again" if remote.status.failed else "then"
-                raise click.ClickException(f"{name} has failed {again}: {status.error}")
-        left = until - time.monotonic()
-        if left <= 0:
-            does = "is paused: try `llfsm continue`" if status.paused else "see `llfsm ps`"
-            raise click.ClickException(
-                f"{name} did not carry out the request within {patience_s:g} s; "
-                f"it is in {status.state}, {does}"
-            )
-        sample = slot.wait(after=sample.count, timeout=min(left, SILENT_S)) or slot.sample()
+    status = remote.status
+    try:
+        for status in remote.statuses(patience_s):
+            if status.obeyed > remote.status.obeyed and not status.pending:
+                if action == "reload" and status.refusal:
+                    raise click.ClickException(f"{name} is not reloaded: {status.refusal}")
+                if outcome.holds(status):
+                    return status.state
+                if status.failed and not outcome.suspended:
+                    again = "again" if remote.status.failed else "then"
+                    raise click.ClickException(f"{name} has failed {again}: {status.error}")
+    except TimeoutError as error:
+        does = "is paused: try `llfsm continue`" if status.paused else "see `llfsm ps`"
+        raise click.ClickException(
+            f"{name} did not carry out the request {error}; it is in {status.state}, {does}"
+        ) from error
     if outcome.loaded:
         raise click.ClickException(f"{name} has ended in the meantime")
     return ""
@@ -90,7 +83,7 @@ def _command(action: Action, text: str) -> click.Command:
             status = find_machine(wb, machine).status
             if status.failed:
                 click.echo(f"{machine} had failed: {status.error}")
-            patience_s = _LOADING_S if action == "reload" else _PATIENCE_S
+            patience_s = _LOADING_S if action == "reload" else None
             state = carry_out(wb, machine, action, patience_s=patience_s)
         click.echo(f"{machine} {_OUTCOMES[action].text}" + (f" in {state}" if state else ""))
 

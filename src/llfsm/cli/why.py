@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 import click
 
 from llfsm.runtime.presence.hosts import HostNames, find_machine
+from llfsm.runtime.presence.remote import PATIENCE_S
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.messages.debugging import MachineWhy, SeenTransition, why_slot
 from llfsm.whiteboard.messages.llfsm import Viewer
@@ -17,7 +18,6 @@ from .options import BoardPlace, board_option
 
 __all__ = ["fetch_why", "why", "why_lines"]
 
-_PATIENCE_S = 5.0
 _VALUES = {True: "true", False: "false", None: "?"}
 
 
@@ -39,7 +39,7 @@ def why(machine: str, board: BoardPlace) -> None:
 
 def fetch_why(board: Board, machine: str) -> MachineWhy:
     """Have a machine publish why it is in its state; raise ``click.ClickException`` if not soon."""
-    slot, until = board[why_slot(machine)], time.monotonic() + _PATIENCE_S
+    slot, until = board[why_slot(machine)], time.monotonic() + PATIENCE_S
     names, before = HostNames(board), slot.count
     while time.monotonic() < until:
         names.ask(board, names.of_machine(machine), Viewer(os.getpid(), why=True))

@@ -7,7 +7,6 @@ import time
 
 import pytest
 
-from llfsm.runtime.presence import fleet_table
 from llfsm.runtime.presence.fleet_table import FleetTable, HostRow
 from llfsm.runtime.presence.hosts import NO_DAEMON
 from llfsm.whiteboard import Board, Whiteboard
@@ -16,9 +15,8 @@ from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
 
 
 @pytest.fixture
-def board(monkeypatch: pytest.MonkeyPatch) -> Board:
-    """The board of an operator, with two robots there, whose summaries may be of any age."""
-    monkeypatch.setattr(fleet_table, "_SILENT_NS", math.inf)
+def board() -> Board:
+    """The board of an operator, with two robots there."""
     board = Whiteboard.local("operators")
     board.add_message(MIRROR, MirrorStatus(name="operator", fleet=("robot*",)))
     board.add_message(HOSTS, Hosts(("operator", "robot7", "robot8")))
@@ -30,6 +28,11 @@ def publish(board: Board, host: str, *, ahead_s: float = 0.0, troubled: int = 0)
     board.add_message(summary_slot(host), HostSummary(sent_ns=sent_ns, troubled=troubled))
 
 
+def table_of(board: Board) -> FleetTable:
+    """Return the hosts of a fleet; how old summaries are depends on this machine's load."""
+    return FleetTable(board, silent_s=math.inf)
+
+
 def rows(table: FleetTable) -> dict[str, HostRow]:
     table.look()
     return {row.name: row for row in table.rows()}
@@ -38,7 +41,7 @@ def rows(table: FleetTable) -> dict[str, HostRow]:
 def test_each_host_has_a_row_and_its_worst_trouble(board: Board) -> None:
     publish(board, "")
     publish(board, "robot7", troubled=1)
-    with FleetTable(board) as table:
+    with table_of(board) as table:
         found = rows(table)
         assert {name: row.trouble for name, row in found.items()} == {
             "operator": "", "robot7": "failed", "robot8": "",
@@ -55,23 +58,23 @@ def test_a_host_that_was_seen_before_is_lost(board: Board) -> None:
     publish(board, "robot7")
     publish(board, "robot9", troubled=1)
     publish(board, "yard")  # of a host whose slots have no name here
-    with FleetTable(board) as table:
+    with table_of(board) as table:
         known = {name: row.trouble for name, row in rows(table).items()}
     assert known == {"operator": "", "robot7": "", "robot8": "", "robot9": "lost"}
 
 
-def test_a_host_that_is_silent_is_lost(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_host_that_is_silent_is_lost(board: Board) -> None:
     publish(board, "robot7")
-    with FleetTable(board) as table:
+    with table_of(board) as table:
         assert rows(table)["robot7"].trouble == ""
-        monkeypatch.setattr(fleet_table, "_SILENT_NS", 0)
+    with FleetTable(board, silent_s=0) as table:
         assert rows(table)["robot7"].trouble == "lost"
         assert rows(table)["robot8"].trouble == "", "it may be older than summaries"
 
 
 def test_the_lead_of_a_clock_is_that_of_the_fastest_message(board: Board) -> None:
     """But not of the first one, which may have waited for a reader."""
-    with FleetTable(board) as table:
+    with table_of(board) as table:
         publish(board, "robot7", ahead_s=500)
         assert rows(table)["robot7"].lead_s is None
         for delay_s in (60, 0, 30):
@@ -90,7 +93,7 @@ def test_the_lead_of_a_clock_is_that_of_the_fastest_message(board: Board) -> Non
 
 
 def test_only_the_hosts_and_their_summaries_are_read(board: Board) -> None:
-    with FleetTable(board) as table:
+    with table_of(board) as table:
         table.look()
         summaries = {summary_slot(host).name for host in ("", "robot7", "robot8")}
         assert board.read_slots() - {MIRROR.name} == {HOSTS.name, *summaries}
@@ -99,7 +102,7 @@ def test_only_the_hosts_and_their_summaries_are_read(board: Board) -> None:
 
 def test_without_a_daemon_there_are_no_hosts() -> None:
     board = Whiteboard.local("alone")
-    with FleetTable(board) as table:
+    with table_of(board) as table:
         assert table.problem() == NO_DAEMON
         assert table.rows() == []
         board.add_message(MIRROR, MirrorStatus(name="operator", fleet=("robot*",)))

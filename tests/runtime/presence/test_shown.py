@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
+import subprocess
+import sys
 
 import pytest
 
-from llfsm.runtime.presence import hosts
-from llfsm.runtime.presence.hosts import FleetReader
+from llfsm.runtime.presence.hosts import NO_DAEMON, FleetReader
 from llfsm.runtime.presence.shown import Shown
 from llfsm.whiteboard import Board, Whiteboard
 from llfsm.whiteboard.messages.fleet import HOSTS, Hosts, viewer_slot
@@ -16,16 +16,20 @@ from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus, Viewer, status
 STATUSES = [status_slot(name).name for name in ("Wall", "robot7/Wall")]
 
 
-@pytest.fixture(autouse=True)
-def _status_of_any_age(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hosts, "_SILENT_NS", math.inf)
+OPERATOR = MirrorStatus(name="operator", fleet=("robot*",))
+DAEMON = f"""
+import sys
+from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
+Whiteboard(sys.argv[1]).add_message(MIRROR, {OPERATOR!r})
+"""
 
 
 @pytest.fixture
 def board() -> Board:
-    """The board of an operator, as its daemon leaves it."""
+    """The board of an operator, as its daemon leaves it: this process, which lives."""
     board = Whiteboard.local("operators")
-    board.add_message(MIRROR, MirrorStatus(name="operator", fleet=("robot*",)))
+    board.add_message(MIRROR, OPERATOR)
     return board
 
 
@@ -76,22 +80,25 @@ def test_a_daemon_may_be_started_later() -> None:
     shown = Shown(board, "robot7")
     assert shown.fleet is not None
     assert "no daemon mirrors this whiteboard" in shown.fleet.problem()
-    board.add_message(MIRROR, MirrorStatus(name="operator", fleet=("robot*",)))
+    board.add_message(MIRROR, OPERATOR)
     board.add_message(HOSTS, Hosts(("robot7",)))
     shown.look()
     assert shown.fleet.problem() == ""
 
 
-def test_the_end_of_the_daemon_is_noticed(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
-    board.add_message(HOSTS, Hosts(("operator", "robot7")))
-    with FleetReader(board, "robot7") as reader:
-        assert (reader.problem(), reader.hosts()) == ("", ("operator", "robot7"))
-        monkeypatch.setattr(hosts, "_SILENT_NS", 0)
+def test_the_end_of_the_daemon_is_noticed(board_name: str) -> None:
+    with (
+        Whiteboard(board_name) as board,
+        FleetReader(board, "robot7", silent_s=0) as reader,
+    ):
+        board.add_message(HOSTS, Hosts(("operator", "robot7")))
+        board.add_message(MIRROR, OPERATOR)
         reader.look()
         assert reader.problem() == "", "it may be slow: its process runs"
-        monkeypatch.setattr(hosts, "writer_lives", lambda _: False)
+        assert reader.hosts() == ("operator", "robot7")
+        subprocess.run([sys.executable, "-c", DAEMON, board_name], check=True)
         reader.look()
-        assert (reader.problem(), reader.hosts()) == (hosts.NO_DAEMON, ())
-        monkeypatch.undo()
+        assert (reader.problem(), reader.hosts()) == (NO_DAEMON, ())
+        board.add_message(MIRROR, OPERATOR)
         reader.look()
         assert reader.problem() == ""

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from llfsm.runtime.presence import summary as summary_module
 from llfsm.runtime.presence.summary import summary_publisher
 from llfsm.whiteboard import Board, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
@@ -37,11 +36,9 @@ def run(board: Board, name: str, **fields: Any) -> None:
 
 
 @pytest.fixture
-def summarize(board: Board) -> Callable[[], HostSummary]:
-    publish = summary_publisher(board)
-
-    def summarize() -> HostSummary:
-        publish(ROBOT)
+def summarize(board: Board) -> Callable[..., HostSummary]:
+    def summarize(**how: float) -> HostSummary:
+        summary_publisher(board, **how)(ROBOT)
         summary = board.get_message(summary_slot())
         assert summary is not None
         return summary
@@ -49,9 +46,7 @@ def summarize(board: Board) -> Callable[[], HostSummary]:
     return summarize
 
 
-def test_machines_in_trouble_are_named(
-    board: Board, summarize: Callable[[], HostSummary], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_machines_in_trouble_are_named(board: Board, summarize: Callable[..., HostSummary]) -> None:
     run(board, "Wall")
     run(board, "Plan", failed=True, error="no plan " * 100)
     run(board, "Drive", hung=True, error="drive.py:7")
@@ -70,19 +65,18 @@ def test_machines_in_trouble_are_named(
     assert status_slot("robot8/Wall").name not in board.read_slots(), "nor is it received for this"
 
     run(board, "Plan")
-    monkeypatch.setattr(summary_module, "_DIED_NS", 0)  # it was long ago
-    summary = summarize()
+    summary = summarize(died_s=0)
     assert (summary.machines, summary.troubled) == (3, 1)
 
 
-def test_of_many_the_first_are_named(board: Board, summarize: Callable[[], HostSummary]) -> None:
+def test_of_many_the_first_are_named(board: Board, summarize: Callable[..., HostSummary]) -> None:
     for number in range(40):
         run(board, f"Plan{number}", failed=True)
     summary = summarize()
     assert (summary.troubled, len(summary.troubles)) == (40, 16)
 
 
-def test_what_is_no_status_is_left_out(board: Board, summarize: Callable[[], HostSummary]) -> None:
+def test_what_is_no_status_is_left_out(board: Board, summarize: Callable[..., HostSummary]) -> None:
     run(board, "Wall")
     board.add_message(Slot(status_slot("Odd").name, Bool), Bool(True))
     assert summarize().machines == 1

@@ -17,7 +17,7 @@ from llfsm.bridges.recording.board_recorder import BoardRecorder
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.live_source import LiveSource
-from llfsm.cli import pausing, requests, why
+from llfsm.cli import why
 from llfsm.runtime.presence import hosts, remote
 from llfsm.runtime.presence.hosts import FleetReader
 from llfsm.runtime.presence.shown import Shown
@@ -58,8 +58,8 @@ def configured(host: Host, more: str = "") -> tuple[str, str]:
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands wait for a busy machine, whose machines are slow, not silent."""
-    for module in (hosts, pausing, requests, why):
-        monkeypatch.setattr(module, "_PATIENCE_S", PATIENCE_S)
+    for module in (hosts, remote, why):
+        monkeypatch.setattr(module, "PATIENCE_S", PATIENCE_S)
     monkeypatch.setattr(remote, "SILENT_S", PATIENCE_S)
 
 

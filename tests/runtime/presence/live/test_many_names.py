@@ -11,9 +11,9 @@ import pytest
 from llfsm.runtime import Actuator, Arrangement, ManualClock
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.state import State
-from llfsm.runtime.presence import published
 from llfsm.runtime.presence.guard import Guard
 from llfsm.runtime.presence.live import LiveEnvironment
+from llfsm.runtime.presence.published import vacate_dead
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.liveness import host_name, pid_namespace
@@ -88,9 +88,7 @@ def leave(board: Whiteboard, name: str, state: Literal["left", "executed"]) -> N
         board[slot(name)].reserve()
 
 
-def test_names_of_the_dead_are_used_again_when_they_died_long_ago(
-    board: Whiteboard, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_of_the_dead_are_used_again_when_they_died_long_ago(board: Whiteboard) -> None:
     def slots(name: str) -> int:
         return sum(info.name.endswith(f"/{name}") for info in board.slots())
 
@@ -98,7 +96,7 @@ def test_names_of_the_dead_are_used_again_when_they_died_long_ago(
     leave(board, "Left", "left")
     run(board, 0)
     assert (slots("Executed"), slots("Left")) == (5, 5)
-    monkeypatch.setattr(published, "_LONG_NS", 0)
+    vacate_dead(board, after_s=0)
     run(board, 1, 2, 3)
     # Nobody needed room for variables; and a guard has still to execute one of the wills.
     assert (slots("Executed"), slots("Left")) == (1, 2)
