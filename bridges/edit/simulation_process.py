@@ -21,20 +21,25 @@ from llfsm.errors import LlfsmError
 __all__ = ["SimulationProcess"]
 
 _START_S = 30.0  # for the imports of the machine, too
-_PATIENCE_S = 5.0  # after which code is taken for an endless loop
 _LONGEST = 1 << 24  # bytes of an answer
 
 
 class SimulationProcess:
-    """The process that simulates a machine, found as by `load_machine`, as it is there now."""
+    """The process that simulates a machine, found as by `load_machine`, as it is there now.
 
-    def __init__(self, process: asyncio.subprocess.Process):
+    Code of the machine that runs for longer than `patience_s` is taken for an endless loop.
+    """
+
+    def __init__(self, process: asyncio.subprocess.Process, *, patience_s: float):
         self._process = process
+        self._patience_s = patience_s
         self.has_ended = False
         self._turn = asyncio.Lock()
 
     @classmethod
-    async def start(cls, found_by: list[str]) -> tuple[SimulationProcess, dict[str, Any]]:
+    async def start(
+        cls, found_by: list[str], *, patience_s: float = 5.0
+    ) -> tuple[SimulationProcess, dict[str, Any]]:
         """Run the machine's text; return the process and its first answer."""
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "llfsm.bridges.edit.simulation_process", *found_by),
@@ -42,7 +47,7 @@ class SimulationProcess:
             stdout=asyncio.subprocess.PIPE,
             limit=_LONGEST,
         )
-        started = cls(process)
+        started = cls(process, patience_s=patience_s)
         try:
             return started, await started._answer(_START_S)
         except (RequestError, asyncio.CancelledError):
@@ -54,7 +59,7 @@ class SimulationProcess:
         async with self._turn:
             assert self._process.stdin is not None
             self._process.stdin.write(json.dumps([what, *arguments]).encode() + b"\n")
-            return await self._answer(_PATIENCE_S)
+            return await self._answer(self._patience_s)
 
     async def end(self) -> None:
         """Kill the process, and wait until it has gone."""

@@ -145,6 +145,8 @@ class Execution:
             if now_ns >= self._due_ns or arrangement.stopping or arrangement.rounds == last:
                 return False
             deadline_ns = now_ns + arrangement.idle_us * 1_000
+        elif not self._due_ns:  # what ended the last sleep would end each: prepare them anew
+            return False
         woken = arrangement.environment.sleep_until_ns(min(deadline_ns, now_ns + _NAP_NS))
         obeyed = self._attendant is not None and self._attendant.obey()
         if obeyed or woken or self._now() < deadline_ns:

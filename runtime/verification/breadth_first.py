@@ -10,11 +10,11 @@ from .packing import FieldName
 from .system import Choice, RelearnError, System
 from .tables import Tables
 
-__all__ = ["Level", "Search", "Successor", "explored"]
+__all__ = ["STATES_AT_ONCE", "Level", "Search", "Successor", "explored"]
 
 Level: TypeAlias = dict[int, list[int]]
 """States by whose turn is next: 0 is also the beginning of a round."""
-_AT_ONCE = 50_000
+STATES_AT_ONCE = 50_000
 """States of a level that are expanded without asking whether to go on."""
 
 
@@ -62,11 +62,11 @@ class Search:
         transitions = 0
         after: dict[int, set[int]] = {}
         for turn, states in self.levels[-1].items():
-            for start in range(0, len(states), _AT_ONCE):
+            for start in range(0, len(states), STATES_AT_ONCE):
                 if start and not goes_on(self):
                     self.interrupted = True
                     return {}
-                more, found = self._expand(turn, states[start : start + _AT_ONCE])
+                more, found = self._expand(turn, states[start : start + STATES_AT_ONCE])
                 transitions += more
                 for next_turn, each in found.items():
                     after.setdefault(next_turn, each).update(each)

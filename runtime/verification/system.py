@@ -26,11 +26,11 @@ from .view import defaults_of
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
 
-__all__ = ["Choice", "RelearnError", "System"]
+__all__ = ["MOST_VALUES", "Choice", "RelearnError", "System"]
 
 _MOST_CHOICES = 100_000
 """What the environment may do at one turn; far less already makes too many states."""
-_MOST_VALUES = 50_000
+MOST_VALUES = 50_000
 """Combinations of a machine's variables, after which there seems to be no end."""
 _REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
 
@@ -246,7 +246,7 @@ class System:
         self._learn_limits(given.place, outcome)
         kept.append((given, outcome))
         self._learn_leavers((given.place, outcome.control), *outcome.others)
-        if len(self.ringlets.variables[given.place]) > _MOST_VALUES:
+        if len(self.ringlets.variables[given.place]) > MOST_VALUES:
             variable, number = next(iter(self.values().items()))
             raise EndlessError(
                 f"there seems to be no end of states: {variable} has had {number} values; bound "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -32,7 +33,6 @@ __all__ = ["Network", "Receiver"]
 
 T = TypeVar("T")
 
-_REPLY_TIMEOUT_S = 5.0
 _ALL_TIMEOUT_S = 2.0  # of those that are asked, one may be dead, and not yet known to be
 _MAX_PENDING = 64  # queries that wait to be answered
 _MATCHED_S = 0.2  # for which a group that is read counts as such: asking Zenoh delays a message
@@ -113,12 +113,23 @@ class Network:
         host: the id of this host.
         settings: endpoints and further configuration of Zenoh.
         mode: ``peer``, or ``client`` for a process that connects to one host and relies on it.
+        connect_s: how long such a process tries to connect; a peer goes on for ever.
+        reply_s: how long to wait for the parts of a host's reply.
 
     Raise :class:`.NetworkError` if Zenoh is not installed or cannot open the session.
 
     """
 
-    def __init__(self, board: str, host: int, settings: Settings, mode: str = "peer") -> None:
+    def __init__(
+        self,
+        board: str,
+        host: int,
+        settings: Settings,
+        mode: str = "peer",
+        *,
+        connect_s: float = 3.0,
+        reply_s: float = 5.0,
+    ) -> None:
         use_few_threads()
         try:
             import zenoh
@@ -127,6 +138,7 @@ class Network:
                 "Zenoh is not installed; install llfsm with it: pip install 'llfsm[hosts]'"
             ) from error
         self._access = settings.access
+        self._reply_s = reply_s
         config = configure(settings, mode)
         self._board = board
         self._keys = Keys(board, host, certificate_name(config))
@@ -134,7 +146,7 @@ class Network:
         """The endpoints where other hosts reach this one."""
         before = listeners()
         try:
-            self._session: Any = open_session(config, mode)
+            self._session: Any = open_session(config, connect_s if mode == "client" else math.inf)
         except zenoh.ZError as error:
             where = ", ".join((*self.listens, *endpoints(config, "connect")))
             raise NetworkError(f"cannot open {where}: {error_text(error)}") from error
@@ -316,7 +328,7 @@ class Network:
             payload=query.data,
             target=QueryTarget.ALL,
             allowed_destination=Locality.REMOTE,
-            timeout=_ALL_TIMEOUT_S if of_all else _REPLY_TIMEOUT_S,
+            timeout=_ALL_TIMEOUT_S if of_all else self._reply_s,
             consolidation=ConsolidationMode.NONE,  # otherwise only the last part arrives
         )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from base64 import b64decode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +28,6 @@ _OPEN_MS = 500
 # connects takes for open what nobody reads, and never tries again (Zenoh 1.10).
 _ACCEPT_MS = 4 * _OPEN_MS
 _RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1.0}
-_CONNECT_S = 3.0  # of a process that relies on one host; a daemon waits for its router
 _ATTEMPT_MS = 1000  # at least, of a client to connect
 _OVERHEAD = 1 << 22  # bytes sent in addition to the largest message: names and schemas
 
@@ -85,16 +83,15 @@ def configure(settings: Settings, mode: str) -> zenoh.Config:
     return config
 
 
-def open_session(config: zenoh.Config, mode: str) -> zenoh.Session:
-    """Open the session that `configure` has configured for the mode; raise ``zenoh.ZError``."""
+def open_session(config: zenoh.Config, connect_s: float) -> zenoh.Session:
+    """Open a session; a client tries to connect for so long. Raise ``zenoh.ZError``."""
     import zenoh
 
     is_client = json.loads(config.get_json("mode")) == "client"
     if not (is_client and endpoints(config, "connect")):
         return zenoh.open(config)
     open_ms = json.loads(config.get_json("transport/unicast/open_timeout"))
-    patience_s = _CONNECT_S if mode == "client" else math.inf
-    return open_client(config, max(_ATTEMPT_MS, 2 * open_ms), patience_s)
+    return open_client(config, max(_ATTEMPT_MS, 2 * open_ms), connect_s)
 
 
 def _defaults(mode: str) -> dict[str, Any]:

@@ -28,7 +28,6 @@ __all__ = ["ManagedMachines"]
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 
 _LOOK_S = 0.005
-_PATIENCE_S = 5.0  # a machine's next turn may be that far away
 _SIGNALS = ("SIGINT", "SIGTERM")
 
 
@@ -36,11 +35,19 @@ class ManagedMachines:
     """Serves a node's lifecycle; :meth:`run` is for the main thread.
 
     ``load`` returns the arrangement of the machines, each time a new one. The transitions are made
-    on a thread of their own.
+    on a thread of their own, which waits for ``patience_s`` for the machines' next turns.
     """
 
-    def __init__(self, node: Node, types: TypeLibrary, load: Callable[[], Arrangement]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        types: TypeLibrary,
+        load: Callable[[], Arrangement],
+        *,
+        patience_s: float = 5.0,
+    ) -> None:
         self._load = load
+        self._patience_s = patience_s
         self._loaded: Arrangement | None = None
         self._run: _Run | None = None
         self._to_run: SimpleQueue[_Run | None] = SimpleQueue()
@@ -107,7 +114,7 @@ class ManagedMachines:
         assert self._loaded is not None
         assert self._run is not None
         held = [name for name in _names(self._loaded) if self._loaded.is_running(name)]
-        looks = round(_PATIENCE_S / _LOOK_S)
+        looks = round(self._patience_s / _LOOK_S)
         while not self._run.over.wait(_LOOK_S) and looks:
             looks -= 1
             left = [name for name in _names(self._loaded) if _runs(self._loaded, name)]
@@ -132,7 +139,7 @@ class ManagedMachines:
             arrangement.end(Reason.CLOSED)
             return WorkOutcome.SUCCESS
         arrangement.stop("the node is cleaned up")
-        if self._run.over.wait(_PATIENCE_S):
+        if self._run.over.wait(self._patience_s):
             return WorkOutcome.SUCCESS
         _LOG.error("the machines do not end")
         return WorkOutcome.ERROR

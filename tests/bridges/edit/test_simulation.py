@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import runpy
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from llfsm.bridges.edit import simulation_process
 from llfsm.bridges.edit.simulated_machine import SimulatedMachine
+from llfsm.bridges.edit.simulation_process import SimulationProcess
+from llfsm.bridges.view.errors import RequestError
 from llfsm.errors import LlfsmError
 
 from .conftest import LAMP, FakeWindow
@@ -87,9 +89,20 @@ def test_code_that_fails_is_shown_where_it_failed(lamp: Path) -> None:
         simulated.test_text()
 
 
-def test_windows_share_a_simulation_whose_code_cannot_harm_them(
-    windows: Open, lamp: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_code_that_does_not_return_ends_the_simulation(lamp: Path) -> None:
+    (lamp / "State_Off_OnEntry.py").write_text("while True:\n    pass\n")
+
+    async def simulate() -> bool:
+        process, _ = await SimulationProcess.start([str(lamp)], patience_s=0.2)
+        with pytest.raises(RequestError, match=r"does not return for 0\.2 s"):
+            await process.ask("round")
+        await process.end()
+        return process.has_ended
+
+    assert asyncio.run(simulate())
+
+
+def test_windows_share_a_simulation_whose_code_cannot_harm_them(windows: Open, lamp: Path) -> None:
     window = windows()
     assert window.shown["simulation"] is None
     assert window.ask("step", until="round")["problem"] == "no simulation: press Simulate first"
@@ -105,16 +118,15 @@ def test_windows_share_a_simulation_whose_code_cannot_harm_them(
     window.wait(lambda shown: shown["simulation"]["speed"] == 0)
     assert "def test_Lamp()" in window.ask("save")["done"]
 
-    # What is edited is run after a reset; it may hang, and be reset again.
+    # What is edited is run after a reset; it may end its process, and be reset again.
     text = {"edit": "set text", "place": {"part": "OnEntry", "state": "Off"}}
     was = LAMP["State_Off_OnEntry.py"]
-    endless = "while True:\n    pass\n"
-    assert "done" in window.apply({**text, "text": endless, "was": was})
+    deadly = "import os\nos._exit(1)\n"
+    assert "done" in window.apply({**text, "text": deadly, "was": was})
     window.ask("simulate")
-    monkeypatch.setattr(simulation_process, "_PATIENCE_S", 0.2)
-    assert "does not return for 0.2 s" in window.ask("step", until="round")["problem"]
-    window.wait(lambda shown: "does not return" in shown["simulation"]["error"])
-    assert "done" in window.apply({**text, "text": "oops(\n", "was": endless})
+    assert "has ended its process" in window.ask("step", until="round")["problem"]
+    window.wait(lambda shown: "has ended its process" in shown["simulation"]["error"])
+    assert "done" in window.apply({**text, "text": "oops(\n", "was": deadly})
     assert "State_Off_OnEntry.py" in window.ask("simulate")["problem"]
     assert "done" in window.ask("end")
     window.wait(lambda shown: shown["simulation"] is None)

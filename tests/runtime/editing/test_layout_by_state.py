@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import plistlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 import pytest
 from hypothesis import given
@@ -105,6 +105,23 @@ def test_what_only_looks_as_editors_write_it(text: str) -> None:
     compare(text.encode("latin-1"))
 
 
+class NotingParser:
+    """A parser that notes what it parses."""
+
+    def __init__(self, parser: Any, parsed: list[bytes]):
+        vars(self).update(parser=parser, parsed=parsed)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.parser, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(self.parser, name, value)
+
+    def Parse(self, data: bytes, is_final: bool) -> int:  # noqa: N802  # its name in expat
+        self.parsed.append(data)
+        return int(self.parser.Parse(data, is_final))
+
+
 def test_a_state_that_was_read_is_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
     two = A + A.replace(">A<", ">B<")
     before = (HEAD + "\t<dict>" + two + END).encode()
@@ -112,16 +129,11 @@ def test_a_state_that_was_read_is_not_read_again(monkeypatch: pytest.MonkeyPatch
     property_list.PropertyList(before)
     parsed: list[bytes] = []
 
-    def noting(read_text: Callable[[bytes], Any]) -> Callable[[bytes], Any]:
-        def read_noted(data: bytes) -> Any:
-            parsed.append(data)
-            return read_text(data)
-
-        return read_noted
-
-    monkeypatch.setattr(plistlib, "loads", noting(plistlib.loads))
-    monkeypatch.setattr(property_list, "_places", noting(property_list._places))
+    loads, create = plistlib.loads, expat.ParserCreate
+    monkeypatch.setattr(plistlib, "loads", lambda data: [parsed.append(data), loads(data)][1])
+    monkeypatch.setattr(expat, "ParserCreate", lambda: NotingParser(create(), parsed))
     after = before.replace(b"<real>1<", b"<real>5<", 1)
     assert read(after).states["A"].x == 5
     assert PropertyList(after).has("States", "B", "x")
+    assert len(parsed) > 2
     assert not any(b"<key>B</key>" in text for text in parsed)

@@ -14,7 +14,7 @@ import pytest
 
 from definition import BUILT, Defined
 from llfsm.runtime import Actuator, Arrangement, Machine, ManualClock, Reason, Sensor, State
-from llfsm.runtime.engine.execution import Execution
+from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
@@ -122,10 +122,17 @@ def test_no_python_runs_between_rounds_of_machines_that_wait(
 ) -> None:
     """On a board of several processes; what happens there does, and is looked after."""
     dozes: list[int] = []
-    doze = Execution._doze
-    monkeypatch.setattr(
-        Execution, "_doze", lambda self, deadline_ns=0: [dozes.append(deadline_ns), doze(self)][1]
-    )
+
+    class Counting(LiveEnvironment):
+        def doze(
+            self, duration_ns: int, until_ns: int, otherwise: Callable[[int], bool]
+        ) -> Callable[[], bool]:
+            def counted(deadline_ns: int) -> bool:
+                dozes.append(deadline_ns)
+                return otherwise(deadline_ns)
+
+            return super().doze(duration_ns, until_ns, counted)
+
     monkeypatch.setattr(Presence, "due_ns", 2**63 - 1)
 
     def look(machine: Any) -> None:
@@ -136,7 +143,7 @@ def test_no_python_runs_between_rounds_of_machines_that_wait(
 
     with Whiteboard("board", directory=tmp_path) as board:
         waits = Waits(look=look)
-        arrangement = kind([waits], whiteboard=board, idle_us=100)
+        arrangement = kind([waits], environment=Counting(board), idle_us=100)
         arrangement.run()
     assert waits.turns >= 60
     first, *_ = dozes

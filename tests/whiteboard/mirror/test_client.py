@@ -8,11 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-import pytest
-
 from free_ports import free_port
-from llfsm.whiteboard import NetworkError, Whiteboard
-from llfsm.whiteboard.mirror import zenoh_config
 from waiting import PATIENCE_S, wait_for
 
 from .conftest import Host, MakeHost, number_slot
@@ -97,9 +93,3 @@ def test_a_daemon_waits_for_its_router(make_host: MakeHost, tmp_path: Path) -> N
     assert not done.is_set()
     with router(port):
         assert done.wait(PATIENCE_S), here.log
-
-
-def test_a_process_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zenoh_config, "_CONNECT_S", 0.0)
-    with pytest.raises(NetworkError, match="cannot open tcp/127"):
-        Whiteboard.connect(f"tcp/127.0.0.1:{free_port()}", "nobody")

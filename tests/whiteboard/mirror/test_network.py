@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from free_ports import free_endpoint
-from llfsm.whiteboard.mirror import network
+from llfsm.whiteboard.errors import NetworkError
 from llfsm.whiteboard.mirror.groups import group_of
 from llfsm.whiteboard.mirror.keys import Keys
 from llfsm.whiteboard.mirror.network import Network
@@ -52,12 +52,18 @@ def asker() -> Asker:
 
 
 @pytest.fixture
-def ask(asker: Asker) -> Iterator[Ask]:
+def reply_s() -> float:
+    return PATIENCE_S
+
+
+@pytest.fixture
+def ask(asker: Asker, reply_s: float) -> Iterator[Ask]:
     """Return a function that asks a host which answers as it is told."""
     import zenoh
 
     endpoint = free_endpoint()
-    asking = Network("board", 1, Settings(listen=(endpoint,), connect=()))
+    settings = Settings(listen=(endpoint,), connect=())
+    asking = Network("board", 1, settings, reply_s=reply_s)
     asking.join(asker)  # type: ignore[arg-type]
     config = zenoh.Config()
     for key, value in {
@@ -93,11 +99,11 @@ def test_a_reply_is_complete_with_all_its_parts(asker: Asker, ask: Ask) -> None:
     assert asker.parts == PARTS
 
 
+@pytest.mark.parametrize("reply_s", [1.0])
 def test_a_reply_of_which_a_part_does_not_arrive_in_time_is_not_complete(
-    asker: Asker, ask: Ask, monkeypatch: pytest.MonkeyPatch
+    asker: Asker, ask: Ask
 ) -> None:
     """As when the rest is large, and was dropped: the host has to be asked again."""
-    monkeypatch.setattr(network, "_REPLY_TIMEOUT_S", 1.0)
     unanswered = []
 
     def answer(query: Any) -> None:
@@ -106,6 +112,11 @@ def test_a_reply_of_which_a_part_does_not_arrive_in_time_is_not_complete(
 
     assert not ask(answer)
     assert asker.parts == PARTS[:1]
+
+
+def test_a_process_does_not_wait_for_ever() -> None:
+    with pytest.raises(NetworkError, match="cannot open tcp/127"):
+        Network("nobody", 1, Settings(connect=(free_endpoint(),)), "client", connect_s=0)
 
 
 def test_a_network_reports_the_ports_that_it_got() -> None:

@@ -14,7 +14,7 @@ from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64
 from memory_transport import MemoryTransport
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 SPEED = Slot("speed", Int64)
 
@@ -49,12 +49,12 @@ class Driver(Machine):
 class Managing:
     """Managed machines whose main thread runs beside the test."""
 
-    def __init__(self, transport):
+    def __init__(self, transport, patience_s):
         self.world = RosEnvironment(transport, plan_for(Driver, node="driver"))
         self.loads = 0
         self.refuse = False
         bridge = self.world.bridge
-        self.machines = ManagedMachines(bridge.node, bridge.types, self.load)
+        self.machines = ManagedMachines(bridge.node, bridge.types, self.load, patience_s=patience_s)
         self.thread = threading.Thread(target=self.machines.run)
         self.thread.start()
 
@@ -83,9 +83,14 @@ class Managing:
 
 
 @pytest.fixture
-def managing(memory, told):
+def patience_s():
+    return PATIENCE_S
+
+
+@pytest.fixture
+def managing(memory, told, patience_s):
     with MemoryTransport(memory, notify=told) as transport:
-        managing = Managing(transport)
+        managing = Managing(transport, patience_s)
         yield managing
         managing("shutdown")
         managing.machines.stop()
@@ -152,10 +157,8 @@ def test_machines_that_have_ended_are_not_activated_again(managing, caplog):
     assert managing("cleanup")
 
 
-def test_a_machine_that_has_no_turn_stays_active(managing, monkeypatch, caplog):
-    monkeypatch.setattr(
-        "llfsm.bridges.ros2.bridging.managed_machines._PATIENCE_S", 0.05, raising=True
-    )
+@pytest.mark.parametrize("patience_s", [0.05])
+def test_a_machine_that_has_no_turn_stays_active(managing, caplog):
     go_on = threading.Event()
     assert managing("configure")
     assert managing("activate")
