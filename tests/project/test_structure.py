@@ -179,6 +179,20 @@ def test_every_file_has_less_than_400_lines() -> None:
     assert "one file" in (ROOT / header).read_text().partition("*/")[0]
 
 
+def test_no_test_patches_what_is_private() -> None:
+    """What a test has to change, as a time, is an argument."""
+    patched = [
+        f"{path.relative_to(ROOT)}:{call.lineno}"
+        for path in (ROOT / "tests").rglob("*.py")
+        for call in ast.walk(ast.parse(path.read_text()))
+        if isinstance(call, ast.Call)
+        and isinstance(call.func, ast.Attribute)
+        and call.func.attr in ("setattr", "delattr")
+        and re.search(r"['.]_[a-z]", "".join(map(ast.unparse, call.args[:2])), re.IGNORECASE)
+    ]
+    assert patched == []
+
+
 def test_the_architecture_is_at_most_200_lines() -> None:
     assert len((ROOT / "ARCHITECTURE.md").read_text().splitlines()) <= 200
 

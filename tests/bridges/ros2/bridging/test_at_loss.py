@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from llfsm.bridges.ros2.bridging import loss_watch
+from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.loss_watch import LossWatch
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
-from waiting import wait_for
 
 CMD = Slot("cmd", Twist)
 RELAY = {"slot": "cmd", "type": "geometry_msgs/msg/Twist", "direction": "to_ros"}
@@ -53,9 +53,18 @@ def commander(board, tmp_path) -> Iterator[Commands]:
         process.communicate()
 
 
-@pytest.fixture(autouse=True)
-def soon(monkeypatch):
-    monkeypatch.setattr(loss_watch, "_MEET_S", 0.0)
+class HandTimer:
+    """A timer whose next action is done when the test says so."""
+
+    def __init__(self) -> None:
+        self.actions: list[Callable[[], object]] = []
+
+    def call_later(self, seconds: float, do: Callable[[], object]) -> None:
+        self.actions.append(do)
+
+    def run(self, times: int) -> None:
+        for _ in range(times):
+            self.actions.pop()()
 
 
 @pytest.fixture
@@ -83,20 +92,18 @@ def test_it_is_sent_for_one_that_died_before(start, commander, driven):
     driven.wait(lambda got: got == [0.0])
 
 
-def test_it_replaces_no_message_of_a_process_that_lives(start, board, commander, driven, caplog):
-    """Neither the commander's own, nor one that came after its death."""
-    bridge = start(relay=[RELAY | LOSS])
-    (watch,) = [each for each in bridge._workers if isinstance(each, loss_watch.LossWatch)]
+def test_it_replaces_no_message_of_a_process_that_lives(board, commander):
+    """Neither the commander's own, nor one that came after its death, and before it was noticed."""
+    slot, timer = board[CMD], HandTimer()
+    link = BridgeLink("cmd", "->", "/cmd", "geometry_msgs/msg/Twist")
     process = commander()
-    watch._look()
-    watch._look()
+    LossWatch(slot, STOP, CMD.encoder.encode(STOP), link, LinkFaults(print), timer)
+    timer.run(times=3)
+    assert slot.get() == Twist(Vector3(x=1.0))
     process.kill()
     process.wait()
-    watch._is_over = True  # the bridge looks too late
-    board[CMD].add(Twist(Vector3(x=2.0)))
-    watch._is_over = False
-    watch._look()
-    watch._look()
-    assert board[CMD].get() == Twist(Vector3(x=2.0))
-    wait_for(lambda: 2.0 in driven)
-    assert 0.0 not in driven
+    timer.run(times=1)  # after the second look at the same message it would be replaced
+    slot.add(Twist(Vector3(x=2.0)))
+    timer.run(times=3)
+    assert slot.get() == Twist(Vector3(x=2.0))
+    assert slot.count == 2
