@@ -18,7 +18,7 @@ __all__ = [
     "FAULTS",
     "PANEL",
     "PANELS",
-    "Bell",
+    "AlarmBell",
     "Drug",
     "Fault",
     "InfusionAlarm",
@@ -64,14 +64,14 @@ class Drug(Message):
     rate: Rate = Rate.NONE
 
 
-class Bell(Message):
+class AlarmBell(Message):
     """A command to the bell at the nurse's."""
 
     on: bool = False
 
 
 PANEL, FAULT = Slot("infusion/panel", Panel), Slot("infusion/fault", Fault)
-DRUG, BELL = Slot("infusion/drug", Drug), Slot("infusion/bell", Bell)
+DRUG, BELL = Slot("infusion/drug", Drug), Slot("infusion/bell", AlarmBell)
 PANELS, FAULTS = tuple(map(Panel, Key)), (Fault(False), Fault(True))
 """All that the sensors can read."""
 
@@ -141,22 +141,22 @@ class InfusionAlarm(Machine):
 
     panel = Sensor(PANEL, default=Panel(), domain=PANELS)
     fault = Sensor(FAULT, default=Fault(), domain=FAULTS)
-    bell = Actuator(BELL, at_failure=Bell(on=True))
+    bell = Actuator(BELL, at_failure=AlarmBell(on=True))
 
     RINGING = State()
     QUIET = State()
 
     @RINGING.on_entry
     def _(self) -> None:
-        self.bell(Bell(on=True))
+        self.bell(AlarmBell(on=True))
 
     @QUIET.on_entry
     def _(self) -> None:
-        self.bell(Bell(on=False))
+        self.bell(AlarmBell(on=False))
 
     @QUIET.on_exit
     def _(self) -> None:
-        self.bell(Bell(on=True))
+        self.bell(AlarmBell(on=True))
 
     @RINGING.to(QUIET)
     def confirmed(self) -> bool:

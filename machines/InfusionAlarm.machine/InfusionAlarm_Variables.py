@@ -1,3 +1,3 @@
 panel = Sensor(PANEL, default=Panel(), domain=PANELS)
 fault = Sensor(FAULT, default=Fault(), domain=FAULTS)
-bell = Actuator(BELL, at_failure=Bell(on=True))
+bell = Actuator(BELL, at_failure=AlarmBell(on=True))

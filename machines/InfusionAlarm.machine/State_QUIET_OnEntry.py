@@ -1,1 +1,1 @@
-bell(Bell(on=False))
+bell(AlarmBell(on=False))

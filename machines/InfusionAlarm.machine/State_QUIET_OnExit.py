@@ -1,1 +1,1 @@
-bell(Bell(on=True))
+bell(AlarmBell(on=True))
