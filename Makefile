@@ -104,7 +104,7 @@ check: $(VENV)/.ready-test
 	    whiteboard/include/llfsm_whiteboard.h
 
 # The header under many threads, then the extensions under the tests of each: without the leak
-# checker, which cannot tell what the interpreter leaves on purpose, and without the test of memory.
+# checker, which does not know what the interpreter leaves on purpose, and without the test of memory.
 sanitize: sanitized
 	$(CC) $(STRESS_FLAGS) $(THREAD) tests/stress/stress.c -o $(SANITIZED)/thread
 	$(SANITIZED)/thread $(SANITIZE_SECONDS)

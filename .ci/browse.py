@@ -86,7 +86,7 @@ class Quiet(SimpleHTTPRequestHandler):
     """Serve files, and log nothing."""
 
     def log_message(self, *_: object) -> None:
-        """Say nothing."""
+        """Log nothing."""
 
 
 @contextmanager

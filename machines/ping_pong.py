@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 class RosPingPong(Machine):
     """After one second, post and log ``hello world <count>`` every 20 ms, counting up."""
 
-    say = Actuator(PINPONG)
+    publish = Actuator(PINPONG)
     count: int = 0
 
     INITIAL = State()
@@ -33,7 +33,7 @@ class RosPingPong(Machine):
     def _(self) -> None:
         text = f"hello world {self.count}"
         _log.info(text)
-        self.say(String(text))
+        self.publish(String(text))
 
     @WAIT_AND_COUNT.on_entry
     def _(self) -> None:

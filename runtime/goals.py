@@ -1,7 +1,7 @@
 """Goals of actions, for the machines that send or serve them: their status, and what cancels them.
 
-A bridge connects the slots of an action with ROS; see docs/how-to/ros2-actions.md. Goals are told
-apart by numbers: that of a new goal is higher than those before.
+A bridge connects the slots of an action with ROS; see docs/how-to/ros2-actions.md. A goal is known
+by its number: that of a new goal is higher than those before.
 """
 
 from __future__ import annotations

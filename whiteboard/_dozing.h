@@ -147,7 +147,7 @@ static PyObject *doze_once(Doze *self, PyObject *unused)
             return NULL;
         if (slept && lwb_linked(&board->board))
             Py_RETURN_TRUE;
-        if (slept) /* the board was removed: who sleeps again is told so */
+        if (slept) /* the board was removed: who sleeps again gets an error */
             deadline_ns = 0;
     }
     return PyObject_CallFunction(self->otherwise, "L", deadline_ns);

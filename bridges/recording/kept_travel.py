@@ -327,5 +327,5 @@ class KeptTravel:
 
 
 def _adopt_orphans(*, is_on: bool) -> None:
-    """Let this process be told when those that were forked by others in between have ended."""
+    """Let this process get a signal when those that were forked by others in between have ended."""
     ctypes.CDLL(None).prctl(_SUBREAPER, int(is_on), 0, 0, 0)

@@ -63,7 +63,7 @@ class Origin:
 
 
 def _opened() -> Iterator[tuple[int, int, int, int]]:
-    """Return what tells open files, connections and the like from each other."""
+    """Return what identifies open files, connections and the like."""
     for name in os.listdir(_FILES):
         with suppress(OSError):  # what has listed them is closed
             status = os.fstat(int(name))

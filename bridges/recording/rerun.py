@@ -220,7 +220,7 @@ def whole_journals(recording: Recording) -> list[RecordedJournal]:
 
 
 def why_not(journal: RecordedJournal) -> str:
-    """Say why machines that do not have a whole journal cannot be run again."""
+    """Return why machines that do not have a whole journal cannot be run again."""
     return (
         f"{journal.about.get('machines', 'machines')} (process {journal.process}) ran before they "
         f"were recorded, so what they had learnt is missing: start llfsm record first, or use "

@@ -98,7 +98,7 @@ class Member(Machine):
     settle.to(arrived, when=rests)
 
     @arrived.on_entry
-    def tell(self) -> None:
+    def report_arrival(self) -> None:
         """Report that it is there."""
         self.obeyed = self.order.number
         self.report(Report(self.obeyed))

@@ -1,4 +1,4 @@
-"""What the rover and its world say to each other: 100 times a second, and pictures ten times."""
+"""What the rover and its world exchange: 100 times a second, and pictures ten times."""
 
 from llfsm.whiteboard import Message, Slot
 

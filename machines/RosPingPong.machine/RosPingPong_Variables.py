@@ -1,2 +1,2 @@
-say = Actuator(Slot("pinpong", String))
+publish = Actuator(Slot("pinpong", String))
 count: int = 0

@@ -1,3 +1,3 @@
 text = f"hello world {count}"
 log.info(text)
-say(String(text))
+publish(String(text))

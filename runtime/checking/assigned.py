@@ -245,7 +245,7 @@ class _Reader:
         if name not in self._own or name in known.given:
             return
         line = known.maybe.get(name, _NOWHERE)
-        known.give(name)  # each is told once
+        known.give(name)  # each is reported once
         if line != _NOWHERE:
             text = f"{name!r} has a value here only if line {line} ran"
             self.findings.append(Finding(self._code.file, node.lineno, "warning", text))

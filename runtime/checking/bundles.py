@@ -109,7 +109,7 @@ def declared_names(bundle: Bundle) -> dict[str, list[str]]:
 
 
 def _included(source: Bundle | BundleState) -> frozenset[str]:
-    """Return the names that includes import or define, as far as they can be told."""
+    """Return the names that includes import or define, as far as they can be known."""
     if source.includes is None:
         return frozenset()
     return included_names(parse(source.includes).body) or frozenset()

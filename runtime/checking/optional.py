@@ -73,7 +73,7 @@ def _of_sensor(path: _Path, table: Table) -> str:
 def _of_field(path: _Path, seen: _Seen, looked_at: set[_Path]) -> str:
     *within, field = path
     if any(len(each) == len(path) and [*each[:-1]] == within for each in looked_at):
-        return ""  # another field may tell
+        return ""  # another field may decide it
     options = seen.types.of(seen.node)
     if type(None) not in options or len(options) == 1:
         return ""

@@ -82,8 +82,8 @@ def of_text(piece: Piece, node: ast.Assign | ast.Call) -> Iterator[Finding]:
     for value in values:
         match value:
             case ast.Constant(str(text)) if f"{{{piece.code.machine}." in text and "}" in text:
-                told = 'this text is not filled in: write f before it, as f"..."'
-                yield piece.finding(value, "warning", told)
+                text = 'this text is not filled in: write f before it, as f"..."'
+                yield piece.finding(value, "warning", text)
 
 
 def of_condition(piece: Piece, node: ast.BoolOp | ast.Compare) -> Iterator[Finding]:

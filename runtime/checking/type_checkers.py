@@ -155,9 +155,9 @@ def _output(command: Sequence[str], environment: Mapping[str, str]) -> str:
     """Return what a type checker prints. Raise `TypeCheckerError` if it cannot check."""
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 1) and not _MYPY_LINE.search(done.stdout):
-        said = (done.stderr.strip() or done.stdout.strip()).splitlines() or ["nothing"]
+        printed = (done.stderr.strip() or done.stdout.strip()).splitlines() or ["nothing"]
         raise TypeCheckerError(
-            f"{command[0]} ended with status {done.returncode}: {said[-1]}; "
+            f"{command[0]} ended with status {done.returncode}: {printed[-1]}; "
             f"run it by itself to see why"
         )
     return done.stdout
@@ -167,8 +167,8 @@ def _read_mypy(output: str) -> Iterator[_Report]:
     for line in output.splitlines():
         if found := _MYPY_LINE.fullmatch(line):
             file, number, column, severity, text = found.groups()
-            said: Severity = "error" if severity == "error" else "warning"
-            yield _Report(file, int(number), int(column or 1) - 1, said, " ".join(text.split()))
+            reported: Severity = "error" if severity == "error" else "warning"
+            yield _Report(file, int(number), int(column or 1) - 1, reported, " ".join(text.split()))
 
 
 def _read_pyright(output: str) -> Iterator[_Report]:

@@ -95,7 +95,7 @@ class Debugger:
         self._is_paused = threading.Event()
         self._probes = Probes((), self._hit)
         self.pauses = 0
-        """How many pauses have begun: it tells one from the next."""
+        """How many pauses have begun: no two have the same number."""
         self.problem = ""
         """Why what another process has requested last was refused; "" if it was not."""
         self.turn: Turn | None = None

@@ -70,7 +70,7 @@ class Variable(NamedTuple):
 
     @property
     def type_text(self) -> str:
-        """The annotation as the class says it."""
+        """The annotation as it stands in the class."""
         if sys.version_info >= (3, 14):
             import annotationlib
 

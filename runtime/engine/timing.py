@@ -1,4 +1,4 @@
-"""What each turn pays for being timed: a look at the clock, and what it says is counted."""
+"""What each turn costs if it is timed: a look at the clock, whose reading is counted."""
 
 from __future__ import annotations
 

@@ -125,9 +125,9 @@ class _Watch:
                 return
         except AssertionError as error:
             cause = error
-        said = f": {cause}" if cause is not None and str(cause) else ""
+        why = f": {cause}" if cause is not None and str(cause) else ""
         raise InvariantError(
             f"{name_of(self._invariant, 'the invariant')} does not hold in round {turn.round}, at "
-            f"{turn.time_ns / 1e6:g} ms, after the ringlet of {turn.machine} in {turn.state}{said}"
+            f"{turn.time_ns / 1e6:g} ms, after the ringlet of {turn.machine} in {turn.state}{why}"
             f"{current_states(arrangement, arrangement.machines)}"
         ) from cause

@@ -53,7 +53,7 @@ def freeze(value: Any, note: Callable[[Any], None]) -> Hashable:
     if kind in _PLAIN:
         return kind, value
     if kind is float:
-        return kind, value.hex()  # which tells NaN, -0.0 and 0.0 apart
+        return kind, value.hex()  # which differs for NaN, -0.0 and 0.0
     if isinstance(value, Enum):
         return kind, value.name, None if value.name is not None else value.value
     if isinstance(value, tuple):

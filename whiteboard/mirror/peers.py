@@ -57,7 +57,7 @@ class Peer:
     def receive(self, message: ReceivedBatch | Heartbeat, now_ns: int, wall_ns: int) -> None:
         """Record a message; messages arrive in the order in which they were sent.
 
-        A host that restarts is told by another `born`, not by a later one: its clock may have been
+        A host that restarts is known by another `born`, not by a later one: its clock may have been
         set back. A late message from before its restart only causes a query too many.
         """
         self.received_ns = now_ns

@@ -62,13 +62,13 @@ class ActionSlots:
         """Return the ROS goal of a message in the slot."""
         return self.of.goal.message(*astuple(asked)[1:])  # type: ignore[no-any-return]
 
-    def told(self, number: int, feedback: Message) -> Message:
+    def slot_feedback(self, number: int, feedback: Message) -> Message:
         """Return ROS feedback as a message of the slot."""
         return self.feedback.type(number, *astuple(feedback))  # type: ignore[no-any-return]
 
-    def ros_feedback(self, told: Message) -> Message:
+    def ros_feedback(self, message: Message) -> Message:
         """Return the ROS feedback of a message in the slot."""
-        return self.of.feedback.message(*astuple(told)[1:])  # type: ignore[no-any-return]
+        return self.of.feedback.message(*astuple(message)[1:])  # type: ignore[no-any-return]
 
     def ended(self, number: int, status: GoalStatus, result: Message) -> Message:
         """Return a ROS result as a message of the slot."""

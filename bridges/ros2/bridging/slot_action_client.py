@@ -138,7 +138,7 @@ class SlotActionClient(SlotAction):
     def _take_feedback(self, key: bytes, feedback: Message) -> None:
         goal = self._goal
         if goal is not None and not goal.is_over and goal.key == key:
-            self._add(self._feedback, self._slots.told(goal.number, feedback))
+            self._add(self._feedback, self._slots.slot_feedback(goal.number, feedback))
 
     def _take_result(self, goal: _Goal, call: Future[Any]) -> None:
         error = call.exception()

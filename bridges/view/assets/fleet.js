@@ -83,7 +83,7 @@ function drawRow({ row, own, there, contact, lead, trouble: worst, summary }, ti
   showTroubles(row.querySelector(".troubles"), summary);
 }
 
-// Not in milliseconds: a host is heard of once a second.
+// Not in milliseconds: a host reports once a second.
 function age(seconds) {
   return seconds < 9.95 ? `${seconds.toFixed(1)} s` : duration(seconds);
 }

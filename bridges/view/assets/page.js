@@ -64,7 +64,7 @@ const LINKS = {
   refused: "refused",
 };
 
-// Shows how the connection is; `trouble` is what the last frame told, `about` what the page shows.
+// Shows how the connection is; `trouble` is that of the last frame, `about` what the page shows.
 export function showConnection(state, problem, trouble, about) {
   setText($("link"), LINKS[state]);
   setData($("link"), "is", state);

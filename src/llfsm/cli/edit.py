@@ -30,7 +30,7 @@ _HERE: Final = (Path(),)
 
 
 class _Edit(click.Command):
-    """Tells who wants to listen elsewhere how: many servers call it --host, here it means another.
+    """Explains how to listen elsewhere: many servers call it --host, here it means another.
 
     As in `llfsm view --host robot7`, that is a host of the fleet.
     """
