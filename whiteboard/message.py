@@ -48,7 +48,7 @@ class _MessageMeta(msgspec.StructMeta):
         for field, value in namespace.items():
             if isinstance(value, _PLAIN) and field.islower() and _is_untyped(cls, field):
                 raise MessageTypeError(
-                    f"{name}: {field!r} is no field without its type; write {field}: "
+                    f"{name}: {field!r} is not a field without its type; write {field}: "
                     f"{type(value).__name__} = {value!r}, or call a constant {field.upper()}"
                 )
         with suppress(NameError):  # an annotation refers to a later class: the Slot checks again

@@ -249,5 +249,5 @@ def _difference(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
 
 def _files(names: list[str]) -> str:
     if not names:
-        return "nothing: it is so already"
+        return "nothing has changed: it is so already"
     return names[0] if len(names) == 1 else f"{len(names)} files"

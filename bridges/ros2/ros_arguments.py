@@ -133,7 +133,7 @@ def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], RosArgumen
                     raise RosArgumentError(f"{flag}: its value is missing")
                 found = _with(found, name, value)
             else:
-                raise RosArgumentError(f"{flag} is no argument of ROS; end those with --")
+                raise RosArgumentError(f"{flag} is not an argument of ROS; end those with --")
     return own, found
 
 

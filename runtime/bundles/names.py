@@ -109,7 +109,7 @@ class _Resolver(ast.NodeTransformer):
             return node
         if not self._running:
             raise self._error(
-                node, f"{name!r} is {meaning.kind}: there is none before the machine runs"
+                node, f"{name!r} is {meaning.kind}: it does not exist before the machine runs"
             )
         if isinstance(node.ctx, ast.Del) or (
             isinstance(node.ctx, ast.Store) and not meaning.variable

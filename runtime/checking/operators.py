@@ -74,7 +74,7 @@ def of_operator(piece: Piece, node: ast.BinOp | ast.Compare) -> Iterator[Finding
         others = {each for other in types if other is not found for each in other}
         if wrong and others and others <= PLAIN and not _defines(found, special):
             fields = list(dict.fromkeys(name for each in found for name in fields_of(each)))
-            text = f"{named(tuple(found))} is no number; its fields are: {', '.join(fields)}"
+            text = f"{named(tuple(found))} is not a number; its fields are: {', '.join(fields)}"
             yield piece.finding(node, "error", text)
             return
     for (left, right), op in zip(pairwise(types), _operators(node), strict=True):

@@ -65,8 +65,8 @@ def _of_sensor(path: _Path, table: Table) -> str:
     if table.sensors[path[0]].default is not None:
         return ""
     return (
-        f"sensor {path[0]!r} is None before its first message, and no code of the machine looks "
-        f"whether it is: test it, or give it a default"
+        f"sensor {path[0]!r} is None before its first message, and no code of the machine "
+        f"checks for that: test it, or give it a default"
     )
 
 
@@ -78,8 +78,8 @@ def _of_field(path: _Path, seen: _Seen, looked_at: set[_Path]) -> str:
     if type(None) not in options or len(options) == 1:
         return ""
     return (
-        f"field {field!r} may be None, as it is {named(options)}, and no code of the machine looks "
-        f"whether it is: test it"
+        f"field {field!r} may be None, as it is {named(options)}, and no code of the machine "
+        f"checks for that: test it"
     )
 
 

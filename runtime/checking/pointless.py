@@ -20,9 +20,9 @@ def of_effectless(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
         case ast.Compare(_, [ast.Eq()], _):
             text = "this compares, and does nothing else: write = to assign"
         case ast.Compare() | ast.BinOp() | ast.UnaryOp() | ast.Name() | ast.JoinedStr():
-            text = "this makes a value, and nothing uses it"
+            text = "this makes a value that nothing uses"
         case ast.Attribute() if piece.types.of(node.value) not in ((), (MethodType,)):
-            text = "this makes a value, and nothing uses it"
+            text = "this makes a value that nothing uses"
         case ast.Call(called) if is_message(piece.types.value_of(called)):
             text = "this makes a message that nothing posts: call an actuator with it"
             yield piece.finding(node, "warning", text)
@@ -72,7 +72,7 @@ def of_hidden(piece: Piece, node: ast.Assign | ast.AnnAssign) -> Iterator[Findin
         or (isinstance(each, ast.Name) and each.id == name and isinstance(each.ctx, ast.Load))
         for each in nodes_of(piece.code)
     ):
-        text = f"this gives no variable a value: write {piece.code.machine}.{name}"
+        text = f"this does not set the variable: write {piece.code.machine}.{name}"
         yield piece.finding(node, "warning", text)
 
 
@@ -82,8 +82,8 @@ def of_text(piece: Piece, node: ast.Assign | ast.Call) -> Iterator[Finding]:
     for value in values:
         match value:
             case ast.Constant(str(text)) if f"{{{piece.code.machine}." in text and "}" in text:
-                text = 'this text is not filled in: write f before it, as f"..."'
-                yield piece.finding(value, "warning", text)
+                what = 'this text is not filled in: write f before it, as f"..."'
+                yield piece.finding(value, "warning", what)
 
 
 def of_condition(piece: Piece, node: ast.BoolOp | ast.Compare) -> Iterator[Finding]:
@@ -95,7 +95,7 @@ def of_condition(piece: Piece, node: ast.BoolOp | ast.Compare) -> Iterator[Findi
                 if (kinds <= {ast.Lt, ast.LtE} and ends[0] > ends[1]) or (
                     kinds <= {ast.Gt, ast.GtE} and ends[0] < ends[1]
                 ):
-                    yield piece.finding(node, "warning", "this is never True: nothing is between")
+                    yield piece.finding(node, "warning", "this is never True: no value is between")
         return
     by_left: dict[str, list[tuple[ast.cmpop, ast.expr]]] = {}
     for value in node.values:

@@ -85,7 +85,7 @@ def _forgotten(subject: Subject) -> Iterator[Finding]:
     for piece, each in zip(code, uses, strict=True):
         for name, line in each.stored.items():
             if name not in known:
-                text = f"{name!r} is no variable of the machine, and nothing reads it"
+                text = f"{name!r} is not a variable of the machine, and nothing reads it"
                 if name in _CURRENT:
                     text += ": transitions change the state"
                 near = did_you_mean(name, variables)

@@ -130,7 +130,7 @@ def _of_call(piece: Piece, node: ast.Call) -> Iterator[Finding]:
     if message is time.sleep:
         yield piece.finding(node, "warning", _SLEEPS)
     elif reads_outside(message):
-        text = f"{ast.unparse(node.func)} makes every run another one: use a sensor, or after_ms"
+        text = f"{ast.unparse(node.func)} makes every run different: use a sensor, or after_ms"
         yield piece.finding(node, "warning", text)
     if is_message(message):
         yield from _of_message(piece, node, message)

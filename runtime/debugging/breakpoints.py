@@ -50,7 +50,7 @@ class Breakpoint(NamedTuple):
         found = _TEXT.fullmatch(text.strip())
         if found is None:
             raise BreakpointError(
-                f"{text!r} is no breakpoint; write Machine:STATE, Machine:STATE->, "
+                f"{text!r} is not a breakpoint; write Machine:STATE, Machine:STATE->, "
                 f"Machine:STATE->TARGET, Machine! or @slot, then #2 and ` if CONDITION` as needed"
             )
         condition = None

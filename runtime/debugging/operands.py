@@ -317,4 +317,4 @@ def _data(value: Any) -> Any:
     """Return a value on which operators have no effect; raise `UnseenError` for others."""
     if isinstance(value, _DATA):
         return value
-    raise UnseenError(f"{type(value).__name__} is no data")
+    raise UnseenError(f"{type(value).__name__} is not data")

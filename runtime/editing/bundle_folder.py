@@ -110,7 +110,7 @@ class BundleFolder:
         """
         for name in changes:
             if not self._is_part(name):
-                raise EditError(f"{name!r} is no file of machine {self.name}")
+                raise EditError(f"{name!r} is not a file of machine {self.name}")
         with self._opened() as folder:
             self._take_back(folder)
             changed = [n for n, each in changes.items() if self._read(folder, n) != each.before]

@@ -66,7 +66,7 @@ class PackedSituation:
 
 
 class UnnamedFieldError(BaseException):
-    """A property asks for what is no part of a state yet; no `except Exception` may catch it."""
+    """A property asks for what is not part of a state yet; no `except Exception` may catch it."""
 
 
 class Checker:

@@ -225,7 +225,7 @@ class _Elapsed(_Opaque):
 
 
 class Unknown(_Opaque):
-    """A result that is no part of a state, such as the count that an actuator returns."""
+    """A result that is not part of a state, such as the count that an actuator returns."""
 
     def __init__(self, environment: ExploredEnvironment, what: str):
         super().__init__(environment)

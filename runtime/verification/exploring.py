@@ -174,6 +174,6 @@ def _check_properties(properties: Iterable[Property]) -> list[Property]:
     for prop in asked:
         if not isinstance(prop, Property):
             raise PredicateError(
-                f"{prop!r} is no property: make one with never, always, reachable or step"
+                f"{prop!r} is not a property: make one with never, always, reachable or step"
             )
     return asked

@@ -1,4 +1,4 @@
-"""What machines' code could keep outside of their variables, where it is no part of a state.
+"""What machines' code could keep outside of their variables, where it is not part of a state.
 
 That is what the code names: globals, class attributes, variables of functions around it, and
 defaults; and what is named by the functions and classes that it uses, if they are the user's.
@@ -64,7 +64,7 @@ class Hidden:
             if changed or now is None or (was is None and key[0] in self._holders):
                 machine, where, *_ = was or after[key]
                 raise UnsupportedError(
-                    f"{machine} changes {where}: that is no part of a state, so this cannot be "
+                    f"{machine} changes {where}: that is not part of a state, so this cannot be "
                     f"explored; keep it in a variable, or make it before the machines run"
                 )
 
@@ -149,7 +149,7 @@ class _Look:
             if self._keeps_its_place(value):
                 raise UnsupportedError(
                     f"{self.machine} uses {where.format(name)}, of type {type(value).__name__}: "
-                    f"how far it has come is no part of a state, so this cannot be explored; keep "
+                    f"how far it has come is not part of a state, so this cannot be explored; keep "
                     f"a number in a variable"
                 )
             image = self._image(value, {})

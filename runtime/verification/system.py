@@ -83,8 +83,8 @@ class System:
         for name in sorted(self.suspend):
             if name not in self.names:
                 raise DomainError(
-                    f"suspend names {name!r}, which is no machine{did_you_mean(name, self.names)}; "
-                    f"the machines are: {', '.join(self.names)}"
+                    f"suspend names {name!r}, which is not a machine"
+                    f"{did_you_mean(name, self.names)}; the machines are: {', '.join(self.names)}"
                 )
         self.limits: list[dict[str, Limits]] = [{} for _ in self.names]
         """For each machine and state, the times that are asked about in it."""

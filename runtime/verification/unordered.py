@@ -1,7 +1,7 @@
 """Sets that come in another order every time: code must not depend on it.
 
 The order of a set is that of its elements' hashes, which Python draws anew for texts in each
-process, and of its history. It is no part of a state.
+process, and of its history. It is not part of a state.
 """
 
 from __future__ import annotations

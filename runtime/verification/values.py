@@ -102,7 +102,7 @@ def _check_fields(value: object, names: Collection[str]) -> None:
     for name in getattr(value, "__dict__", ()):
         if name not in names:
             raise UnknownValueError(
-                f"a {type(value).__qualname__} with {name!r}, which is no field"
+                f"a {type(value).__qualname__} with {name!r}, which is not a field"
             )
 
 

@@ -196,7 +196,7 @@ def test_a_slot_too_small_for_a_sensor_is_a_warning_with_its_line(llfsm, tmp_pat
     ("arguments", "what"),
     [
         (["--ros-args", "-r", "a:b"], "--remap a:b: write [NODE:]FROM:=TO"),
-        (["--ros-args", "--loud"], "--loud is no argument of ROS"),
+        (["--ros-args", "--loud"], "--loud is not an argument of ROS"),
         (["--ros-args", "-r", "__ns:=1"], "'1' is not a namespace"),
         (["--node", "a b"], "'a b' is not a node name"),
     ],

@@ -92,7 +92,10 @@ def here(tmp_path: Path) -> Path:
         ("run bad.toml", "bad.toml:4: machine[0]: there is no key 'period' here; did you mean"),
         ("replay run.mcp", "run.mcp: cannot be read: No such file or directory; did you mean"),
         ("replay lamp.py", "lamp.py: is not a recording of llfsm, nor a bag of ROS 2"),
-        ("view lamp:Lamp", "lamp:Lamp is no recording, which comes first; `llfsm edit lamp:Lamp`"),
+        (
+            "view lamp:Lamp",
+            "lamp:Lamp is not a recording, which comes first; `llfsm edit lamp:Lamp`",
+        ),
         ("draw lamp --format jpg", "'jpg' is not one of 'dot', 'mermaid', 'svg', 'png'"),
         ("package robot.toml", "robot.toml is an arrangement file, not a machine"),
         (

@@ -34,7 +34,7 @@ class Driver(Machine):
 def test_pause_step_and_continue(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
     done = llfsm.run("pause", "-b", board, "--for", "900")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "`llfsm continue`, or 900 s, end that" in done.stdout
+    assert "until `llfsm continue`, or for 900 s" in done.stdout
     found = rows(llfsm, "-b", board)
     assert {row["status"] for row in found.values()} == {"paused"}
     ringlets = found["Stubborn"]["ringlets"]
@@ -86,7 +86,7 @@ def test_a_sensor_is_overridden_and_released(llfsm: Llfsm, board: str) -> None:
         done = llfsm.run("override", "Driver", "pose", '{"data": 12}', "-b", board)
         assert (done.returncode, done.stdout) == (
             0,
-            "Driver: pose is overridden; `--release`, or 60 s, end that\n",
+            "Driver: pose is overridden until `--release`, or for 60 s\n",
         )
         wait_for(lambda: rows(llfsm, "-b", board)["Driver"]["state"] == "waiting")
         (left_s,) = rows(llfsm, "-b", board)["Driver"]["overridden"].values()

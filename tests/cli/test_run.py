@@ -198,7 +198,7 @@ def test_the_board_is_kept_unless_told_otherwise(llfsm: Llfsm, board: str) -> No
         (["mine:Counter", "counter:rounds=1"], 2, "there are: Counter; did you mean 'Counter'?"),
         (["mine:Counter", "rounds=1"], 2, "name:variable=value"),
         (["mine:Counter", "-i", "-5"], 2, "-5"),
-        (["--realtime", "mine:Counter"], 2, "is no priority; name the machines first"),
+        (["--realtime", "mine:Counter"], 2, "is not a priority; name the machines first"),
         (["mine:Counter", "--realtime", "100"], 2, "100 is not in the range 1<=x<=99"),
         (["mine:Counter", "--cpu", "0"], 1, "cpu is given without realtime"),
         (["mine:Counter", "--realtime", "--cpu", "9999"], 1, "core 9999 cannot be used"),

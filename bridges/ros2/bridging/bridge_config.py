@@ -85,7 +85,7 @@ class RelayConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True)
         try:
             of.encode(message)
         except CdrError as error:
-            raise AtLossError(f"`at_loss` is no {of.name}: {error}") from error
+            raise AtLossError(f"`at_loss` is not a {of.name}: {error}") from error
         return message
 
 

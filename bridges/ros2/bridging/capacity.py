@@ -80,7 +80,7 @@ def capacity_warning(slot: Slot[Message], capacity: int, *, chosen: bool) -> str
         )
     if usual is None and not chosen and _has_bulk(mi.type_info(slot.type)):
         return (
-            f"{slot.type_name} has no longest message; slot {slot.name!r} takes {capacity:,} "
+            f"{slot.type_name} has no maximum size; slot {slot.name!r} takes {capacity:,} "
             "bytes, and longer ones are lost: set the `capacity` that you need"
         )
     return None

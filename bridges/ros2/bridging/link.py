@@ -70,9 +70,9 @@ class LinkFaults:
         if not isinstance(error, Ros2Error | WhiteboardError):
             self._notifier.callback_failed(link.name, error)
             return
-        text = f"{error}; more of this is only counted"
+        text = f"{error}; further ones are only counted"
         if isinstance(error, MessageTooLargeError):
-            text = f"{error} (`capacity` makes a new slot larger); more of this is only counted"
+            text = f"{error} (`capacity` makes a new slot larger); further ones are only counted"
         self.report(link, text, type(error).__name__)
 
     def report(self, link: BridgeLink, text: str, kind: str) -> None:

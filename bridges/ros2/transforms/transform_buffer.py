@@ -212,7 +212,7 @@ def _problem(child: str, new: Transformation) -> str | None:
     if any(map(math.isnan, (*new.offset, *new.turn))):
         return "TF_NAN_INPUT: a number is NaN"
     if not 0.0 < sum(part * part for part in new.turn) < math.inf:
-        return f"TF_DENORMALIZED_QUATERNION: {new.turn} is no rotation"
+        return f"TF_DENORMALIZED_QUATERNION: {new.turn} is not a rotation"
     return None
 
 

@@ -121,10 +121,10 @@ host_option = click.option(
     metavar="NAME",
     default="",
     callback=lambda _, __, value: checked_host(value),
-    help="Only what is of this host of the fleet.",
+    help="Only this host of the fleet.",
 )
 
-fleet_option = click.option("--fleet", is_flag=True, help="Also what is of all other hosts.")
+fleet_option = click.option("--fleet", is_flag=True, help="All hosts of the fleet.")
 
 
 def checked_host(value: str) -> str:

@@ -56,7 +56,7 @@ def pause(machine: str | None, lease_s: float, board: BoardPlace) -> None:
     """
     with board.open(create=False) as wb:
         status = _debug(wb, _find(wb, machine), MachineRequest("pause", "", lease_s))
-        click.echo(f"paused in {status.state}; `llfsm continue`, or {lease_s:g} s, end that")
+        click.echo(f"paused in {status.state} until `llfsm continue`, or for {lease_s:g} s")
 
 
 @click.command()
@@ -104,8 +104,8 @@ def continue_(machine: str | None, board: BoardPlace) -> None:
 @click.argument("machine")
 @click.argument("sensor")
 @click.argument("message", required=False)
-@click.option("--release", is_flag=True, help="End that.")
-@_lease_option("End that after so long, unless it is overridden again.")
+@click.option("--release", is_flag=True, help="End the override.")
+@_lease_option("End the override after so long, unless it is renewed.")
 @board_option
 def override(
     machine: str,
@@ -133,7 +133,7 @@ def override(
         _carry_out(remote, request, lambda status: True)
         if problem := fetch_why(wb, remote.name).problem:
             raise click.ClickException(problem)
-        how = "released" if release else f"overridden; `--release`, or {lease_s:g} s, end that"
+        how = "released" if release else f"overridden until `--release`, or for {lease_s:g} s"
         click.echo(f"{machine}: {sensor} is {how}")
 
 

@@ -39,8 +39,12 @@ _HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID", 
 
 @click.command()
 @board_option
-@click.option("-a", "--all", "every", is_flag=True, help="Those on every whiteboard of this host.")
-@click.option("--fleet", is_flag=True, help="Those of all hosts, with a column for the host.")
+@click.option(
+    "-a", "--all", "every", is_flag=True, help="List machines on every whiteboard of this host."
+)
+@click.option(
+    "--fleet", is_flag=True, help="List machines of all hosts, with a column for the host."
+)
 @host_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per machine and line.")
 def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) -> None:

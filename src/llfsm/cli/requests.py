@@ -92,11 +92,12 @@ def _command(action: Action, text: str) -> click.Command:
 
 suspend = _command("suspend", "Suspend a machine at its next turn, whichever process runs it.")
 resume = _command("resume", "Return a suspended machine to its last state, at its next turn.")
-restart = _command("restart", "Start a machine again from its initial state, at its next turn.")
+restart = _command("restart", "Restart a machine from its initial state, at its next turn.")
 reload = _command(
     "reload",
-    "Start a machine again as its bundle is now, in the folder it was loaded from.\n\n"
-    "It takes its turns while the bundle is loaded, and goes on as it is if that has an error.",
+    "Restart a machine from the current version of its bundle.\n\n"
+    "The bundle is read from the folder from which the machine was loaded. Meanwhile, the machine "
+    "takes its turns, and it goes on as it is if the bundle has an error.",
 )
 stop = _command(
     "stop",

@@ -71,7 +71,7 @@ def rerun(
         rerun_bag(recording, machines, recorded)
         return
     if of_bag := given_option("config", "recorded"):
-        raise click.UsageError(f"{file} is no bag: omit {of_bag}")
+        raise click.UsageError(f"{file} is not a bag: omit {of_bag}")
     number, lost = 0, False
     for journal, resolved in plans_to_rerun(recording, machines, trust=trust):
         again = Rerun(recording.entries(journal), str(file), compare)

@@ -50,7 +50,7 @@ def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | No
     compared = ", ".join(f"{number} of {name}" for name, number in run.compared.items())
     click.echo(f"{run.rounds} rounds, all posted messages as recorded: {compared or 'none'}")
     if unknown := [name for name in posted if name not in run.compared]:
-        click.echo(f"not compared, as they are no topics there: {', '.join(unknown)}", err=True)
+        click.echo(f"not compared, as they are not topics there: {', '.join(unknown)}", err=True)
 
 
 def _members(resolved: ResolvedPlan) -> Iterator[Member]:

@@ -26,7 +26,10 @@ _COMMANDS = {
     "suspend": ("llfsm.cli.requests:suspend", "Suspend a running machine."),
     "resume": ("llfsm.cli.requests:resume", "Resume a suspended machine."),
     "restart": ("llfsm.cli.requests:restart", "Restart a running machine."),
-    "reload": ("llfsm.cli.requests:reload", "Load the bundle of a running machine again."),
+    "reload": (
+        "llfsm.cli.requests:reload",
+        "Restart a machine from the current version of its bundle.",
+    ),
     "stop": ("llfsm.cli.requests:stop", "Ask a machine to end."),
     "debug": ("llfsm.cli.debug.command:debug", "Run machines from a prompt, step by step."),
     "dap": ("llfsm.cli.dap.command:dap", "Let an editor debug machines."),

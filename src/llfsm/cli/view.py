@@ -42,7 +42,7 @@ __all__ = ["view"]
     metavar="NAME",
     default="",
     callback=lambda _, __, value: _host(value),
-    help="Only what is of this host of the fleet.",
+    help="Show only this host of the fleet.",
 )
 @click.option("--fleet", is_flag=True, help="A table of all hosts, with a page for each.")
 @page_options
@@ -89,7 +89,7 @@ def view(
         raise click.UsageError("--fleet has a page for each host; leave out --host")
     if recording is not None and not recording.exists() and ":" in recording.name:
         raise click.UsageError(
-            f"{recording} is no recording, which comes first; `llfsm edit {recording}` shows a "
+            f"{recording} is not a recording, which comes first; `llfsm edit {recording}` shows a "
             f"machine, and without a recording the page shows the live ones of a whiteboard"
         )
     source = None

@@ -172,7 +172,7 @@ def test_what_is_no_topic_is_not_compared(llfsm_here, bag: Path) -> None:
     status, said = llfsm_here("rerun", bag, GUARD, "Guard:pose:=turtle1/pose")
     assert status == 0
     assert "as recorded: none\n" in said
-    assert "not compared, as they are no topics there: drive" in said
+    assert "not compared, as they are not topics there: drive" in said
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,7 @@ def test_logs_may_be_switched_off():
         (["-p", "a:={b: c}"], "expected a value"),
         (["-p", "a:=[1"], "not YAML"),
         (["--log-level", "loud"], "--log-level loud: not one of"),
-        (["--what"], "--what is no argument of ROS"),
+        (["--what"], "--what is not an argument of ROS"),
         (["--params-file", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
     ],
 )

@@ -181,8 +181,8 @@ def test_a_breakpoint_costs_where_it_is() -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("Counter", "'Counter' is no breakpoint; write Machine:STATE"),
-        ("Counter:high if", "is no breakpoint"),
+        ("Counter", "'Counter' is not a breakpoint; write Machine:STATE"),
+        ("Counter:high if", "is not a breakpoint"),
         ("Counter:high if a b", "its condition is wrong"),
         ("Counter:high if a\0b", "its condition is wrong"),
         ("Counter:high if " + "(" * 900, "its condition is wrong"),

@@ -163,7 +163,7 @@ def test_a_folder_reached_by_a_link_is_edited_where_it_is(confusing: Path, tmp_p
 
 @pytest.mark.parametrize("name", ["../x", "notes.txt", "State_A/../../x", "", ".git", JOURNAL])
 def test_no_other_file_is_written(confusing: Path, name: str) -> None:
-    with pytest.raises(EditError, match="is no file of machine M"):
+    with pytest.raises(EditError, match="is not a file of machine M"):
         BundleFolder(confusing).write({name: FileChange(None, b"x")})
     assert files_in(confusing) == CONFUSING
 

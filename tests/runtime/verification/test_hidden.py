@@ -125,7 +125,9 @@ def test_a_tuple_with_more_to_it_than_its_parts_is_refused() -> None:
         pair.hidden = getattr(machine.n, "hidden", 0) + 1  # type: ignore[attr-defined]
         machine.n = pair
 
-    with pytest.raises(UnsupportedError, match=r"M.n is a Pair with 'hidden', which is no field"):
+    with pytest.raises(
+        UnsupportedError, match=r"M.n is a Pair with 'hidden', which is not a field"
+    ):
         holds(runs(run), NO_FAILURE)
 
 

@@ -45,16 +45,16 @@ class MessageStream:
             if name.strip().lower() == b"content-length" and value.strip().isdigit():
                 length = int(value)
         if length is None or length > _LONGEST:
-            raise ProtocolError("a message came without a Content-Length that is possible")
+            raise ProtocolError("a message came without a valid Content-Length")
         body = self._received.read(length)
         if len(body) < length:
             return None
         try:
             message = json.loads(body)
         except (ValueError, RecursionError) as error:
-            raise ProtocolError(f"a message came that is no JSON: {error}") from error
+            raise ProtocolError(f"a message came that is not JSON: {error}") from error
         if not isinstance(message, dict):
-            raise ProtocolError(f"a message came that is no object: {message!r}")
+            raise ProtocolError(f"a message came that is not an object: {message!r}")
         return message
 
     def send(self, kind: str, **fields: Any) -> None:

@@ -318,6 +318,6 @@ LivePrompt.commands = {
         "let its sensor find this message, in JSON, until released",
         LivePrompt._override,
     ),
-    "release": Command("release MACHINE SENSOR", "end that", LivePrompt._release),
+    "release": Command("release MACHINE SENSOR", "end the override", LivePrompt._release),
     **LAST,
 }

@@ -46,7 +46,7 @@ class _Priority(Integer):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the number; a word is probably the machine that was to run."""
         if isinstance(value, str) and not value.lstrip("-").isdigit():
-            self.fail(f"{value!r} is no priority; name the machines first", param, ctx)
+            self.fail(f"{value!r} is not a priority; name the machines first", param, ctx)
         return super().convert(value, param, ctx)
 
 

@@ -103,7 +103,7 @@ class VerifiedMachines:
             every = {each: value for each, value in vars(module).items() if _is_property(value)}
             if not isinstance(found, ModuleType):
                 raise click.UsageError(
-                    f"{name}: {found!r} is no property; those of {where}: "
+                    f"{name}: {found!r} is not a property; those of {where}: "
                     f"{', '.join(every) or 'none'}"
                 )
             if not every:
@@ -137,7 +137,7 @@ class VerifiedMachines:
     def _callable(self, where: str) -> Any:
         found = find_object(where, self._folders)[1]
         if not callable(found):
-            raise click.UsageError(f"{where}: {found!r} is no function")
+            raise click.UsageError(f"{where}: {found!r} is not a function")
         return found
 
 
