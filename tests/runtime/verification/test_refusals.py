@@ -321,7 +321,7 @@ def test_a_property_that_asks_for_what_there_is_not(prop: Property, message: str
 
 def test_what_is_no_property_is_refused() -> None:
     for wrong in (lambda v: True, "never", Reader):
-        with pytest.raises(PredicateError, match="no property"):
+        with pytest.raises(PredicateError, match="not a property"):
             explore(Reader, period_ms=100, properties=[wrong])  # type: ignore[list-item]
     with pytest.raises(PredicateError, match="needs a function"):
         never("door open")  # type: ignore[arg-type]
