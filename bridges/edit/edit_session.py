@@ -58,7 +58,7 @@ class RedoEdits(msgspec.Struct, tag="redo"):
 
 
 class ReloadMachine(msgspec.Struct, tag="reload"):
-    """Let the live machine begin again as its bundle is now."""
+    """Restart the live machine from the current version of its bundle."""
 
     id: int
 

@@ -20,7 +20,7 @@ _PROCESSES = 4  # at once, each of which loads a machine
 
 
 class OpenedMachine(NamedTuple):
-    """A machine of an arrangement file, as a document, or with the reason why it is none."""
+    """A machine of an arrangement file: a document, or the reason why it cannot be opened."""
 
     planned: PlannedMachine
     document: Document | None

@@ -35,7 +35,7 @@ class _Post(NamedTuple):
 
 
 class PostDifference(NamedTuple):
-    """The first message that machines post otherwise than in the bag; None where there is none."""
+    """The first posted message that differs from the bag; None where one of the two has none."""
 
     slot: RecordedSlot
     number: int

@@ -1,7 +1,7 @@
-"""Through a recording in one thread, forwards only, as a process does that others are forked from.
+"""Go through a recording in one thread, forwards only: in a process from which others are forked.
 
-What cannot be answered at once leaves the functions that were asked: the machines go on, or another
-process does.
+A question that cannot be answered at once leaves the function by an exception: the machines go on,
+or another process answers.
 """
 
 from __future__ import annotations

@@ -137,7 +137,7 @@ class _WrittenScope(Scope):
 
 
 class _Nameable(ast.NodeTransformer):
-    """Give what the runtime calls by names that are none in Python, as ``A.count``, others."""
+    """Rename what the runtime calls by a name that Python does not allow, as ``A.count``."""
 
     def __init__(self, taken: set[str]):
         self._machine = "self"

@@ -1,4 +1,4 @@
-"""Finds what may be None and is used as if it never were, while nothing looks whether it is.
+"""Finds what may be None and is used as if it never were, while nothing checks for that.
 
 That is the value of a sensor without a default, and a field that may be None. One look anywhere in
 the machine is enough: in which states it has been looked at is not known here.

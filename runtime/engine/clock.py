@@ -27,7 +27,7 @@ NEVER: Final = -(2**63)
 class Clock(Protocol):
     """What the runtime needs of time. Whole nanoseconds from any fixed start, never going back.
 
-    They are less than 2**63: what that means is that they last for 292 years.
+    They are less than 2**63, which is 292 years.
     """
 
     def now_ns(self) -> int:

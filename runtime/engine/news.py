@@ -1,8 +1,8 @@
 """What ends an idle sleep early: news on a whiteboard for the machines of an arrangement.
 
 News is a message in a slot that one of them reads, added since their last round began. What they
-have posted themselves is none: a machine that posts at every turn what another one reads would
-else let the arrangement never sleep.
+post themselves does not count: else a machine that posts at every turn what another one reads
+would never let the arrangement sleep.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ _LOOK_S = 0.2
 class StopRequest:
     """Whether a stop was asked for: an event that one thread waits for, and a handler may set.
 
-    A `threading.Event` is none: a handler runs in the thread that it interrupts, and where that
+    A `threading.Event` will not do: a handler runs in the thread that it interrupts, and where that
     thread holds the event's lock, on its way into a wait, `set` would wait for it for ever.
     """
 

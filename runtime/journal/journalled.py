@@ -1,7 +1,7 @@
 """An environment that keeps a journal of what machines learn and do in another one.
 
 Machines learn from their sensors, the clock, machines of other processes and requests from
-outside: each of these is tapped where it passes, so that turns are given, and cost, as ever, but
+outside: each of these is tapped where it passes, so turns stay the same, and cost the same but
 for the journal.
 """
 

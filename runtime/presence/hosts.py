@@ -1,7 +1,7 @@
 """What other hosts have, read for as long as somebody looks at it.
 
-A host that is not eager receives the folders that are read on it. Who shows another host does not
-know these before: the hosts publish them.
+A host that is not eager receives the folders that are read on it. A viewer of another host does
+not know them in advance: the hosts publish them.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ __all__ = ["Reloads"]
 
 
 class Reloads:
-    """The machines of an arrangement that are asked to begin again as their bundles are now.
+    """Machines of an arrangement that are to restart from the current versions of their bundles.
 
     Each bundle is read from the folder from which it was loaded, and checked, in a thread. The
     machine takes its turns meanwhile, and goes on as it is if the bundle has an error.

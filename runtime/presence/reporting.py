@@ -51,7 +51,7 @@ _VARIABLES_NS = 100_000_000
 class _Tolerance:
     """Log once that the board is full or read-only: it must not stop a robot.
 
-    It is a class, as a generator costs a machine that waits a tenth of all that it does.
+    It is a class, because a generator would cost a machine that waits a tenth of all its time.
     """
 
     def __init__(self) -> None:

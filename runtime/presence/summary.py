@@ -1,7 +1,7 @@
 """A host's summary, for those who look at all hosts of a fleet: what it is up to, in a few lines.
 
-Who looks at a hundred hosts so receives one message per second of each, however many machines and
-slots these have.
+Whoever looks at a hundred hosts receives one message per second from each, however many machines
+and slots these have.
 """
 
 from __future__ import annotations

@@ -61,4 +61,4 @@ class EndlessError(VerificationError):
 
 
 class PredicateError(VerificationError):
-    """A property's function raised, returned no bool, or named what there is not."""
+    """A property's function raised, returned no bool, or named what does not exist."""

@@ -125,11 +125,11 @@ class MachineStatus(Message):
 class MachineRequest(Message):
     """A request to a machine; a later one replaces an earlier one.
 
-    A "reload" is to begin as its bundle is by then. Those from "pause" to "break" are for all
-    machines of its process. Pauses by "pause", "step" and the breakpoints of "break", and an
-    "override", last for `lease_s` seconds; "renew" lets them last so long from then on. `argument`
-    is what to step, the breakpoints, one to a line, the sensor to "release", or the one to
-    "override", then a space and the message, in JSON, that it finds.
+    A "reload" restarts it from the current version of its bundle. Those from "pause" to "break"
+    are for all machines of its process. Pauses by "pause", "step" and the breakpoints of "break",
+    and an "override", last for `lease_s` seconds; "renew" lets them last so long from then on.
+    `argument` is what to step, the breakpoints, one to a line, the sensor to "release", or the one
+    to "override", then a space and the message, in JSON, that it finds.
     """
 
     action: Action
