@@ -27,7 +27,6 @@ __all__ = [
 ]
 
 _HERE = (Path(),)
-_SHIPPED = "llfsm.machines"
 _PYTHON = ".py"
 _NOT_THEIRS = (*llfsm.__path__, "<frozen ", importlib.__file__)
 
@@ -86,9 +85,10 @@ def find_machine(name: str, folders: Sequence[Path] = _HERE) -> type[Machine]:
     if bundle is not None:
         return load_bundle(bundle)
     where, colon, attribute = name.partition(":")
-    shipped = importlib.import_module(_SHIPPED)
+    from llfsm import machines as shipped  # here, as it imports all of them
+
     if not colon and name in shipped.__all__:
-        where, attribute = _SHIPPED, name
+        return _machine_in(shipped, name, name)
     module = _module(where, name, folders, importable=bool(colon or attribute))
     if module is None:
         raise _unknown(name, shipped.__all__, folders)
@@ -116,7 +116,7 @@ def _module(
     where: str, name: str, folders: Sequence[Path], *, importable: bool
 ) -> ModuleType | None:
     """Return the module that `where` in `name` names: a file, or what an import finds."""
-    file = None if where == _SHIPPED else _module_file(where, folders)
+    file = _module_file(where, folders)
     if file is not None:
         return _import_file(file, name)
     if where.endswith(_PYTHON):
