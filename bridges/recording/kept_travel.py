@@ -13,8 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, NoReturn, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Protocol, Self
 
 from .errors import MachinesGoneError, MomentError
 from .hosted_travel import Moment, OtherMoment
@@ -40,7 +39,7 @@ class Travelled(Protocol):
         """Return itself."""
         ...
 
-    def __exit__(self, *_: Any) -> Literal[False]:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         ...
 
@@ -99,9 +98,8 @@ class InProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: Any) -> Literal[False]:
+    def __exit__(self, *_: object) -> None:
         self.close()
-        return False
 
     def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
         """Return what a method of what is asked returns; raise what it raises."""
@@ -149,14 +147,8 @@ class KeptTravel:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> Literal[False]:
+    def __exit__(self, *_: object) -> None:
         self.close()
-        return False
 
     @property
     def kept(self) -> KeptPoints:

@@ -10,8 +10,7 @@ import threading
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from types import TracebackType
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 from llfsm.runtime.debugging.debugger import Goal, Step
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
@@ -80,14 +79,8 @@ class Travel:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> Literal[False]:
+    def __exit__(self, *_: object) -> None:
         self._abandon()
-        return False
 
     @property
     def machine(self) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Self
 
 from llfsm.runtime.debugging.debugger import Debugger, Step
 from llfsm.runtime.engine.clock import Clock, DebugClock
@@ -52,15 +51,9 @@ class Session:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> Literal[False]:
+    def __exit__(self, *_: object) -> None:
         self.arrangement.stop("the debugger has ended")
         self._thread.join()
-        return False
 
     def break_at(self, *texts: str) -> None:
         """Replace all breakpoints; raise `BreakpointError`."""
