@@ -3,17 +3,16 @@
 ::
 
     LlfsmError
-    └── RecordingError             a recording cannot be made or used as requested
-        ├── RecordingFileError         the file cannot be read or written, or is not a recording
-        ├── McapMissingError           the library is not installed (also an ImportError)
-        ├── NoEventsError              it has no events from the machines' start: nothing to rerun
-        ├── OtherMachinesError         the machines given are not those recorded, or read
-        │                              what a bag does not have
-        ├── MomentError                there is no such moment to go to, or nothing to look at
-        └── MachinesGoneError          the process in which machines run again has ended
-
-    AssertionError
-    └── RerunError                 machines act differently from the recording
+    ├── RecordingError             a recording cannot be made or used as requested
+    │   ├── RecordingFileError         the file cannot be read or written, or is not a recording
+    │   ├── McapMissingError           the library is not installed (also an ImportError)
+    │   ├── NoEventsError              it has no events from the machines' start: nothing to rerun
+    │   ├── OtherMachinesError         the machines given are not those recorded, or read
+    │   │                              what a bag does not have
+    │   ├── MomentError                there is no such moment to go to, or nothing to look at
+    │   └── MachinesGoneError          the process in which machines run again has ended
+    └── RerunError                 machines act differently from the recording (also an
+                                   AssertionError)
 """
 
 from __future__ import annotations
@@ -60,5 +59,5 @@ class MachinesGoneError(RecordingError):
     """The process in which machines run again has ended."""
 
 
-class RerunError(AssertionError):
+class RerunError(LlfsmError, AssertionError):
     """Machines act differently from the recording; the message shows the first difference."""

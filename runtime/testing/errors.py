@@ -1,17 +1,19 @@
 """The errors of `llfsm.runtime.testing`.
 
-AssertionError               a machine does not behave as the test expects
-├── NotReachedError          a condition did not hold in time, or cannot hold any more
-├── StatesError              a machine entered other states
-└── InvariantError           an invariant was violated
-
-FsmError                     the test itself is wrong
-├── ScriptError              a script that cannot be played (also a ValueError)
-├── NotDeterministicError    the same script does not fail again
-└── HypothesisMissingError   the search needs hypothesis (also an ImportError)
+LlfsmError
+├── a machine does not behave as the test expects (also an AssertionError)
+│   ├── NotReachedError          a condition did not hold in time, or cannot hold any more
+│   ├── StatesError              a machine entered other states
+│   └── InvariantError           an invariant was violated
+└── FsmError                 the test itself is wrong
+    ├── ScriptError              a script that cannot be played (also a ValueError)
+    ├── NotDeterministicError    the same script does not fail again
+    └── HypothesisMissingError   the search needs hypothesis (also an ImportError)
 """
 
 from __future__ import annotations
+
+from llfsm.errors import LlfsmError
 
 from ..engine.errors import FsmError
 
@@ -25,15 +27,15 @@ __all__ = [
 ]
 
 
-class NotReachedError(AssertionError):
+class NotReachedError(LlfsmError, AssertionError):
     """A condition did not hold in time; the text has the state of each machine."""
 
 
-class StatesError(AssertionError):
+class StatesError(LlfsmError, AssertionError):
     """A machine entered other states than expected; the text has the difference."""
 
 
-class InvariantError(AssertionError):
+class InvariantError(LlfsmError, AssertionError):
     """An invariant was violated; the text has the ringlet and the state of each machine."""
 
 

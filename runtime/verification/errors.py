@@ -1,20 +1,22 @@
 """The errors of `llfsm.runtime.verification`.
 
-AssertionError             the machines are not as they should be
-└── PropertyError          a property does not hold; the text has the shortest counterexample
-
-FsmError                   nothing can be said about the machines
-└── VerificationError
-    ├── DomainError        a sensor has no domain, or a wrong one
-    ├── UnsupportedError   a machine does what cannot be explored
-    ├── RepeatError        a machine's code depends on more than verification knows of
-    ├── EndlessError       a variable keeps growing
-    └── PredicateError     a property raises, returns no bool, or names what there is not
+LlfsmError
+├── PropertyError              a property does not hold; the text has the shortest
+│                              counterexample (also an AssertionError)
+└── FsmError
+    └── VerificationError      nothing can be decided about the machines
+        ├── DomainError        a sensor has no domain, or a wrong one
+        ├── UnsupportedError   a machine does what cannot be explored
+        ├── RepeatError        a machine's code depends on more than verification sees
+        ├── EndlessError       a variable keeps growing
+        └── PredicateError     a property raises, returns no bool, or names what does not exist
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from llfsm.errors import LlfsmError
 
 from ..engine.errors import FsmError
 
@@ -32,7 +34,7 @@ __all__ = [
 ]
 
 
-class PropertyError(AssertionError):
+class PropertyError(LlfsmError, AssertionError):
     """A property does not hold, or could not be decided; `verdicts` are those of all."""
 
     def __init__(self, text: str, verdicts: tuple[Verdict, ...]):

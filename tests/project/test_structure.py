@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import json
 import os
 import re
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from definition import BUILT
+from llfsm.errors import LlfsmError
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("whiteboard", "runtime", "bridges", "machines")
@@ -93,6 +95,19 @@ def test_the_root_of_errors_imports_nothing_of_ours() -> None:
     modules = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     assert {module.partition(".")[0] for module in modules} <= sys.stdlib_module_names
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.Import)]
+
+
+@pytest.mark.parametrize(
+    "path", sorted(ROOT.glob("src/llfsm/*/**/errors.py")), ids=lambda path: path.parent.name
+)
+def test_every_error_has_one_root(path: Path) -> None:
+    """Also those that a test fails by: an `AssertionError` alone would be no error of ours."""
+    parts = path.relative_to(ROOT / "src").with_suffix("").parts
+    module = importlib.import_module(".".join(parts))
+    found = [getattr(module, name) for name in module.__all__]
+    errors = [each for each in found if isinstance(each, type) and not issubclass(each, Warning)]
+    assert [each for each in errors if not issubclass(each, LlfsmError)] == []
+    assert errors
 
 
 @pytest.mark.skipif(not BUILT, reason="the extensions are hidden, and cannot be imported")
