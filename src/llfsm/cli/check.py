@@ -83,7 +83,7 @@ def _check_verification(file: Path, plan: Plan) -> list[Finding]:
     """Check what a file says of verification: the names and the domains, not the properties."""
     if plan.verify is None:
         return []
-    from .verify.subject import VerifiedMachines  # which takes a moment to import
+    from .verify.verified_machines import VerifiedMachines  # which takes a moment to import
 
     try:
         VerifiedMachines([str(file)], Verification()).options()

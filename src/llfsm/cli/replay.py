@@ -15,10 +15,10 @@ from llfsm.bridges.recording.reader import Recording
 from llfsm.runtime.engine.signals import stop_on_signals
 from llfsm.whiteboard.schema import to_plain
 
+from .board_tables import OWN_SLOTS
 from .bridge.configured import Configured
 from .numbers import Number
 from .options import BoardPlace, board_option, recording_argument, slots_option, topics_option
-from .tables import OWN_SLOTS
 
 __all__ = ["replay"]
 

@@ -10,9 +10,9 @@ import click
 
 from llfsm.runtime.engine.signals import stop_on_signals
 
+from .board_tables import Watcher, machine_table, slot_table
 from .options import BoardPlace, board_option, fleet_option, host_option
 from .ps import shown_of
-from .tables import Watcher, machine_table, slot_table
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

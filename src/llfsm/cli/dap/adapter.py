@@ -21,7 +21,7 @@ from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
 
-from ..debug.session import Session, clock_of
+from ..debug.debug_session import Session, clock_of
 from ..run.arguments import parse_arguments
 from ..run.recorder_process import recorded
 from .framing import Message, MessageStream, ProtocolError

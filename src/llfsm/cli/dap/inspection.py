@@ -13,7 +13,7 @@ from llfsm.runtime.debugging.published_causes import why_of
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard import Message as BoardMessage
 
-from ..debug.session import Session
+from ..debug.debug_session import Session
 from .framing import Message, ProtocolError
 from .places import section_at, state_at
 

@@ -21,8 +21,8 @@ from llfsm.errors import LlfsmError
 from ..options import BoardPlace, board_option, break_option, given_option, trust_option
 from ..run.arguments import parse_arguments
 from ..run.recorder_process import recorded
+from .debug_session import Session, clock_of
 from .prompt import LivePrompt, Prompt
-from .session import Session, clock_of
 
 if TYPE_CHECKING:
     from .travel_prompt import AskedPrompt

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from llfsm.runtime.debugging.debugger import Debugger, Step
     from llfsm.runtime.engine.arrangement import Arrangement
 
-    from .session import Session
+    from .debug_session import Session
 
 __all__ = [
     "LAST",

@@ -17,10 +17,10 @@ from llfsm.whiteboard import BoardError, BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.shared import boards
 
+from ..board_tables import Watcher
 from ..numbers import Number
 from ..options import BoardPlace, board_option, given_option, local_option
 from ..page import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
-from ..tables import Watcher
 from .processes import Processes
 from .ros_graph import RosGraph, ros_options
 from .screen import LiveBoard, show
@@ -151,7 +151,7 @@ def _run_locally(
     from llfsm.bridges.turtlesim.simulator import Simulator  # here, as other demos run none
 
     from ..turtlesim import draw_field
-    from .local import Threads
+    from .local_demo import Threads
 
     with ExitStack() as stack:
         board = stack.enter_context(Whiteboard.local("demo"))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 import click
 
+from ..board_tables import Watcher, machine_table, slot_table, turtle_field
 from ..options import BoardPlace
-from ..tables import Watcher, machine_table, slot_table, turtle_field
 from .processes import ProcessStatus
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from llfsm.runtime.verification.exporting import EXPORTS
 
 from ..numbers import Integer, Number
 from .report import as_data, as_text
-from .subject import VerifiedMachines
+from .verified_machines import VerifiedMachines
 
 __all__ = ["verify"]
 
