@@ -22,7 +22,7 @@ from ..numbers import Number
 from ..options import BoardPlace, board_option, given_option, local_option
 from ..page import TOKEN_VARIABLE, VIEW_PORT, page_address, page_token
 from .processes import Processes
-from .ros_graph import RosGraph, ros_options
+from .ros_graph import RosGraph, graph_options
 from .screen import LiveBoard, show
 
 __all__ = ["demo"]
@@ -70,7 +70,7 @@ class _EndError(Exception):
     help="Record it for llfsm rerun; not with --ros.",
 )
 @local_option
-@ros_options
+@graph_options
 def demo(
     name: str,
     seconds: float | None,

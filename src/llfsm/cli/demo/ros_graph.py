@@ -16,7 +16,7 @@ from ..options import BoardPlace
 from ..ros_options import Command, domain_option, transport_option
 from .processes import Processes
 
-__all__ = ["RosGraph", "ros_options"]
+__all__ = ["RosGraph", "graph_options"]
 
 _DOMAIN = 99  # hardly used elsewhere; the highest that DDS supports on every system is 101
 _LOOK_S = 0.05
@@ -80,7 +80,7 @@ class RosGraph(NamedTuple):
         return options
 
 
-def ros_options(command: Command) -> Command:
+def graph_options(command: Command) -> Command:
     """Add the options of a :class:`RosGraph`, which reach the command as ``graph``, and ``--ros``.
 
     Without ``--ros``, ``graph`` is None and the other options are refused.
