@@ -22,6 +22,8 @@ __all__ = ["Observed"]
 class Observed:
     """Machines that observers and an instrument may watch, in an environment that may change."""
 
+    unobserved = staticmethod(ringlet)
+    """A turn that nobody observes: the ringlet, or its twin."""
     environment: Environment
     observers: Observers
     instrument: Instrument | None
@@ -59,4 +61,4 @@ class Observed:
     def _bind_all(self) -> None:
         for seat in self._roster:
             self.bind(seat)
-        self._turn: Callable[[Seat], bool] = observed_ringlet if self.observers else ringlet
+        self._turn: Callable[[Seat], bool] = observed_ringlet if self.observers else self.unobserved

@@ -42,6 +42,7 @@ class Ringlets(Arrangement):
     """An arrangement that runs ringlets from any standing."""
 
     environment: ExploredEnvironment
+    unobserved = staticmethod(ringlet)  # the definition: its twin in C knows no opaque time
 
     def __init__(
         self,
@@ -275,10 +276,6 @@ class Ringlets(Arrangement):
     def abandon(self, name: str, caller: Seat | None = None) -> bool:
         """Refuse."""
         self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
-
-    def _bind_all(self) -> None:
-        super()._bind_all()
-        self._turn = ringlet  # the definition: its twin in C knows no opaque time
 
     def _fail(self, seat: Seat, error: ExecutionError) -> None:
         if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
