@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Execution"]
 
 _NAP_NS = 20_000_000  # a sleep is cut into these, to notice a stop, a request or the board's end
+_EARLY_NS = 100_000  # before a turn in real time, to have what it needs in the caches
 _FOREVER_NS = 2**63 - 1
 _BUSY_ROUNDS = 64  # rounds without a sleep after which to check that the world still exists
 
@@ -85,10 +86,13 @@ class Execution:
 
     def sleep_to_turn(self, due_ns: int) -> bool:
         """Sleep until a turn is due, also while stopping; False if there is to be none any more."""
+        arrangement = self._arrangement
         left_ns = due_ns - self._now()
         if left_ns > 0:
             self._report_sleep(left_ns)
-        self._nap(due_ns, self._is_over, self._arrangement.clock.sleep_until_ns)
+        if arrangement.realtime is not None:
+            self._nap(due_ns - _EARLY_NS, self._is_over, arrangement.clock.sleep_until_ns)
+        self._nap(due_ns, self._is_over, arrangement.clock.sleep_until_ns)
         return not self._is_over()
 
     def beat(self) -> None:

@@ -56,6 +56,13 @@ class Looks(Machine):
     a.to(b)
 
 
+class Stays(Machine):
+    """Never accept."""
+
+    a, b = State(), State()
+    a.to(b, when=lambda m: False)
+
+
 @needs_the_right
 def test_a_run_has_its_priority_and_its_core() -> None:
     machine = Looks()
@@ -81,6 +88,36 @@ def test_memory_is_locked_meanwhile() -> None:
     with in_real_time(1, None):
         assert locked_kb() > before + 1000
     assert locked_kb() == before
+
+
+class Sleeps(ManualClock):
+    """Note when its sleeps were to end."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.deadlines_us: list[int] = []
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self.deadlines_us.append(deadline_ns // 1000)
+        super().sleep_until_ns(deadline_ns)
+
+
+@needs_the_right
+@pytest.mark.parametrize(
+    ("period_us", "realtime", "sleeps_us"),
+    [
+        (1000, 1, [900, 1000, 1900, 2000]),
+        (100, 1, [100, 200]),
+        (1000, None, [1000, 2000]),
+    ],
+)
+def test_a_run_is_awake_shortly_before_a_turn(
+    period_us: int, realtime: int | None, sleeps_us: list[int]
+) -> None:
+    """Awake, it looks after what others want, and sleeps again with warm caches."""
+    clock = Sleeps()
+    Arrangement([Stays], clock=clock, period_us=period_us, realtime=realtime).run(max_rounds=3)
+    assert clock.deadlines_us == sleeps_us
 
 
 class Knot:
