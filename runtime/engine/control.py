@@ -31,6 +31,8 @@ class Control:
     and questions also reach machines that other processes run in the same environment.
     """
 
+    realtime: int | None
+    cpu: int | None
     instrument: Instrument | None
     _stopwatch: Stopwatch | None
     """What times the turns, if anything does."""
@@ -41,6 +43,7 @@ class Control:
         self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
         self.rounds = 0
         self.stopping = False
+        self.in_real_time = False  # whether `run` has the rights for it, or had
         self.paused = ""
         """Why no machine has a turn, while a debugger has paused them."""
 
@@ -90,6 +93,14 @@ class Control:
             seat.stopping = seat.machine.stopping = True
             self._stopped.append((self.clock.now_ns(), seat))
             self.environment.wake()
+
+    @property
+    def achieved(self) -> tuple[int | None, int | None]:
+        """The priority of SCHED_FIFO that turns have in `run`, and their only core; None without.
+
+        After the end, those that they had.
+        """
+        return (self.realtime, self.cpu) if self.in_real_time else (None, None)
 
     @property
     def asked_to_stop(self) -> bool:
@@ -258,7 +269,8 @@ class Control:
         """
         if self._stopwatch is None:
             raise OptionError("turns are not timed: make the Arrangement with timed=True")
-        return self._stopwatch.read()
+        priority, cpu = self.achieved
+        return tuple(each._replace(realtime=priority, cpu=cpu) for each in self._stopwatch.read())
 
     def progress(self, name: str) -> tuple[int, int]:
         """Return the numbers of ringlets and of overruns of a loaded machine."""

@@ -53,6 +53,7 @@ class Execution:
                 stack.callback(self._watchdog.stop)
             if realtime is not None:  # this thread alone, not the watchdog's
                 stack.enter_context(in_real_time(realtime, self._arrangement.cpu))
+                self._arrangement.in_real_time = True
             return self._run(max_rounds)
 
     def _run(self, max_rounds: int | None) -> Reason:

@@ -25,6 +25,7 @@ class MachineStatistics(NamedTuple):
     from the planned one, and `overruns` counts the turns that ended after their deadline, the
     worst of them by `worst_overrun_us`. `late_us` is by how much turns began after they were due;
     `late_counts` counts those that were late by less than 1 us, less than 2 us, 4 us and so on.
+    `realtime` is the priority of SCHED_FIFO that turns had, and `cpu` their only core, if any.
     """
 
     machine: str
@@ -37,6 +38,8 @@ class MachineStatistics(NamedTuple):
     worst_overrun_us: float
     late_us: Spread | None = None
     late_counts: tuple[int, ...] = ()
+    realtime: int | None = None
+    cpu: int | None = None
 
 
 class Meter(MeterFields):

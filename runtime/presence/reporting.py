@@ -356,6 +356,7 @@ class Presence:
     def _status(self, name: str, latest: Published, arrival: Arrival) -> MachineStatus:
         now_ns = self._machine_now()
         ringlets, overruns = self._arrangement.progress(name)
+        realtime, cpu = self._arrangement.achieved
         entered_ns = now_ns if latest.entered_ns is None else latest.entered_ns
         return MachineStatus(
             state=latest.state,
@@ -378,8 +379,8 @@ class Presence:
             overridden=tuple(self._overridden(name, sensor) for sensor in latest.overridden),
             caller=latest.caller,
             refusal=latest.refusal,
-            realtime=self._arrangement.realtime or 0,
-            cpu=-1 if self._arrangement.cpu is None else self._arrangement.cpu,
+            realtime=realtime or 0,
+            cpu=-1 if cpu is None else cpu,
             error=latest.hang or ("" if latest.failure is None else one_line(latest.failure.error)),
             error_state="" if latest.failure is None else latest.failure.error.state,
             error_s=0.0 if latest.failure is None else (now_ns - latest.failure.time_ns) / 1e9,

@@ -218,6 +218,16 @@ def test_bad_input_is_one_clear_error(
     assert done.stdout == ""
 
 
+@pytest.mark.parametrize("core", ["9999", str(10**20)])
+def test_a_core_that_is_not_there_is_all_that_is_printed(
+    llfsm: Llfsm, board: str, core: str
+) -> None:
+    options = ["--realtime", "--cpu", core, "-t"]
+    done = llfsm.run("run", "-q", "mine:Counter", "-b", board, *options)
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"Error: core {core} cannot be used; this process has: ")
+
+
 def test_an_error_in_user_code_names_file_and_line(llfsm: Llfsm, board: str) -> None:
     line = next(n for n, text in enumerate(MODULE.splitlines(), 1) if "1 / 0" in text)
     done = llfsm.run("run", "-q", "mine:Broken", "-b", board)

@@ -71,6 +71,27 @@ def test_a_run_has_its_priority_and_its_core() -> None:
 
 
 @needs_the_right
+def test_statistics_show_what_was_achieved() -> None:
+    """Which a round without `run` does not ask for."""
+    arrangement = Arrangement([Looks], clock=ManualClock(), realtime=7, cpu=CORE, timed=True)
+    arrangement.round()
+    [found] = arrangement.statistics()
+    assert (found.realtime, found.cpu) == (None, None)
+    arrangement.run()
+    [found] = arrangement.statistics()
+    assert (found.realtime, found.cpu) == (7, CORE)
+
+
+def test_statistics_show_no_more_than_that() -> None:
+    arrangement = Arrangement([Looks], clock=ManualClock(), realtime=7, cpu=9999, timed=True)
+    arrangement.round()
+    with pytest.raises(RealtimeError):
+        arrangement.run()
+    [found] = arrangement.statistics()
+    assert (found.realtime, found.cpu) == (None, None)
+
+
+@needs_the_right
 def test_threads_and_processes_of_a_run_are_ordinary() -> None:
     with in_real_time(7, None):
         code = "import os; print(os.sched_getscheduler(0))"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "StateReport",
     "SuspensionReport",
+    "conditions",
     "latency_drawing",
     "log_to_console",
     "timing_table",
@@ -108,6 +109,15 @@ def timing_table(machines: Iterable[MachineStatistics]) -> str:
         cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
         lines += ["  ".join(cells), *states]
     return "\n".join(lines)
+
+
+def conditions(machines: Iterable[MachineStatistics]) -> str:
+    """Return in which real time turns were given, if in any: all machines have the same."""
+    for machine in machines:
+        if machine.realtime is not None:
+            core = "" if machine.cpu is None else f" on core {machine.cpu}"
+            return f"in real time: FIFO {machine.realtime}{core}, memory locked"
+    return ""
 
 
 def latency_drawing(machines: Iterable[MachineStatistics]) -> str:

@@ -16,7 +16,7 @@ from llfsm.runtime.plans.plan import Plan, assemble
 
 from ..ending import SIGNALS, ending_once
 from .arguments import ResolvedPlan
-from .report import StateReport, SuspensionReport, latency_drawing, timing_table
+from .report import StateReport, SuspensionReport, conditions, latency_drawing, timing_table
 
 __all__ = ["Reports", "load_machines", "run_machines"]
 
@@ -64,8 +64,9 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
     finally:
         if timed:
             found = arrangement.statistics()
-            texts = (timing_table(found), latency_drawing(found))
-            click.echo("\n".join(filter(None, texts)), err=True)
+            if found:
+                texts = (timing_table(found), conditions(found), latency_drawing(found))
+                click.echo("\n".join(filter(None, texts)), err=True)
     if arrangement.reason is Reason.FAILED:
         failed = ", ".join(arrangement.failed_machines)
         raise click.ClickException(
