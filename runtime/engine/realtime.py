@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 
@@ -72,11 +73,18 @@ def _lock_memory(undo: ExitStack) -> None:
 
         limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
         raise RealtimeError(
-            f"memory cannot be locked ({reason}; the limit is {limit >> 10} kB): put "
-            f"`@realtime - memlock unlimited` into /etc/security/limits.conf, or run "
-            f"`setcap cap_ipc_lock,cap_sys_nice+ep` on Python"
+            f"memory cannot be locked ({reason}; the limit is {limit >> 10} kB): "
+            f"{_how_to_get('memlock unlimited', 'IPC_LOCK')}"
         )
     undo.callback(libc.munlockall)
+
+
+def _how_to_get(limit: str, capability: str) -> str:
+    python = os.path.realpath(sys.executable)  # a link to it, as in a venv, can have none
+    return (
+        f"put `@realtime - {limit}` into /etc/security/limits.conf, or run "
+        f"`setcap cap_ipc_lock,cap_sys_nice+ep {python}`; in a container, allow {capability}"
+    )
 
 
 def _schedule(priority: int, undo: ExitStack) -> None:
@@ -95,9 +103,8 @@ def _schedule(priority: int, undo: ExitStack) -> None:
         os.sched_setscheduler(0, fifo, os.sched_param(priority))
     except OSError as error:
         raise RealtimeError(
-            f"the priority {priority} of SCHED_FIFO was refused ({error.strerror}): put "
-            f"`@realtime - rtprio {priority}` into /etc/security/limits.conf, or run "
-            f"`setcap cap_ipc_lock,cap_sys_nice+ep` on Python; in a container, allow SYS_NICE"
+            f"the priority {priority} of SCHED_FIFO was refused ({error.strerror}): "
+            f"{_how_to_get(f'rtprio {priority}', 'SYS_NICE')}"
         ) from error
     undo.callback(restore)
 

@@ -208,6 +208,7 @@ def refusal(capability: int, limit: int, most: int) -> str:
     done = subprocess.run(command, capture_output=True, text=True, check=True, preexec_fn=renounce)
     refused, after = done.stdout.splitlines()
     assert "/etc/security/limits.conf" in refused
+    assert f"+ep {os.path.realpath(sys.executable)}`" in refused
     assert after == f"{len(os.sched_getaffinity(0))} True"
     return refused
 
