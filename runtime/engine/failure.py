@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from .errors import ExecutionError, GuardResultError, ObserverError
@@ -29,8 +29,8 @@ def logger() -> Logger:
 
 
 def one_line(error: BaseException) -> str:
-    """Return an error's message in one line, and not too long a one."""
-    line = " ".join(str(error).split())
+    """Return an error's message in one line, and not too long a one; UTF-8 can be made of it."""
+    line = " ".join(str(error).split()).encode(errors="backslashreplace").decode()
     if len(line) <= _LONGEST:
         return line
     half = _LONGEST // 2
@@ -56,7 +56,7 @@ def explain(seat: Seat, state: BoundState, code: object, error: BaseException) -
             filename, line = file, trace.tb_lineno
             break
         trace = trace.tb_next
-    what = f"{type(error).__name__}: {error}"
+    what = f"{type(error).__name__}: {_text(str, error)}"
     explained = ExecutionError(what, seat.name, where, step, filename, line)
     explained.__cause__ = error
     return explained
@@ -67,8 +67,16 @@ def not_a_bool(seat: Seat, state: BoundState, guard: object, value: object) -> G
     where, step = place_of(seat, state, guard)
     number = next(i for i, (_, bound, _) in enumerate(state.transitions) if bound is guard)
     filename, line = seat.declared(state).transitions[number].location
-    what = f"the guard returned {value!r}, a {type(value).__name__}; it must return True or False"
+    what = f"the guard returned {_text(repr, value)}, a {type(value).__name__}; "
+    what += "it must return True or False"
     return GuardResultError(what, seat.name, where, step, filename, line)
+
+
+def _text(describe: Callable[[object], str], value: object) -> str:
+    try:
+        return describe(value)
+    except Exception as error:  # of a class of the machine's own
+        return f"({type(error).__name__} while it was described)"
 
 
 def place_of(seat: Seat, state: BoundState, code: object) -> tuple[str, str]:

@@ -23,6 +23,7 @@ from llfsm.runtime import (
     define,
 )
 from llfsm.runtime.engine.events import Failed
+from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Message, Slot, Whiteboard
 
 
@@ -141,6 +142,33 @@ def test_a_guard_that_returns_no_bool(value: Any, observed: bool):
         M.maybe.__code__.co_firstlineno,
     )
     assert type(value).__name__ in str(caught.value)
+
+
+class Undescribed(Exception):  # noqa: N818
+    def __str__(self) -> str:
+        raise OSError
+
+    __repr__ = __str__
+
+
+def test_what_cannot_be_described_is_contained_too(caplog: pytest.LogCaptureFixture):
+    def section(machine: Machine) -> None:
+        raise Undescribed
+
+    s0, t0 = State("S0"), State("T0")
+    s0.on_entry(section)
+    s0.to(s0, when=lambda m: False)
+    t0.to(t0, when=Undescribed)
+    raises, returns = define("Raises", [s0]), define("Returns", [t0])
+    arrangement = Arrangement([raises, returns], on_error="suspend")
+    arrangement.round()
+    assert "OnEntry: Undescribed: (OSError while it was described)" in caplog.text
+    assert "the guard returned (OSError while it was described), a Undescribed" in caplog.text
+    assert arrangement.failed_machines == ["Raises", "Returns"]
+
+
+def test_a_failure_in_one_line_can_be_published_whatever_is_in_it():
+    assert one_line(ValueError("\udcff\x00\n bad")).encode() == b"\\udcff\x00 bad"
 
 
 def test_a_function_in_two_places_of_one_state_gives_both():
