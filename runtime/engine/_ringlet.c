@@ -106,13 +106,13 @@ static bool enter(struct ringlet *self) /* 4 */
 /* 1 if more time has passed in the state, 0 if not, -1 after an error. */
 static int is_later(const Record *seat, PyObject *limit)
 {
-    long long now_ns, entered_ns, limit_ns = PyLong_AsLongLong(limit);
+    long long now_ns, entered_ns, passed_ns, limit_ns = PyLong_AsLongLong(limit);
     if (!read_clock(seat->now, &now_ns))
         return -1;
     entered_ns = seat->entered_ns ? PyLong_AsLongLong(seat->entered_ns) : -1;
     if ((entered_ns == -1 || limit_ns == -1) && PyErr_Occurred())
         return -1;
-    return now_ns - entered_ns > limit_ns;
+    return __builtin_sub_overflow(now_ns, entered_ns, &passed_ns) || passed_ns > limit_ns;
 }
 
 /* 1 if the guard returns True, 0 if False, -1 after an error. */

@@ -285,6 +285,25 @@ def test_an_arrangement_that_nobody_holds_is_freed(kind: type[Arrangement]) -> N
     assert [each() for each in left] == [None, None]
 
 
+@pytest.mark.parametrize("kind", [Arrangement, Defined])
+def test_a_state_without_a_clock_has_lasted_for_ever(kind: type[Arrangement]) -> None:
+    """In a round nested in OnSuspend, before the suspend state's clock starts."""
+
+    class Nests(Machine):
+        a = State()
+        away = State(suspend=True)
+        away.to(a, after_ms=0)
+
+        @a.on_suspend
+        def _(self) -> None:
+            fired.append(arrangement.round())
+
+    fired: list[bool] = []
+    arrangement = kind(start_suspended=[Nests], clock=ManualClock())
+    arrangement.round()
+    assert fired == [True]
+
+
 def loaded() -> tuple[Arrangement, Any]:
     arrangement = Arrangement([Busy], whiteboard=Whiteboard.local(), timed=True)
     return arrangement, arrangement.machines[0]._seat
