@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
+from threading import get_ident
 from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeVar, Unpack
 
 from .clock import Clock
@@ -253,7 +254,7 @@ class Arrangement(Rotation, Observed, Control):
         """
         if self.reason is not None:
             self._refuse()
-        reason = Reason.INTERRUPTED
+        reason, self._thread = Reason.INTERRUPTED, get_ident()
         with stop_on_signals(partial(stop_by_signal, self), self._critical):
             try:
                 self._execution = Execution(self, grace_s, self.watchdog_ms)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
 from .clock import Clock
@@ -43,6 +44,7 @@ class Control:
         self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
         self.rounds = 0
         self.stopping = False
+        self._thread: int | None = None  # that of `run`
         self.in_real_time = False  # whether `run` has the rights for it, or had
         self.paused = ""
         """Why no machine has a turn, while a debugger has paused them."""
@@ -76,14 +78,14 @@ class Control:
         self.environment.requested("hold", name)
         seat = self._roster.find(name)
         seat.held = True
-        seat.schedule(Request.SUSPEND)
+        self._schedule(seat, Request.SUSPEND)
 
     def suspend_all(self, caller: Seat | None = None) -> None:
         """Have every machine suspended but the one in seat `caller`."""
         for seat in self._roster.named.values():
             if seat is not caller:
                 self.environment.requested("suspend", seat.name)
-                seat.schedule(Request.SUSPEND)
+                self._schedule(seat, Request.SUSPEND)
 
     def stop_machine(self, name: str) -> None:
         """Ask one machine to reach an accepting state; `run` unloads it after the grace period."""
@@ -319,4 +321,14 @@ class Control:
         seat = self._roster.named.get(name)
         if seat is None:
             return self.environment.elsewhere(name, self._roster.named).request(request.value)
-        return seat.schedule(request)
+        return self._schedule(seat, request)
+
+    def _schedule(self, seat: Seat, request: Request) -> Status:
+        """Schedule a request; one of another thread than that of the turns ends an idle sleep.
+
+        One of a machine's code does not: it is for the next round, as what machines post.
+        """
+        status = seat.schedule(request)
+        if self._thread not in (None, get_ident()):
+            self.environment.wake()
+        return status

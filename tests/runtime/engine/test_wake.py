@@ -261,6 +261,30 @@ def test_a_request_to_another_process_does_not_end_it(board: Board) -> None:
 
 
 @pytest.mark.parametrize("on_board", [True, False])
+@pytest.mark.parametrize("ask", [Arrangement.suspend, Arrangement.hold, Arrangement.restart])
+def test_a_request_of_another_thread_ends_it(
+    board: Board, on_board: bool, ask: Callable[[Arrangement, str], object]
+) -> None:
+    with running(Stops, Ends, whiteboard=board if on_board else None) as (arrangement, sleeps):
+        sleeps.acquire()
+        ask(arrangement, "Stops")
+        sleeps.acquire()
+        assert arrangement.standing("Stops").request is None
+
+
+def test_a_request_of_a_machine_does_not_end_it(board: Board) -> None:
+    class Asks(Stops):
+        @Stops.state.internal
+        def _(self) -> None:
+            self.restart("Stops")
+
+    with running(Stops, Asks, whiteboard=board) as (arrangement, sleeps):
+        sleeps.acquire()
+        assert not sleeps.acquire(timeout=0.1)  # less only makes this test weaker
+        assert arrangement.standing("Stops").request == "restart"
+
+
+@pytest.mark.parametrize("on_board", [True, False])
 @pytest.mark.parametrize("unload", [True, False])
 @pytest.mark.parametrize("callee", [Ends, Raises])
 def test_the_end_of_a_called_machine_ends_it(
