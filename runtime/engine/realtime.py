@@ -41,10 +41,16 @@ def in_real_time(priority: int, cpu: int | None) -> Iterator[None]:
 
 def check_real_time(priority: int | None, cpu: int | None) -> None:
     """Raise `OptionError` if an arrangement cannot have these options."""
-    if priority is not None and not 1 <= priority <= 99:
-        raise OptionError(f"realtime is {priority}; a priority is from 1 to 99")
+    if priority is not None and not (_is_number(priority) and 1 <= priority <= 99):
+        raise OptionError(f"realtime is {priority!r}; a priority is from 1 to 99")
+    if cpu is not None and not (_is_number(cpu) and cpu >= 0):
+        raise OptionError(f"cpu is {cpu!r}; a core is a number from 0")
     if cpu is not None and priority is None:
         raise OptionError("cpu is given without realtime")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)  # True is no priority of 1
 
 
 def collect_if_due() -> None:

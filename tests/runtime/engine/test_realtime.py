@@ -11,6 +11,7 @@ import sys
 import weakref
 from collections.abc import Iterator
 from functools import cache
+from typing import Any
 
 import pytest
 
@@ -231,9 +232,13 @@ def test_a_priority_that_is_refused_is_an_error() -> None:
     [
         ({"realtime": 0}, "realtime is 0; a priority is from 1 to 99"),
         ({"realtime": 100}, "realtime is 100; a priority is from 1 to 99"),
+        ({"realtime": True}, "realtime is True; a priority is from 1 to 99"),
+        ({"realtime": "50"}, "realtime is '50'; a priority is from 1 to 99"),
+        ({"realtime": 1, "cpu": -1}, "cpu is -1; a core is a number from 0"),
+        ({"realtime": 1, "cpu": False}, "cpu is False; a core is a number from 0"),
         ({"cpu": 0}, "cpu is given without realtime"),
     ],
 )
-def test_impossible_options(options: dict[str, int], message: str) -> None:
+def test_impossible_options(options: dict[str, Any], message: str) -> None:
     with pytest.raises(OptionError, match=message):
         Arrangement([Looks], **options)
