@@ -251,7 +251,8 @@ def _schedule(pace: Pace) -> Iterator[Row]:
 def _lateness(pace: Pace) -> Iterator[Row]:
     """Let ten machines keep a period of 1 ms, and a loop in C that only sleeps, in turns.
 
-    What is late is a round's begin, with its first turn; the loop, too, wakes once a period.
+    What is late is a round's begin, with its first turn. The loop wakes once a period; so do the
+    machines, but in real time once more, shortly before.
     """
     rounds = str(_STARTING + _ROUNDS)
     script = str(Path(__file__).with_name("schedule.py"))
