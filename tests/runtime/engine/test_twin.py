@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import re
 import sys
 import weakref
 from collections.abc import Callable, Iterator
@@ -33,15 +34,15 @@ deeds = st.one_of(
     st.tuples(st.just("change left"), st.none()),
     st.tuples(st.sampled_from(["suspend", "resume", "restart", "abandon", "unload"]),
               st.sampled_from(NAMES)),
-    st.tuples(st.sampled_from(["load", "leave"]), st.none()),
+    st.tuples(st.sampled_from(["load", "call", "leave", "suspend all", "round"]), st.none()),
     st.tuples(st.just("wait"), st.integers(0, 20)),
-    st.tuples(st.just("raise"), st.none()),
+    st.tuples(st.just("raise"), st.sampled_from([RuntimeError, KeyboardInterrupt, SystemExit])),
 )  # fmt: skip
 guards = st.one_of(
     st.none(),
     st.booleans(),
     st.tuples(st.sampled_from(["left", "right"]), st.integers(0, 3)),
-    st.sampled_from([1, "yes", "raise"]),
+    st.sampled_from([1, "yes", "raise", "yield"]),
 )
 sections = st.dictionaries(st.sampled_from(SECTIONS), st.lists(deeds, min_size=1, max_size=2))
 transitions = st.lists(
@@ -65,6 +66,11 @@ happenings = st.lists(
     min_size=1,
     max_size=8,
 )
+
+
+def text(value: object) -> str:
+    """Return a value's text without the addresses of objects."""
+    return re.sub("at 0x[0-9a-f]+", "", str(value))
 
 
 class World:
@@ -128,18 +134,26 @@ class World:
             case "load":
                 if self.arrangement.number_of_machines < 6:
                     machine.load("A")
+            case "call":
+                if self.arrangement.number_of_machines < 6:
+                    machine.call_machine("A")
+            case "suspend all":
+                machine.suspend_all()
+            case "round":
+                if len(self.did) < 40 and "period_us" not in self.schedule:
+                    self.did.append(self.arrangement.round())
             case "leave":
                 machine.unload(machine.name)
             case "abandon":
                 if self.arrangement.rounds < 4 and len(self.did) < 60:
                     machine.abandon(argument)
             case "raise":
-                raise RuntimeError("on purpose")
+                raise argument("on purpose")
             case _:
                 getattr(machine, verb)(argument)
 
     def observe(self, event: events.Event) -> None:
-        self.did.append(repr(event))
+        self.did.append(text(event))
 
     def guard(self, drawn: Any) -> Callable[[Any], Any]:
         def hold(machine: Any) -> Any:
@@ -149,6 +163,8 @@ class World:
                     return message is not None and message.data == value
                 case "raise":
                     raise ValueError("on purpose, too")
+                case "yield":
+                    return iter(())
             return drawn
 
         return hold
@@ -170,13 +186,13 @@ class World:
             getattr(self.arrangement, what)(NAMES[number % 3])
         try:
             self.did.append(self.arrangement.rest(sleep))
-        except Exception as error:
-            self.did.append((type(error), str(error), repr(error.__cause__)))
+        except BaseException as error:
+            self.did.append((type(error), text(error), text(repr(error.__cause__))))
         self.clock.advance(ms=5)
         self.did.append(self.arrangement.standings())
         for machine in self.arrangement.machines:
             self.did.append((machine.left, machine.right, self.arrangement.arrival(machine.name)))
-            self.did.append(str(self.arrangement.failure(machine.name)))
+            self.did.append(text(self.arrangement.failure(machine.name)))
         self.did.append((self.board.get_message(OUT), self.board[OUT].count))
         if self.schedule:
             self.did.append(self.arrangement.statistics())
