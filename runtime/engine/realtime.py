@@ -12,12 +12,17 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from threading import Lock
 
 from .errors import OptionError, RealtimeError
 
 __all__ = ["check_real_time", "collect_if_due", "in_real_time"]
 
 _MCL_CURRENT_AND_FUTURE = 3
+
+_lock = Lock()
+_runs = 0  # in real time, each in its own thread
+_of_process = ExitStack()  # undoes what they share
 
 
 @contextmanager
@@ -26,16 +31,16 @@ def in_real_time(priority: int, cpu: int | None) -> Iterator[None]:
 
     With `cpu`, the thread runs on that core alone. Garbage is collected by `collect_if_due` only.
     Threads and processes that are started meanwhile have an ordinary priority. At the end all is as
-    before. Raise `RealtimeError`, and leave all as before, if a right is missing.
+    before, but for what another thread still needs in real time. Raise `RealtimeError`, and leave
+    all as before, if a right is missing.
     """
     if not hasattr(os, "sched_setscheduler"):
         raise RealtimeError("only Linux has the priorities of SCHED_FIFO: leave out `realtime`")
     with ExitStack() as undo:
         if cpu is not None:
             _pin(cpu, undo)
-        _lock_memory(undo)
+        _prepare_process(undo)
         _schedule(priority, undo)
-        _hold_garbage(undo)
         yield
 
 
@@ -69,6 +74,25 @@ def _pin(cpu: int, undo: ExitStack) -> None:
         cores = ", ".join(map(str, sorted(before)))
         raise RealtimeError(f"core {cpu} cannot be used; this process has: {cores}") from error
     undo.callback(os.sched_setaffinity, 0, before)
+
+
+def _prepare_process(undo: ExitStack) -> None:
+    """Lock memory and hold garbage; the last of all runs in real time undoes both."""
+
+    def leave() -> None:
+        global _runs
+        with _lock:
+            _runs -= 1
+            if not _runs:
+                _of_process.close()
+
+    global _runs
+    with _lock:
+        if not _runs:
+            _lock_memory(_of_process)
+            _hold_garbage(_of_process)
+        _runs += 1
+    undo.callback(leave)
 
 
 def _lock_memory(undo: ExitStack) -> None:

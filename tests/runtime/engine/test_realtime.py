@@ -10,6 +10,7 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
@@ -100,15 +101,27 @@ def test_threads_and_processes_of_a_run_are_ordinary() -> None:
     assert int(done.stdout) == os.SCHED_OTHER
 
 
+def locked_kb() -> int:
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) for line in status if line.startswith("VmLck"))
+
+
 @needs_the_right
 def test_memory_is_locked_meanwhile() -> None:
-    def locked_kb() -> int:
-        with open("/proc/self/status") as status:
-            return next(int(line.split()[1]) for line in status if line.startswith("VmLck"))
-
     before = locked_kb()
     with in_real_time(1, None):
         assert locked_kb() > before + 1000
+    assert locked_kb() == before
+
+
+@needs_the_right
+def test_a_run_that_ends_leaves_others_what_they_need() -> None:
+    before = locked_kb()
+    with ThreadPoolExecutor(1) as other, in_real_time(1, None):
+        assert other.submit(Arrangement([Looks], realtime=2).run).result()
+        assert not gc.isenabled()
+        assert locked_kb() > before + 1000
+    assert gc.isenabled()
     assert locked_kb() == before
 
 
