@@ -55,7 +55,7 @@ from .conftest import Write
         ({"A_Variables": "x = Sensor(X)"}, "can be declared here, as name: type = value"),
         ({"Methods": "x = 1"}, r"M_Methods\.py:1: only functions can be declared here"),
         ({"Methods": "def n(): pass"}, "'n' is declared twice"),
-        ({"Methods": "def f(k=n): pass"}, "'n' is a variable of the machine: it does not exist before"),
+        ({"Methods": "def f(k=n): pass"}, "variable of the machine: it does not exist before"),
         ({"Methods": "def f(): pass\ndef f(): pass"}, r"M_Methods\.py:2: 'f' is declared twice"),
         ({"Methods": "@undefined\ndef f(): pass"}, "nothing is called 'undefined'"),
         # code
