@@ -26,15 +26,31 @@ SECTIONS = {
 }
 API = (
     "llfsm.whiteboard",
+    "llfsm.whiteboard.stream.Stream",
+    "llfsm.whiteboard.subscription.Subscription",
     "llfsm.runtime",
+    "llfsm.runtime.engine.events",
     "llfsm.runtime.testing",
     "llfsm.runtime.verification",
     "llfsm.runtime.drawing",
     "llfsm.runtime.checking",
     "llfsm.runtime.bundles",
+    "llfsm.runtime.converting",
+    "llfsm.runtime.editing",
+    "llfsm.runtime.debugging",
+    "llfsm.runtime.counterexamples",
+    "llfsm.runtime.goals",
+    "llfsm.bridges.recording.rerun",
+    "llfsm.bridges.ros2.types",
+    "llfsm.bridges.ros2.transforms",
+    "llfsm.bridges.ros2.bridging",
+    "llfsm.bridges.ros2.bridging.machine_config",
+    "llfsm.bridges.ros2.bridging.ros_environment",
+    "llfsm.bridges.ros2.opening",
+    "llfsm.bridges.ros2.errors",
     "llfsm.errors",
 )
-LESS = "---\nsearch: { boost: 0.3 }\n---\n"
+LESS = "---\nsearch: { boost: 0.1 }\n---\n"
 LINK = re.compile(r"\]\(([\w-]+\.md)")
 FENCE = re.compile(r"^```(\w+) (\S+)$", re.MULTILINE)
 BLOCK = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)

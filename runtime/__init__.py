@@ -64,6 +64,7 @@ __all__ = [
     "ExecutionError",
     "FsmError",
     "GuardResultError",
+    "LiveEnvironment",
     "LoadError",
     "Machine",
     "MachineStatistics",

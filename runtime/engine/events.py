@@ -178,4 +178,7 @@ class End(NamedTuple):
 Event: TypeAlias = (
     RoundBegin | Turn | Section | Eval | Call | Accepting | Failed | RoundEnd | IdleSleep | End
 )
+"""What an observer is called with; each is a NamedTuple of `llfsm.runtime.engine.events`."""
+
 Observer: TypeAlias = Callable[[Event], None]
+"""A function that is called with each event; if it raises, the run ends with `ObserverError`."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import fnmatch
+import importlib
 import os
 import re
 import shlex
@@ -238,9 +240,23 @@ def test_the_documents_name_every_command_and_option() -> None:
 
 @pytest.mark.parametrize("package", ["whiteboard", "runtime"])
 def test_the_reference_names_everything_public(package: str) -> None:
-    import importlib
-
     reference = (ROOT / "docs" / "reference" / "python.md").read_text()
     public = importlib.import_module(f"llfsm.{package}").__all__
     missing = [name for name in public if f"`{name}" not in reference]
     assert not missing
+
+
+def test_what_documents_import_is_public_and_has_a_page() -> None:
+    """Machines and message types have no page: their modules are short, and named where they count."""
+    paged = re.search(r"^API = (\(.*?^\))$", (ROOT / ".ci" / "site.py").read_text(), re.M | re.S)
+    assert paged is not None
+    pages = ast.literal_eval(paged[1])
+    for document in ROOT.glob("docs/[cth]*/*.md"):  # those who learn; the reference looks inside
+        for block in blocks(document):
+            for node in ast.walk(ast.parse(block.text if block.language == "python" else "")):
+                if not isinstance(node, ast.ImportFrom) or not str(node.module).startswith("llfsm"):
+                    continue
+                module = importlib.import_module(str(node.module))
+                assert {name.name for name in node.names} <= set(module.__all__), document
+                if not str(node.module).startswith(("llfsm.machines", "llfsm.whiteboard.messages")):
+                    assert node.module in pages, document
