@@ -113,10 +113,11 @@ def install() -> None:
 
 def test() -> None:
     """Run the tests of what depends on the machine, and the stress of the header in C."""
-    stress = BUILD / "stress"
     flags = ("-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-static", "-pthread")
-    run(COMPILER, *flags, "-Iwhiteboard/include", "tests/stress/stress.c", "-o", stress)
-    run(EMULATOR, stress, "20")
+    for name, *arguments in (("stress",), ("names", "threads"), ("names", "processes")):
+        program, source = BUILD / name, f"tests/stress/{name}.c"
+        run(COMPILER, *flags, "-Iwhiteboard/include", source, "-o", program)
+        run(EMULATOR, program, *arguments, "20")
     run(
         VENV / "bin" / "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "2",
         "--dist", "loadfile", "-m", "not compiler", *LEFT_OUT, *TESTS,

@@ -159,10 +159,12 @@ def misses(page: Page, address: str) -> Iterator[str]:
 
 def main() -> None:
     """Print what is wrong."""
+    path = os.environ.get("CHROMIUM") or shutil.which("chromium")
+    if path is None:
+        sys.exit("this needs Chromium: apt-get install chromium, or its path in CHROMIUM")
     shutil.rmtree(PICTURES, ignore_errors=True)
     PICTURES.mkdir(parents=True)
     with served() as address, sync_playwright() as playwright:
-        path = os.environ.get("CHROMIUM") or shutil.which("chromium")
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         wrong = 0
         for each in chain(misses(browser.new_page(), address), faults(browser, address)):

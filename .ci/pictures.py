@@ -135,10 +135,11 @@ def animated(robot: Robot) -> str:
          values=";".join(f"{percent * 1.2:.1f}" for _, percent in samples))  # fmt: skip
     part(root, "text", x=width - 205, y=25, fill="#2f4056").text = "battery"
     x = 0.0
-    for each, size in zip(machines, sizes, strict=True):
+    for each, size, name in zip(machines, sizes, ("Patrol", "Docking"), strict=True):
         each.set("x", f"{x:g}")
         each.set("y", "105")
         root.append(each)
+        part(root, "text", x=x + 20, y=132, fill="#2f4056", font_weight="bold").text = name
         x += size[0] + 20
     return ET.tostring(root, encoding="unicode") + "\n"
 
