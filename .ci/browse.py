@@ -1,8 +1,9 @@
 """Look at the built site in Chromium, page by page: `make docs-check`.
 
-On a telephone and on a desk, light and dark: every link leads somewhere, nothing sticks out, all
-text stands out from what is behind it, and the search finds what people look for. What is wrong is
-printed, and the status is 1 then. Screenshots of some pages are in out/browsed.
+On a telephone and on a desk, light and dark: every link leads somewhere, nothing sticks out, tables
+show all columns on a desk, all text stands out from what is behind it, and the search finds what
+people look for. What is wrong is printed, and the status is 1 then. Screenshots of some pages are
+in out/browsed.
 """
 
 import os
@@ -39,6 +40,7 @@ SEARCHES = {  # what people type, and the pages of which one is to be the first
     "debug": ("how-to/debugging",),
     "behaviour tree": ("concepts/comparison", "how-to/migrate"),
 }
+PATIENCE_MS = 300_000  # far more than any page takes, also on a busy computer
 LEAST_CONTRAST = 3.0  # that WCAG asks of anything to be seen
 LOOK = """() => {
     const rgb = text => text.match(/[\\d.]+/g).map(Number);
@@ -61,6 +63,10 @@ LOOK = """() => {
     const found = new Set();
     const wide = document.documentElement.scrollWidth;
     if (wide > innerWidth) found.add(`the page is ${wide} pixels wide`);
+    const roomy = innerWidth > 1000 && !location.pathname.includes('/api/');
+    for (const table of document.querySelectorAll('.md-typeset__scrollwrap'))
+        if (roomy && table.scrollWidth > table.clientWidth)
+            found.add(`a table hides columns: ${table.innerText.slice(0, 40)}`);
     const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
     for (let node; (node = texts.nextNode());) {
         const element = node.parentElement, text = node.data.trim();
@@ -91,7 +97,9 @@ ANCHORS = "() => [...document.querySelectorAll('[id], a[name]')].map(each => eac
 
 
 class Quiet(SimpleHTTPRequestHandler):
-    """Serve files, and log nothing."""
+    """Serve files, over connections that are kept, and log nothing."""
+
+    protocol_version = "HTTP/1.1"
 
     def log_message(self, *_: object) -> None:
         """Log nothing."""
@@ -116,6 +124,7 @@ def faults(browser: Browser, address: str) -> Iterator[str]:
     lost: list[str] = []
     for scheme in SCHEMES:
         context = browser.new_context(color_scheme=scheme, reduced_motion="reduce")
+        context.set_default_timeout(PATIENCE_MS)
         page = context.new_page()
         page.on("response", lambda got: lost.append(got.url) if got.status >= 400 else None)
         page.on("pageerror", lambda error: lost.append(f"the script: {error}"))
@@ -145,6 +154,7 @@ def faults(browser: Browser, address: str) -> Iterator[str]:
 
 def misses(page: Page, address: str) -> Iterator[str]:
     """Yield each search whose first result is another page than people look for."""
+    page.set_default_timeout(PATIENCE_MS)
     for words, wanted in SEARCHES.items():
         page.goto(address)
         field = page.locator("[data-md-component=search-query]")
