@@ -247,7 +247,7 @@ def test_the_reference_names_everything_public(package: str) -> None:
 
 
 def test_what_documents_import_is_public_and_has_a_page() -> None:
-    """Machines and message types have no page: their modules are short, and named where they count."""
+    """Machines and message types have no page: their modules are short."""
     paged = re.search(r"^API = (\(.*?^\))$", (ROOT / ".ci" / "site.py").read_text(), re.M | re.S)
     assert paged is not None
     pages = ast.literal_eval(paged[1])
