@@ -39,7 +39,7 @@ COMPILERS = {
 }
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
 # What can be done again: queries, and runs of a few seconds, which may be too short to begin with.
-QUERY = re.compile(r"llfsm (ps|whiteboard (get|list|status))\b|timeout |grep ")
+QUERY = re.compile(r"llfsm (ps|top|whiteboard (get|list|status))\b|timeout |grep ")
 LIMIT = re.compile(r"^(timeout .*?) (\d+) llfsm")
 NEEDS_SHELL = re.compile(r"[$&|;<>()`*?~#\n]")
 HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
@@ -67,16 +67,19 @@ def board() -> Iterator[str]:
     """Name a board; at the end it is removed, and whatever was started with its name is ended."""
     name = f"docs-{os.getpid()}"
     yield name
-    started = []
-    for process in Path("/proc").glob("[0-9]*"):
+    for process in started(name):
         with suppress(OSError):
-            if f"WHITEBOARD_NAME={name}\0".encode() in _environ(process):
-                os.kill(int(process.name), signal.SIGKILL)
-                started.append(process)
-    # One that lives might make the board again. The environment of one that has ended is empty.
-    wait_for(lambda: not any(map(_environ, started)), "an end of what was started")
+            os.kill(int(process.name), signal.SIGKILL)
+    # One that lives might make the board again.
+    wait_for(lambda: not started(name), "an end of what was started")
     with suppress(BoardNotFoundError):
         remove_board(name)
+
+
+def started(board: str) -> list[Path]:
+    """Return the processes that use a board; the environment of one that has ended is empty."""
+    named = f"WHITEBOARD_NAME={board}\0".encode()
+    return [each for each in Path("/proc").glob("[0-9]*") if named in _environ(each)]
 
 
 def _environ(process: Path) -> bytes:
@@ -122,6 +125,8 @@ def test_blocks_do_what_they_say(document: Path, tmp_path: Path, board: str) -> 
                     run(["make", "-n", *command.split()[1:]], ROOT, environment)
                 else:
                     type_in(command, output, tmp_path, environment)
+    if document.name != "README.md":  # whose reader ends the simulator by `kill %1`
+        wait_for(lambda: not started(board), "the end of all that the page has started")
 
 
 def type_in(command: str, expected: str, folder: Path, environment: dict[str, str]) -> None:
