@@ -1,11 +1,12 @@
 """Bags of rosbag2: the slots of their topics, and other bags as MCAP files.
 
-A bag of one MCAP file is read as it is. One of several files, or in SQLite (``.db3``), is converted
-into a temporary file first; rosbags reads it.
+A bag of one MCAP file is read as it is. One of several files, in SQLite (``.db3``), or whose
+messages are compressed one by one, is converted into a temporary file first; rosbags reads it.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
 import weakref
 from collections.abc import Iterator, Mapping
@@ -21,6 +22,7 @@ from llfsm.whiteboard import Slot
 
 from ..ros2.bridging.bridge_config import BridgeConfig
 from ..ros2.bridging.capacity import capacity_for
+from ..ros2.errors import RosTypeError
 from ..ros2.types import RosMessage, TypeLibrary
 from ..ros2.types.definition_text import bundled, unbundled
 from .bag_writer import CDR
@@ -74,13 +76,21 @@ def as_mcap(path: Path, owner: object) -> Path:
 
     Raise :class:`.RecordingFileError`.
     """
-    files = sorted(path.glob("*.mcap")) if path.is_dir() else []
-    if len(files) == 1:
-        return files[0]
-    if not path.is_dir() and path.suffix != ".db3":
-        return path
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        raise RecordingFileError(f"{path}: is a folder without metadata.yaml, so it is not a bag")
+    metadata = _metadata(path if path.is_dir() else path.parent)
+    if not path.is_dir():
+        if path.name in metadata and _has_compressed(metadata, "file|message"):
+            raise RecordingFileError(f"{path}: is compressed; name the bag instead: {path.parent}")
+        if path.suffix != ".db3":
+            return path
+    else:
+        files = sorted(path.glob("*.mcap"))
+        if len(files) == 1 and not _has_compressed(metadata, "message"):
+            return files[0]
+        if not (path / "metadata.yaml").exists():
+            raise RecordingFileError(
+                f"{path}: is a folder without metadata.yaml, so it is not a bag; "
+                "`ros2 bag reindex` makes one for a bag that was cut short"
+            )
     target = temporary_file(owner)
     try:
         with target.open("wb") as file:
@@ -92,6 +102,19 @@ def as_mcap(path: Path, owner: object) -> Path:
     except Exception as error:  # whatever rosbags raises for a bag that is none
         raise RecordingFileError(f"{path}: cannot be read as a bag: {error}") from error
     return target
+
+
+def _metadata(bag: Path) -> str:
+    try:
+        return (bag / "metadata.yaml").read_text(errors="replace")
+    except OSError:  # of a bag that is not finished
+        return ""
+
+
+def _has_compressed(metadata: str, what: str) -> bool:
+    """Return whether a bag compresses each ``file`` as a whole, or each ``message`` in a file."""
+    pattern = rf"^\s*compression_mode:\W*(?:{what})\b"
+    return re.search(pattern, metadata, re.IGNORECASE | re.MULTILINE) is not None
 
 
 def temporary_file(owner: object) -> Path:
@@ -110,8 +133,16 @@ def _messages(path: Path, writer: Writer) -> Iterator[tuple[int, int, bytes]]:
         for connection in bag.connections:
             text = connection.msgdef.data
             if not text or connection.msgdef.format.name != "MSG":
-                text = bundled(types.sources(connection.msgtype))
+                text = _known_text(types, connection.msgtype)
             schema = writer.register_schema(connection.msgtype, SchemaEncoding.ROS2, text.encode())
             channels[connection.id] = writer.register_channel(connection.topic, CDR, schema)
         for connection, stamp_ns, data in bag.messages():
             yield channels[connection.id], stamp_ns, bytes(data)
+
+
+def _known_text(types: TypeLibrary, name: str) -> str:
+    """Return the definition of a type; empty if it is unknown, which is then the topic's fault."""
+    try:
+        return bundled(types.sources(name))
+    except RosTypeError:
+        return ""

@@ -6,7 +6,6 @@ Whatever reads the bag then finds the slots of the keys as a live bridge makes t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap.records import Channel
@@ -30,22 +29,19 @@ from .mcap_file import McapFile, MessageRecord
 __all__ = ["split_by_key"]
 
 
-def split_by_key(path: Path, relays: Mapping[str, RelayConfig], owner: object) -> Path:
-    """Return an MCAP file in which the topics of these relays are split; it goes with ``owner``.
+def split_by_key(source: McapFile, relays: Mapping[str, RelayConfig], owner: object) -> McapFile:
+    """Return a file in which the topics of these relays are split; it goes with ``owner``.
 
     That is the file itself if it has none of the topics. ``relays`` are the keyed ones by topic,
     without a slash. Raise :class:`.RecordingFileError`.
     """
-    if not relays:
-        return path
-    source = McapFile(path)
     keyed = {
         channel.id: relays[channel.topic.lstrip("/")]
         for channel in source.channels.values()
         if channel.message_encoding == CDR and channel.topic.lstrip("/") in relays
     }
     if not keyed:
-        return path
+        return source
     target = temporary_file(owner)
     with target.open("wb") as file:
         writer = Writer(file)
@@ -67,8 +63,8 @@ def split_by_key(path: Path, relays: Mapping[str, RelayConfig], owner: object) -
         writer.finish()
     for split in channels.values():
         if isinstance(split, _SplitChannel) and split.left_out:
-            logger().warning("%s: %s", path, split.left_out)
-    return target
+            logger().warning("%s: %s", source.path, split.left_out)
+    return McapFile(target)
 
 
 class _CopiedChannel:

@@ -35,7 +35,7 @@ from llfsm.runtime.engine.failure import logger
 from .errors import RecordingFileError
 from .unpacking import LARGEST_CHUNK, unpacked
 
-__all__ = ["ChunkEntry", "McapFile", "MessageRecord"]
+__all__ = ["LONGEST_RECORD", "ChunkEntry", "McapFile", "MessageRecord"]
 
 _HEAD: Final = struct.Struct("<BQ")  # of every record: its kind and its length
 _MESSAGE: Final = struct.Struct("<HIQQ")
@@ -43,7 +43,8 @@ _CHUNK: Final = struct.Struct("<QQ")
 _CHANNEL: Final = struct.Struct("<H")
 _FOOTER: Final = struct.Struct("<QQI")
 _MOST_MESSAGES: Final = 1 << 18  # of a chunk; each takes a hundred bytes of memory, and more
-_LONGEST: Final = LARGEST_CHUNK + (1 << 20)  # of all records; data may resist compression
+LONGEST_RECORD: Final = LARGEST_CHUNK + (1 << 20)
+"""Bytes of a record of any kind; data may resist compression."""
 
 
 class MessageRecord(NamedTuple):
@@ -75,6 +76,8 @@ class McapFile:
         self.path = path
         self.complete = True
         """False for a file that was cut short or is damaged."""
+        self.is_unchunked = False
+        """Whether it has messages that are not in chunks, so that none of those are found here."""
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.metadata: list[Metadata] = []
@@ -136,7 +139,7 @@ class McapFile:
         """Return a stream at the body of a record of that kind, or raise ``ValueError``."""
         file.seek(offset)
         found, length = _HEAD.unpack(file.read(_HEAD.size))
-        if found != kind or offset + _HEAD.size + length > self._size or length > _LONGEST:
+        if found != kind or offset + _HEAD.size + length > self._size or length > LONGEST_RECORD:
             raise ValueError(f"no record of kind {kind} at byte {offset}")
         return ReadDataStream(BytesIO(file.read(length)))
 
@@ -149,7 +152,7 @@ class McapFile:
         try:
             self._check_summary(file)
             file.seek(0)
-            summary = SeekingReader(file, record_size_limit=_LONGEST).get_summary()
+            summary = SeekingReader(file, record_size_limit=LONGEST_RECORD).get_summary()
             if summary is None:
                 return False
             for entry in summary.metadata_indexes:
@@ -167,6 +170,8 @@ class McapFile:
         for chunk in summary.chunk_indexes:
             times = chunk.message_start_time, chunk.message_end_time
             self._add(chunk.chunk_start_offset, *times, [*chunk.message_index_offsets])
+        counted = summary.statistics.message_count if summary.statistics else len(self.channels)
+        self.is_unchunked = bool(counted) and not self.chunks
         return True
 
     def _check_summary(self, file: IO[bytes]) -> None:
@@ -215,7 +220,8 @@ class McapFile:
             after = offset + _HEAD.size + length
             if after > self._size or kind == Opcode.DATA_END:
                 return
-            self._step(kind, offset, ReadDataStream(BytesIO(file.read(min(length, _LONGEST)))))
+            body = file.read(min(length, LONGEST_RECORD))
+            self._step(kind, offset, ReadDataStream(BytesIO(body)))
             offset = after
 
     def _step(self, kind: int, offset: int, stream: ReadDataStream) -> None:
@@ -226,6 +232,8 @@ class McapFile:
             chunk = self.chunks.pop()
             (channel,) = _CHANNEL.unpack(stream.read(_CHANNEL.size))
             self._add(chunk.offset, chunk.start_ns, chunk.end_ns, (*chunk.channels, channel))
+        elif kind == Opcode.MESSAGE:
+            self.is_unchunked = True
         elif kind == Opcode.METADATA:
             self.metadata.append(Metadata.read(stream))
         elif kind == Opcode.ATTACHMENT:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import msgspec
 from mcap.records import Attachment, Channel, Schema
 
+from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.journal.entries import FIELDS, Entry
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
@@ -24,6 +25,7 @@ from llfsm.whiteboard.poller import class_of
 from ..ros2.errors import RosTypeError
 from .bag_writer import CDR
 from .bags import BagTopics, as_mcap
+from .chunking import in_chunks
 from .errors import RecordingFileError
 from .index import Index
 from .json_codec import Codec, JsonCodec
@@ -32,6 +34,9 @@ from .mcap_file import McapFile, MessageRecord
 from .writer import ABOUT, ARRANGEMENT, COUNT, EVENTS, WRAP, WRITER
 
 __all__ = ["RecordedJournal", "RecordedMessage", "RecordedSlot", "Recording", "TimelineItem"]
+
+
+_WRONG_CHANNEL = (LookupError, ValueError, RecursionError, WhiteboardError, RosTypeError)
 
 
 class RecordedMessage(NamedTuple):
@@ -95,7 +100,8 @@ class Recording:
         self.slots: dict[str, RecordedSlot] = {}
         self.journals: list[RecordedJournal] = []
         self._topics = topics or BagTopics()
-        self._file = McapFile(split_by_key(as_mcap(path, self), self._topics.keyed, self))
+        whole = in_chunks(McapFile(as_mcap(path, self)), self)
+        self._file = split_by_key(whole, self._topics.keyed, self)
         self._index = Index(self._file)
         about = [each.metadata for each in self._file.metadata if each.name == ABOUT]
         self.about: Mapping[str, str] = about[0] if about else self._about_bag()
@@ -116,8 +122,11 @@ class Recording:
             for attachment in self._file.attachments:
                 self._attach(attachment)
             for channel in self._file.channels.values():
-                self._add(channel)
-        except (LookupError, ValueError, RecursionError, WhiteboardError, RosTypeError) as error:
+                if about:
+                    self._add(channel)
+                else:
+                    self._add_if_known(channel)
+        except _WRONG_CHANNEL as error:
             raise self._wrong(f"has an invalid channel or attachment: {error}") from error
 
     @property
@@ -240,9 +249,18 @@ class Recording:
         cdr = [each for each in self._file.channels.values() if each.message_encoding == CDR]
         if not cdr:
             raise self._wrong("is not a recording of llfsm, nor a bag of ROS 2")
-        if not self._index.chunks:
-            raise self._wrong("has no chunks; `mcap compress` makes a file that has them")
         return {"offset_ns": str(self._index.start_ns), "begin_ns": "0"}
+
+    def _add_if_known(self, channel: Channel) -> None:
+        """Add a topic of a bag, which may have others of types that are not known here."""
+        try:
+            if channel.message_encoding != CDR:
+                raise ValueError(f"its messages are {channel.message_encoding}, not {CDR}")
+            if channel.schema_id not in self._file.schemas:
+                raise ValueError("it has no type")
+            self._add(channel)
+        except _WRONG_CHANNEL as error:
+            logger().warning("%s: topic %s is left out: %s", self.path, channel.topic, error)
 
     def _add_topic(self, channel: Channel, schema: Schema) -> None:
         slot, codec = self._topics.slot(channel, schema)

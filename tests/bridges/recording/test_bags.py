@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from io import BytesIO
-
 import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
-from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer as Ros2Writer
 from rosbags.rosbag2 import Reader, StoragePlugin
@@ -23,7 +20,6 @@ from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.rerun import whole_journals
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.types.definition_text import bundled
 from llfsm.cli.root import main
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
@@ -193,19 +189,6 @@ def test_a_whiteboard_is_recorded_as_a_bag_and_a_bag_is_replayed(board, file, tm
         assert again.get_message(Slot("drive", Twist)) == moved(7)
 
 
-def unchunked():
-    """Return a bag as rosbag2's preset `fastwrite` makes it."""
-    stream = BytesIO()
-    writer = Writer(stream, use_chunking=False)
-    writer.start(profile="ros2")
-    text = bundled(TYPES.sources("geometry_msgs/msg/Vector3"))
-    schema = writer.register_schema("geometry_msgs/msg/Vector3", "ros2msg", text.encode())
-    channel = writer.register_channel("/a", "cdr", schema)
-    writer.add_message(channel, 1, bytes(28), 1)
-    writer.finish()
-    return stream.getvalue()
-
-
 def test_a_bag_has_nothing_to_run_again(tmp_path):
     with pytest.raises(NoEventsError):
         whole_journals(Recording(WRITERS["mcap_ros2"](tmp_path)))
@@ -216,7 +199,6 @@ def test_a_bag_has_nothing_to_run_again(tmp_path):
     [
         ("bag.db3", b"no database", "cannot be read as a bag"),
         ("bag", None, "without metadata.yaml"),
-        ("bag.mcap", unchunked(), "has no chunks"),
         ("bag.mcap", b"nothing", "not a recording of llfsm, nor a bag"),
     ],
 )

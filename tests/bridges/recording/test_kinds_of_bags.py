@@ -1,0 +1,162 @@
+"""Bags as rosbag2's settings make them: compressed, without chunks, with topics nobody knows."""
+
+from __future__ import annotations
+
+import sqlite3
+
+import pytest
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as BagsWriter
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from llfsm.bridges.recording.bags import BagTopics
+from llfsm.bridges.recording.errors import RecordingFileError
+from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.bridges.ros2.types.definition_text import bundled
+
+TYPES = TypeLibrary()
+VECTOR = "geometry_msgs/msg/Vector3"
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE.register(get_types_from_msg("int32 number", "own/msg/Odd"))
+COUNT = 30
+FROM_NS = 1_700_000_000_000_000_000
+
+
+def points(recording, slot="point"):
+    return [recording.message(of, each).x for of, each in recording.messages({slot})]
+
+
+EXPECTED = [float(n) for n in range(COUNT)]
+
+
+def by_rosbags(path, plugin, mode=CompressionMode.NONE):
+    writer = BagsWriter(path, version=9, storage_plugin=plugin)
+    if mode is not CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        point = writer.add_connection("/point", VECTOR, typestore=STORE)
+        odd = writer.add_connection("/odd", "own/msg/Odd", typestore=STORE)
+        for n in range(COUNT):
+            message = STORE.types[VECTOR](float(n), 0.0, 0.0)
+            writer.write(point, FROM_NS + n, STORE.serialize_cdr(message, VECTOR))
+            other = STORE.types["own/msg/Odd"](n)
+            writer.write(odd, FROM_NS + n, STORE.serialize_cdr(other, "own/msg/Odd"))
+    return path
+
+
+SETTINGS = [
+    (StoragePlugin.SQLITE3, CompressionMode.FILE),
+    (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+    (StoragePlugin.MCAP, CompressionMode.FILE),
+    (StoragePlugin.MCAP, CompressionMode.MESSAGE),
+    (StoragePlugin.MCAP, CompressionMode.STORAGE),
+]
+
+
+@pytest.mark.parametrize(("plugin", "mode"), SETTINGS)
+def test_a_compressed_bag_is_read(tmp_path, plugin, mode):
+    assert points(Recording(by_rosbags(tmp_path / "bag", plugin, mode))) == EXPECTED
+
+
+@pytest.mark.parametrize(("plugin", "mode"), SETTINGS[:4])
+def test_a_file_of_a_compressed_bag_is_refused_with_the_bags_name(tmp_path, plugin, mode):
+    bag = by_rosbags(tmp_path / "bag", plugin, mode)
+    (file,) = (each for each in bag.iterdir() if each.name != "metadata.yaml")
+    with pytest.raises(RecordingFileError, match=f"compressed; name the bag instead: {bag}"):
+        Recording(file)
+
+
+def by_mcap(path, *, more=lambda writer: None, **settings):
+    with path.open("wb") as stream:
+        writer = Writer(stream, **settings)
+        writer.start(profile="ros2")
+        more(writer)
+        schema = writer.register_schema(VECTOR, "ros2msg", bundled(TYPES.sources(VECTOR)).encode())
+        channel = writer.register_channel("/point", "cdr", schema)
+        of = TYPES.message(VECTOR)
+        for n, x in enumerate(EXPECTED):
+            writer.add_message(channel, FROM_NS + n, of.encode(of.message(x=x)), FROM_NS + n, n)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+def test_chunks_of_any_compression_and_size_are_read(tmp_path, compression):
+    made = by_mcap(tmp_path / "bag.mcap", compression=compression, chunk_size=100)
+    assert points(Recording(made)) == EXPECTED
+
+
+@pytest.mark.parametrize("index", [True, False])
+def test_a_bag_without_chunks_is_read(tmp_path, index):
+    unchunked = by_mcap(tmp_path / "bag.mcap", use_chunking=False, use_statistics=index)
+    recording = Recording(unchunked)
+    assert points(recording) == EXPECTED
+    assert recording.complete
+    assert recording.span_ns == (0, COUNT - 1)
+
+
+def test_as_much_of_a_bag_without_chunks_is_read_as_there_is(tmp_path):
+    unchunked = by_mcap(tmp_path / "bag.mcap", use_chunking=False)
+    unchunked.write_bytes(unchunked.read_bytes()[:1500])
+    recording = Recording(unchunked)
+    found = points(recording)
+    assert 0 < len(found) < COUNT
+    assert found == EXPECTED[: len(found)]
+    assert not recording.complete
+
+
+def test_keyed_relays_are_looked_for_in_a_bag_without_chunks_too(tmp_path):
+    relay = RelayConfig(slot="x", topic="/point", type=VECTOR, direction="from_ros", keyed_by="x")
+    made = by_mcap(tmp_path / "bag.mcap", use_chunking=False)
+    with pytest.raises(RecordingFileError, match=r"topic /point: .*'x'"):  # a float is no key
+        Recording(made, BagTopics(BridgeConfig(relay=(relay,))))
+
+
+def without_definition(writer):
+    schema = writer.register_schema("own/msg/Odd", "", b"")
+    writer.add_message(writer.register_channel("/odd", "cdr", schema), FROM_NS, bytes(8), FROM_NS)
+
+
+def not_cdr(writer):
+    schema = writer.register_schema("odd", "jsonschema", b"{}")
+    writer.add_message(writer.register_channel("/odd", "json", schema), FROM_NS, b"{}", FROM_NS)
+
+
+def without_type(writer):
+    writer.add_message(writer.register_channel("/odd", "cdr", 0), FROM_NS, bytes(8), FROM_NS)
+
+
+def of_two_types(writer):
+    without_definition(writer)
+    for kind in ("String", "Bool"):
+        text = bundled(TYPES.sources(f"std_msgs/msg/{kind}"))
+        schema = writer.register_schema(f"std_msgs/msg/{kind}", "ros2msg", text.encode())
+        writer.register_channel("/odd", "cdr", schema)
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        (without_definition, "own/msg/Odd: no definition"),
+        (not_cdr, "its messages are json, not cdr"),
+        (without_type, "it has no type"),
+        (of_two_types, "odd has messages of two types"),
+    ],
+)
+def test_a_topic_that_cannot_be_read_is_left_out_with_a_warning(tmp_path, caplog, more, why):
+    recording = Recording(by_mcap(tmp_path / "bag.mcap", more=more))
+    assert points(recording) == EXPECTED
+    assert f"topic /odd is left out: {why}" in caplog.text
+
+
+def test_a_bag_in_sqlite_from_before_definitions_were_kept_is_read(tmp_path, caplog):
+    bag = by_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("delete from message_definitions")
+    recording = Recording(bag)
+    assert points(recording) == EXPECTED
+    assert "topic /odd is left out: own/msg/Odd: no definition" in caplog.text
