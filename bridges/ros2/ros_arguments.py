@@ -6,15 +6,19 @@
     --log-level [LOGGER:=]LEVEL
     -e, --enclave ENCLAVE
     --enable-rosout-logs, --disable-rosout-logs, and the same for stdout and external-lib
+    --log-file-name PREFIX, --log-config-file FILE: of a library for logs that is not used here
 
-As in rcl, the first remapping rule that fits is used, and the last value of a parameter. A level
-for a LOGGER is also that of the loggers below it, ``robot.arm`` below ``robot``. A ``FROM``
-may begin with ``rostopic://`` or ``rosservice://``, and then means only those.
+As in rcl, the first remapping rule that fits is used. Names of nodes before a rule are those after
+``__node``. Parameters with one node's name or pattern stand together where the first of them does;
+of several values, the last is used. A level for a LOGGER is also that of the loggers below it,
+``robot.arm`` below ``robot``. A ``FROM`` may begin with ``rostopic://`` or ``rosservice://``, and
+then means only those.
 """
 
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -29,7 +33,15 @@ __all__ = ["RosArguments", "split_ros_arguments"]
 
 _BEGIN, _END = "--ros-args", "--"
 _LONG = {"-r": "--remap", "-p": "--param", "-e": "--enclave"}
-_WITH_VALUE = {"--remap", "--param", "--params-file", "--log-level", "--log-config-file"}
+_WITH_VALUE = {
+    "--remap",
+    "--param",
+    "--params-file",
+    "--log-level",
+    "--log-file-name",
+    "--log-config-file",
+    "--enclave",
+}
 _SWITCHES = {
     f"--{able}-{what}-logs": able == "enable"
     for able in ("enable", "disable")
@@ -44,6 +56,14 @@ _LEVELS = {
     "fatal": logging.CRITICAL,
 }
 _NAMES = ("__node", "__name")
+_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"
+_PATH = rf"{_TOKEN}(?:/{_TOKEN})*"
+_NODE = re.compile(_TOKEN)
+_NAMESPACE = re.compile(rf"/|/{_PATH}")
+_SOURCE = re.compile(rf"(?:rostopic://|rosservice://)?(?:~/|/)?(?!__(?:node|name|ns)\b){_PATH}")
+_TARGET = re.compile(rf"(?:~/|/)?{_PATH}")
+_PARAMETER = re.compile(rf"(?:/|{_TOKEN})+(?:\.(?:/|{_TOKEN})+)*")
+_PREFIXED = re.compile(rf"({_TOKEN}):(?!//)(.+)", re.DOTALL)
 
 
 class _Remap(NamedTuple):
@@ -79,8 +99,11 @@ class RosArguments(NamedTuple):
         ``only_one``: the process has no other node, so that ``__node`` without a NODE is meant for
         it. Raise :class:`.RosArgumentError` if a name of a rule is invalid.
         """
-        rules = [rule for rule in self.remaps if rule.node in ("", node)]
-        name = next((r.target for r in rules if r.source in _NAMES and (r.node or only_one)), node)
+        name = next(
+            (r.target for r in self._rules(node) if r.source in _NAMES and (r.node or only_one)),
+            node,
+        )
+        rules = self._rules(name)
         namespace = next((r.target for r in rules if r.source == "__ns"), namespace)
         renamed = {r.source: r.target for r in reversed(rules) if not r.source.startswith("__")}
         try:
@@ -90,6 +113,9 @@ class RosArguments(NamedTuple):
             if not given:
                 raise
             raise RosArgumentError(f"--remap: {error}") from error
+
+    def _rules(self, node: str) -> list[_Remap]:
+        return [rule for rule in self.remaps if rule.node in ("", node)]
 
     def log_level(self, node: str) -> int:
         """Return the level of a node's log, by its full name, as of `logging`.
@@ -104,7 +130,15 @@ class RosArguments(NamedTuple):
 
     def parameters(self, node: str) -> dict[str, Value]:
         """Return the values that the parameters of a node get, by its full name."""
-        return {one.parameter: one.value for one in self.overrides if fits(one.node, node)}
+        patterns = [
+            each for each in dict.fromkeys(o.node for o in self.overrides) if fits(each, node)
+        ]
+        return {
+            one.parameter: one.value
+            for pattern in patterns
+            for one in self.overrides
+            if one.node == pattern
+        }
 
 
 def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
@@ -127,7 +161,7 @@ def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], RosArgumen
             name = _LONG.get(flag, flag)
             if name in _SWITCHES:
                 found = _switched(found, name)
-            elif name in _WITH_VALUE or name == "--enclave":
+            elif name in _WITH_VALUE:
                 value = next(waiting, None)
                 if value is None:
                     raise RosArgumentError(f"{flag}: its value is missing")
@@ -150,13 +184,11 @@ def _switched(found: RosArguments, name: str) -> RosArguments:
 def _with(found: RosArguments, name: str, value: str) -> RosArguments:
     match name:
         case "--remap":
-            node, source, target = _rule(name, value, "FROM:=TO")
-            if "://" in node:  # of rostopic://, not of a node
-                node, source = "", f"{node}:{source}"
-            return found._replace(remaps=(*found.remaps, _Remap(node, source, target)))
+            return found._replace(remaps=(*found.remaps, _remap(value)))
         case "--param":
-            node, parameter, text = _rule(name, value, "NAME:=VALUE")
-            pattern = f"/{node.strip('/')}" if node else ANY_NODE
+            node, parameter, text = _split(value, "--param", "NAME:=VALUE")
+            _check(parameter, _PARAMETER, f"--param {value}", "the name of a parameter")
+            pattern = f"/{node}" if node else ANY_NODE
             one = _Override(pattern, parameter, read_value(text, f"--param {value}"))
             return found._replace(overrides=(*found.overrides, one))
         case "--params-file":
@@ -169,18 +201,34 @@ def _with(found: RosArguments, name: str, value: str) -> RosArguments:
             of_logger = (logger, _LEVELS[level.lower()])
             return found._replace(log_levels=(*found.log_levels, of_logger))
         case "--enclave":
+            _check(value, _NAMESPACE, f"{name} {value}", "an enclave, as /robot/arm")
             return found._replace(enclave=value)
         case _:
             return found  # a configuration of another logging library
 
 
-def _rule(flag: str, text: str, form: str) -> tuple[str, str, str]:
+def _remap(value: str) -> _Remap:
+    flag = f"--remap {value}"
+    node, source, target = _split(value, "--remap", "FROM:=TO")
+    if source in _NAMES:
+        _check(target, _NODE, flag, "a node name")
+    elif source == "__ns":
+        _check(target, _NAMESPACE, flag, "a namespace, as /robot")
+    else:
+        for name, pattern in ((source, _SOURCE), (target, _TARGET)):
+            _check(name, pattern, flag, "the name of a topic or service")
+    return _Remap(node, source, target)
+
+
+def _split(text: str, flag: str, form: str) -> tuple[str, str, str]:
     left, between, right = text.partition(":=")
-    node, colon, name = left.partition(":")
-    if colon and name.startswith("//"):
-        node, name = "", left
-    if not colon:
-        node, name = "", left
+    prefixed = _PREFIXED.fullmatch(left)
+    node, name = prefixed.groups() if prefixed else ("", left)
     if not (between and name and right):
         raise RosArgumentError(f"{flag} {text}: write [NODE:]{form}")
     return node, name, right
+
+
+def _check(name: str, pattern: re.Pattern[str], flag: str, what: str) -> None:
+    if not pattern.fullmatch(name):
+        raise RosArgumentError(f"{flag}: {name!r} is not {what}")

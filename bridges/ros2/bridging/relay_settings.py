@@ -35,14 +35,14 @@ def declare_settings(
 ) -> list[RelaySettings]:
     """Declare ``relays.TOPIC.rate`` and ``.enabled``; return what they set, for each relay.
 
-    Where several slots are relayed to one topic, it is ``TOPIC:SLOT``. Raise
+    Where several slots are relayed to one topic, it is ``TOPIC.SLOT``. Raise
     :class:`.ParameterOverrideError`.
     """
     relays_of = Counter(relay.topic for relay in relays)
     made = []
     for relay in relays:
         topic, slot = relay.topic, relay.slot.name
-        name = topic if relays_of[topic] == 1 else f"{topic}:{slot}"
+        name = topic if relays_of[topic] == 1 else f"{topic}.{slot}"
         settings = RelaySettings(relay.period)
         between = f"between {topic} and the slot {slot}"
         parameters.declare(

@@ -108,7 +108,16 @@ def test_a_node_that_lives_by_the_clock_cannot_leave_it(world, types, player):
     assert "read-only" in str(parameters.refusal(("use_sim_time", False)))
 
 
-def test_machines_run_by_the_clock_as_it_jumps_and_run_again(tmp_path: Path, types, router):
+@pytest.mark.parametrize(
+    ("option", "ros_args"),
+    [
+        (["--ros-time"], []),
+        (["--ros"], ["--ros-args", "-r", "__ns:=/a", "-p", "use_sim_time:=true"]),
+    ],
+)
+def test_machines_run_by_the_clock_as_it_jumps_and_run_again(
+    tmp_path: Path, types, router, option, ros_args
+):
     """An hour passes in forty messages; without them, the same from the recording."""
     (tmp_path / "timer.py").write_text(MACHINE)
     over = threading.Event()
@@ -127,9 +136,9 @@ def test_machines_run_by_the_clock_as_it_jumps_and_run_again(tmp_path: Path, typ
         thread.start()
         try:
             done = call(
-                *("run", "timer.py:Timer", "-v", "-b", board, "--remove-board", "--ros-time"),
+                *("run", "timer.py:Timer", "-v", "-b", board, "--remove-board", *option),
                 *("--transport", "zenoh", "--router", router, "--domain", "88"),
-                *("--record", "run.mcap"),
+                *("--record", "run.mcap", *ros_args),
                 cwd=tmp_path,
             )
         finally:

@@ -39,6 +39,8 @@ def test_a_program_keeps_its_own_arguments():
         (["x:=robot/y", "robot/y:=x"], "/robot /robot/y /x"),
         (["rosservice://x:=z", "rostopic://~/y:=q"], "/robot /x /q"),
         (["robot:x:=z", "who:x:=q"], "/robot /z /robot/y"),
+        (["__node:=other", "robot:x:=z", "other:~/y:=q"], "/other /x /q"),
+        (["__node:=other", "other:__ns:=/a", "robot:__ns:=/b"], "/a/other /a/x /a/other/y"),
     ],
 )
 def test_remapping(rules, names):
@@ -109,6 +111,13 @@ ns:
     assert ros("-p", "speed:=3.0", "--params-file", str(file)).parameters("/robot")["speed"] == 2.0
 
 
+def test_of_parameters_that_stand_apart_those_of_one_pattern_count_where_the_first_is(tmp_path):
+    file = tmp_path / "params.yaml"
+    file.write_text("robot:\n  ros__parameters: {speed: 1}\n")
+    found = ros("-p", "speed:=2", "--params-file", str(file), "-p", "speed:=3", "-p", "b:=1")
+    assert found.parameters("/robot") == {"speed": 1, "b": 1}
+
+
 def test_patterns():
     assert fits("/**", "/a/b")
     assert fits("/a/**", "/a/b/c")
@@ -139,6 +148,7 @@ def test_logs_may_be_switched_off():
     found = ros("--disable-rosout-logs", "--disable-stdout-logs", "--disable-external-lib-logs")
     assert (found.rosout, found.stdout) == (False, False)
     assert ros("--disable-stdout-logs", "--enable-stdout-logs").stdout
+    assert ros("--log-file-name", "robot", "--log-config-file", "none") == RosArguments()
 
 
 @pytest.mark.parametrize(
@@ -178,7 +188,26 @@ def test_what_is_wrong_in_a_file_is_said_with_its_line(tmp_path, text, what):
         ros("--params-file", str(file))
 
 
-@pytest.mark.parametrize("rule", ["__node:=a b", "__ns:=1", "x:=a//b"])
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "__node:=a b", "__node:=a/b", "__ns:=1", "__ns:=a", "__ns:=/a/", "x:=a//b", "other:1:=a",
+        "~:=a", "*:=a", "a/**:=b", "/__node:=a", "a.b:=c", "a:=/", "a:=rostopic://b", r"(.*):=\1",
+        "a/b:c:=d",
+    ],
+)  # fmt: skip
 def test_a_rule_with_a_name_that_is_none_is_refused(rule):
     with pytest.raises(RosArgumentError, match="--remap"):
-        ros("-r", rule).names("robot")
+        ros("-r", rule)
+
+
+@pytest.mark.parametrize("rule", ["*:=1", "a..b:=1", "a-b:=1", "9:=1", "/n:a:=1", "a.b:c:=1"])
+def test_a_parameter_with_a_name_that_is_none_is_refused(rule):
+    with pytest.raises(RosArgumentError, match="is not the name of a parameter"):
+        ros("-p", rule)
+
+
+@pytest.mark.parametrize("enclave", ["", "a", "/a//b", "/a/", "/1"])
+def test_an_enclave_that_is_none_is_refused(enclave):
+    with pytest.raises(RosArgumentError, match="is not an enclave"):
+        ros("-e", enclave)

@@ -256,8 +256,6 @@ def run(
         on_pause=on_pause,
         debug_clock=debug_clock or None,
     )
-    if ros_time and plan.debug_clock:
-        raise click.UsageError("the time on /clock passes with its publisher: no --debug-clock")
     place = None if local else _place(plan, board, default=not ros)
     if recording is not None and place is None:
         raise click.UsageError(
@@ -271,9 +269,13 @@ def run(
         clock: Clock | None = DebugClock() if plan.debug_clock else None
         live: MakeEnvironment = LiveEnvironment
         if ros:
-            from .ros_world import connections, on_ros  # here, as few machines need ROS
+            # here, as few machines need ROS
+            from .ros_world import connections, on_ros, uses_simulated_time
 
             connected = connections(plan, resolved.classes.values(), config, node, place)
+            ros_time = ros_time or uses_simulated_time(connected)
+        if ros_time and plan.debug_clock:
+            raise click.UsageError("the time on /clock passes with its publisher: no --debug-clock")
         if ros or ros_time:
             enclave = ros_arguments().enclave
             opened = stack.enter_context(open_chosen(transport, domain, router, enclave))

@@ -27,7 +27,7 @@ from ..options import BoardPlace
 from ..ros_options import ros_arguments
 from .recorder_process import MakeEnvironment
 
-__all__ = ["connections", "managed_machines", "on_ros"]
+__all__ = ["connections", "managed_machines", "on_ros", "uses_simulated_time"]
 
 
 def connections(
@@ -49,6 +49,12 @@ def connections(
         configured = Configured.read(config)
     on_board = [] if place is None else slots_on(place)
     return configured.named(node).plan(on_board, ros_arguments())
+
+
+def uses_simulated_time(connected: BridgePlan) -> bool:
+    """Return whether the node's parameter says at the start that its time is that of /clock."""
+    given = connected.arguments.parameters(connected.node.full_node)
+    return given.get("use_sim_time") is True
 
 
 @contextmanager

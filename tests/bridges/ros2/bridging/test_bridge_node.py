@@ -82,7 +82,7 @@ def test_relays_of_one_topic_have_parameters_of_their_own(start, call):
     start(relay=[RELAY, RELAY | {"slot": "m", "topic": "n"}])
     names = call("list_parameters", prefixes=("relays",)).result.names
     assert sorted(names) == sorted(
-        f"relays./n:{slot}.{what}" for slot in "mn" for what in ("enabled", "rate")
+        f"relays./n.{slot}.{what}" for slot in "mn" for what in ("enabled", "rate")
     )
 
 
