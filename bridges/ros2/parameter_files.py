@@ -23,6 +23,8 @@ _TRUE = {"Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"
 _FALSE = {"N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"}
 _INTEGER = re.compile(r"\s*[+-]?(0[xX][0-9a-fA-F]+|[0-9]+)")
 _FLOAT = re.compile(r"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_PART = r"(?:\*\*?|[A-Za-z_][A-Za-z0-9_]*)"
+_PATTERN = re.compile(rf"/?{_PART}(?:/{_PART})*")
 _SPECIAL = re.compile(r"([+-]?)(?:\.(?:nan|NaN|NAN|inf|Inf|INF)|(?i:nan|inf|infinity))")
 
 
@@ -71,6 +73,10 @@ def _nodes(mapping: Any, above: tuple[str, ...], where: str) -> Iterator[tuple[s
                 raise RosArgumentError(f"{place}: {_PARAMETERS} belongs below a node's name")
             for parameter, held in _parameters(value, "", where):
                 yield "/" + "/".join(above), parameter, held
+        elif not _PATTERN.fullmatch(name):
+            raise RosArgumentError(
+                f"{place}: {name!r} is not a node's name, whose parts may be * or **"
+            )
         else:
             yield from _nodes(value, (*above, *filter(None, name.split("/"))), where)
 

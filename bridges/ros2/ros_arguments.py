@@ -56,11 +56,11 @@ _LEVELS = {
     "fatal": logging.CRITICAL,
 }
 _NAMES = ("__node", "__name")
-_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"
+_NODE = re.compile("[A-Za-z_][A-Za-z0-9_]*")
+_TOKEN = "(?:[A-Za-z]|_(?!_))(?:[A-Za-z0-9]|_(?!_))*"  # of rcl's lexer
 _PATH = rf"{_TOKEN}(?:/{_TOKEN})*"
-_NODE = re.compile(_TOKEN)
 _NAMESPACE = re.compile(rf"/|/{_PATH}")
-_SOURCE = re.compile(rf"(?:rostopic://|rosservice://)?(?:~/|/)?(?!__(?:node|name|ns)\b){_PATH}")
+_SOURCE = re.compile(rf"(?:rostopic://|rosservice://)?(?:~/|/)?{_PATH}")
 _TARGET = re.compile(rf"(?:~/|/)?{_PATH}")
 _PARAMETER = re.compile(rf"(?:/|{_TOKEN})+(?:\.(?:/|{_TOKEN})+)*")
 _PREFIXED = re.compile(rf"({_TOKEN}):(?!//)(.+)", re.DOTALL)
@@ -195,7 +195,9 @@ def _with(found: RosArguments, name: str, value: str) -> RosArguments:
             several = (_Override(*entry) for entry in read_parameters(Path(value)))
             return found._replace(overrides=(*found.overrides, *several))
         case "--log-level":
-            logger, _, level = value.rpartition(":=")
+            logger, given, level = value.rpartition(":=")
+            if given and not logger:
+                raise RosArgumentError(f"{name} {value}: write [LOGGER:=]LEVEL")
             if level.lower() not in _LEVELS:
                 raise RosArgumentError(f"{name} {value}: not one of {', '.join(_LEVELS)}")
             of_logger = (logger, _LEVELS[level.lower()])

@@ -162,6 +162,7 @@ def test_logs_may_be_switched_off():
         (["-p", "a:={b: c}"], "expected a value"),
         (["-p", "a:=[1"], "not YAML"),
         (["--log-level", "loud"], "--log-level loud: not one of"),
+        (["--log-level", ":=info"], r"--log-level :=info: write \[LOGGER:=\]LEVEL"),
         (["--what"], "--what is not an argument of ROS"),
         (["--params-file", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
     ],
@@ -179,6 +180,8 @@ def test_what_is_wrong_is_said(arguments, what):
         ("a:\n  ros__parameters:\n    x: [1, b]\n", ":3: a sequence"),
         ("a:\n  ros__parameters:\n    x:\n", ":3: a value is missing"),
         ("a: 1\n", ":1: expected names"),
+        ("a:\n  b*: {ros__parameters: {a: 1}}\n", r":2: 'b\*' is not a node's name"),
+        ("a//b:\n  ros__parameters: {a: 1}\n", ":1: 'a//b' is not a node's name"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_said_with_its_line(tmp_path, text, what):
@@ -193,7 +196,7 @@ def test_what_is_wrong_in_a_file_is_said_with_its_line(tmp_path, text, what):
     [
         "__node:=a b", "__node:=a/b", "__ns:=1", "__ns:=a", "__ns:=/a/", "x:=a//b", "other:1:=a",
         "~:=a", "*:=a", "a/**:=b", "/__node:=a", "a.b:=c", "a:=/", "a:=rostopic://b", r"(.*):=\1",
-        "a/b:c:=d",
+        "a/b:c:=d", "__a:=b", "a__b:=c",
     ],
 )  # fmt: skip
 def test_a_rule_with_a_name_that_is_none_is_refused(rule):
