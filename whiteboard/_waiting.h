@@ -38,6 +38,8 @@ static PyObject *port_await(Port *self, PyObject *args, PyObject *kwargs, PyCFun
         board_leave(self->board);
         if (PyErr_CheckSignals())
             return NULL;
+        if (self->board->closed) /* by another thread: it may be unmapped, and the loop ends */
+            continue;
         PyObject *what = status == LWB_OK ? found((PyObject *)self, NULL) : Py_NewRef(Py_None);
         if (what != Py_None) /* it is after a time-out, and if the slot has just been renamed */
             return what;
