@@ -283,11 +283,13 @@ def run(
             from .ros_time import ros_clock
 
             clock = stack.enter_context(ros_clock(opened))
+        # Before what connects it with ROS, which at the end publishes what is on it.
+        wb = None if place is None else stack.enter_context(place.open())
+        removal = stack.enter_context(ExitStack())
         if ros:
             logging.getLogger().setLevel(ros_arguments().log_level(connected.node.full_node))
             live = stack.enter_context(on_ros(opened, connected, begin=not lifecycle))
             where.append(f"ROS domain {opened.domain} as {connected.node.full_node}")
-        wb = None if place is None else stack.enter_context(place.open())
         if local:
             environment: Environment = live(stack.enter_context(Whiteboard.local()), clock)
         elif wb is None or lifecycle:
@@ -297,7 +299,7 @@ def run(
                 recorded(recording, wb, plan, clock, live, forks=nonstop)
             )
         if wb is not None and remove_board:
-            stack.callback(wb.remove)
+            removal.callback(wb.remove)
 
         load = partial(load_machines, resolved, plan, Reports(verbose, report, timed))
         if lifecycle:

@@ -115,12 +115,26 @@ def test_a_configuration_names_the_topics(run_ros, folder, peer, types):
     assert "as /wired" in done.stderr
 
 
-def test_with_a_board_others_see_the_machine(run_ros, board, peer, types):
-    with publishing(peer, "n", types.message(TYPE)):
-        done = run_ros(f"--board {board.name} --node shown")
+@pytest.mark.parametrize("more", ["", " --remove-board"])
+def test_with_a_board_others_see_the_machine(run_ros, board, peer, types, seen, monkeypatch, more):
+    got, number, closed = seen(), types.message(TYPE), []
+    peer.node("listener").subscription(
+        "/twice", number, lambda a: got(a.decode().data), Qos(depth=9)
+    )
+
+    def close(environment):  # as long as there is a board on which to look for the last message
+        closed.append((board.path.exists(), bool(environment.whiteboard.slots())))
+        published(environment)
+
+    published = RosEnvironment.close
+    monkeypatch.setattr(RosEnvironment, "close", close)
+    with publishing(peer, "n", number):
+        done = run_ros(f"--board {board.name} --node shown{more}")
     assert done.returncode == 0, done.stderr
     assert f"on whiteboard {board.name}, ROS domain" in done.stderr
     assert {"n", "twice"} <= {slot.name for slot in board.slots()}
+    assert closed == [(True, True)]
+    got.wait(lambda got: got[-1] == -1)
 
 
 @pytest.mark.parametrize(
