@@ -66,7 +66,7 @@ class Answers:
         self._time += seconds
 
 
-PARAMETERS = {"node_list": TWO, "param_list": "background_r relays.out.rate"}
+PARAMETERS = {"node_list": TWO, "param_list": "background_r relays./out.rate"}
 GOOD: dict[str, list[dict[str, Any]]] = {
     "param list": [PARAMETERS | {"seconds": (2.0, 2.3)}],
     "actions": [{"node_list": TWO, "action_send_goal": "Goal finished with status: SUCCEEDED"}],

@@ -188,7 +188,7 @@ def _parameter_list(world: World) -> str:
     _nodes(world, "/turtlesim", "/llfsm_bridge")
     beside, seen = fastest()
     figures = f"{without:.1f} s without our nodes, {beside:.1f} s with two"
-    if "background_r" not in seen or "relays.out.rate" not in seen:
+    if "background_r" not in seen or "relays./out.rate" not in seen:
         raise RowError(f"parameters are missing; {figures}")
     if beside > without + _MORE_S:
         raise RowError(figures)

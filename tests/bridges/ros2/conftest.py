@@ -17,6 +17,7 @@ from llfsm.bridges.ros2.rclpy_transport.topics import RclpyPublisher
 from llfsm.bridges.ros2.transport import Notice, Publisher, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 from memory_transport import MemoryTransport, MemoryWorld
+from ros_domains import own_domains
 from waiting import PATIENCE_S, wait_for
 
 
@@ -90,12 +91,13 @@ class World:
                     wait_for(lambda counts=counts: counts() >= subscriptions)
 
 
-_DOMAINS = itertools.count(1, 2)  # a pair for each test: what one leaves cannot reach another
+_DOMAINS = itertools.cycle(own_domains()[::2])
+"""A pair for each test: what one leaves cannot reach another."""
 
 
 @pytest.fixture(params=["memory", "zenoh", "rclpy", "fake rclpy"])
 def world(request: pytest.FixtureRequest) -> Iterator[World]:
-    number = next(_DOMAINS) % 100
+    number = next(_DOMAINS)
     domains = range(number, number + 2)
     with ExitStack() as handles:
         if request.param == "memory":
@@ -143,6 +145,8 @@ def fake_rclpy(monkeypatch: pytest.MonkeyPatch, types: TypeLibrary) -> None:
     """Have the stand-in imported instead of rclpy."""
     for name, module in modules(types).items():
         monkeypatch.setitem(sys.modules, name, module)
+    for name in ("turtle_sensor_poster", "turtle_sensor_poster.srv"):  # a workspace may have it
+        monkeypatch.setitem(sys.modules, name, None)
 
 
 @pytest.fixture(name="free_port")

@@ -29,6 +29,7 @@ from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.llfsm import status_slot, will_slot
 from llfsm.whiteboard.messages.std_msgs import String
 from memory_transport import MemoryWorld
+from ros_domains import own_domains
 from stopping_robot import TWIST, Robot, memory_bridge, memory_robot, subscribe
 from waiting import PATIENCE_S, wait_for
 from wheels import CMD_VEL, CUE, LAMP
@@ -36,7 +37,7 @@ from wheels import CMD_VEL, CUE, LAMP
 HERE = Path(__file__).parent
 PEER, HASHES = HERE.parent / "zenoh_transport" / "peer.py", "data/ros2/type_hashes.json"
 LLFSM = [sys.executable, "-m", "llfsm.cli"]
-DOMAIN = 79
+DOMAIN = own_domains()[-1]
 
 
 class Processes:
