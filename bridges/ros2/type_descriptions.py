@@ -51,11 +51,15 @@ class TypeDescriptionServer:
             ),
         )
         sources = self._types.sources(name) if request.message.include_type_sources else []
+        source = self._classes["TypeSource"]
         request.answer(
             self._response(
                 successful=True,
                 type_description=whole,
-                type_sources=tuple(self._classes["TypeSource"](*source) for source in sources),
+                type_sources=tuple(
+                    source(each.name, each.encoding, "\n".join(each.text.splitlines()))
+                    for each in sources
+                ),
             )
         )
 

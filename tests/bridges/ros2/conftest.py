@@ -168,7 +168,10 @@ def router() -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def types() -> TypeLibrary:
-    return TypeLibrary()
+    """Return the types that everybody has, also where ROS is sourced."""
+    with pytest.MonkeyPatch.context() as environment:
+        environment.delenv("AMENT_PREFIX_PATH", raising=False)
+        return TypeLibrary()
 
 
 @pytest.fixture

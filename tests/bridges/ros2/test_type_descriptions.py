@@ -108,7 +108,7 @@ def test_a_type_that_only_rosbags_knows_is_written_out(ask, types):
     written = sources(ask(scan.name, scan.type_hash))
     assert set(written) == {scan.name, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"}
     assert written[scan.name][1].splitlines()[0] == "std_msgs/Header header"
-    assert written[scan.name][1].splitlines()[-1] == "float32[] intensities"
+    assert written[scan.name][1].endswith("\nfloat32[] intensities")  # as rosidl: no end of line
 
 
 def test_sources_are_left_out_on_request(types):
