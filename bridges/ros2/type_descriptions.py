@@ -57,7 +57,7 @@ class TypeDescriptionServer:
                 successful=True,
                 type_description=whole,
                 type_sources=tuple(
-                    source(each.name, each.encoding, "\n".join(each.text.splitlines()))
+                    source(each.type_name, each.encoding, "\n".join(each.text.splitlines()))
                     for each in sources
                 ),
             )
