@@ -70,6 +70,16 @@ def test_what_is_packaged_runs(llfsm: Llfsm, board: str, name: str, ros: list[st
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "Mine 1\n", "")
 
 
+def test_a_package_does_not_hide_the_module_of_its_machine(
+    llfsm: Llfsm, board: str, ros: list[str]
+) -> None:
+    (llfsm.cwd / "mine.py").write_text(CLASS)
+    done = llfsm.run("package", "mine.py:Mine")
+    assert done.stdout == "wrote mine_machine: ros2 run mine_machine mine_machine\n"
+    ran = run_entry(llfsm.cwd / "mine_machine", "-b", board, *ros)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "Mine 1\n", "")
+
+
 def test_it_is_a_node_with_the_arguments_of_ros(llfsm: Llfsm, ros: list[str]) -> None:
     write_bundle(llfsm.cwd / "Mine.machine", "print(name, n)")
     assert llfsm.run("package", "Mine", "--output", "src").returncode == 0

@@ -144,11 +144,12 @@ def package(machine: str, output: Path) -> None:
     click.echo(f"wrote {target}: ros2 run {target.name} {target.name}")
 
 
-def package_name(machine: str) -> str:
+def package_name(machine: str, module: str = "") -> str:
     """Return the name of a machine's package: lower case, digits, single underscores (REP 144).
 
-    ``_machine`` is appended to a name of one letter and to one that Python or ROS uses. Raise
-    `PackageError` if the name has no letter from a to z.
+    ``_machine`` is appended to a name of one letter, to one that Python or ROS uses and to that of
+    the ``module`` from which the machine is imported. Raise `PackageError` if the name has no
+    letter from a to z.
     """
     plain = unicodedata.normalize("NFKD", machine).encode("ascii", "ignore").decode()
     name = "_".join(word for word in _WORDS.split(plain) if word).lower()
@@ -156,7 +157,7 @@ def package_name(machine: str) -> str:
         raise PackageError(f"{machine!r} has no letter from a to z for the name of a package")
     if name[0].isdigit():
         name = f"machine_{name}"
-    return f"{name}_machine" if len(name) < 2 or name in _TAKEN else name
+    return f"{name}_machine" if len(name) < 2 or name in {*_TAKEN, module} else name
 
 
 def write_package(machine: str, origin: Path | str, folder: Path) -> Path:
@@ -165,7 +166,7 @@ def write_package(machine: str, origin: Path | str, folder: Path) -> Path:
     `origin` is the folder of the machine's bundle, or ``package.module:Class``. Raise
     `PackageError` if the package exists already or cannot be written.
     """
-    name = package_name(machine)
+    name = package_name(machine, re.split("[.:]", origin)[0] if isinstance(origin, str) else "")
     target = folder / name
     if target.exists() or target.is_symlink():
         raise PackageError(f"{target} is there already: remove it, or write to another folder")
