@@ -17,36 +17,42 @@ from llfsm.whiteboard import BoundSlot, Message, Sample
 
 from ..action_client import ActionClient
 from ..errors import CallTimeoutError, CdrError, Ros2Error, TransportClosedError
+from .sender_will import SenderWill
 from .slot_action import ActionPlace, SlotAction
 from .slot_client import unanswered
 
 __all__ = ["SlotActionClient"]
 
-_LOOK_S = 0.5  # between two looks whether the server is still there
+_LOOK_S = 0.1  # between two looks whether server and machine are still there
 _END_S = 1.0  # for a cancellation at the bridge's end to be answered
 
 
 class _Goal:
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, will: SenderWill | None = None) -> None:
         self.number = number
+        self.will = will
         self.key = uuid4().bytes
         self.status = GoalStatus.UNKNOWN
         self.is_to_cancel = False  # asked before the server has answered
         self.is_over = False
         self.unserved_s = 0.0
+        self.waited_s = 0.0  # since its result was asked for
+        self.asks = 1
 
 
 class SlotActionClient(SlotAction):
     """Sends the goals of a slot, and follows the newest.
 
     A goal from before the bridge started may or may not have been carried out: it is refused, so
-    that nothing is done twice. A goal that nobody can follow any more is canceled: one whose
-    acceptance came too late, and the active one when the bridge ends.
+    that nothing is done twice, and aborted if it was accepted. A goal that nobody can follow any
+    more is canceled: one whose acceptance came too late, the active one when the bridge ends, and
+    that of a machine whose last will, which was executed, cancels it.
     """
 
     def __init__(self, place: ActionPlace) -> None:
         super().__init__(place)
         board, slots = place.board, place.slots
+        self._board = board
         self._goal: _Goal | None = None
         self._standings: BoundSlot[GoalStanding] = board[slots.status]
         self._feedback: BoundSlot[Any] = board[slots.feedback]
@@ -57,6 +63,8 @@ class SlotActionClient(SlotAction):
         old = unanswered(goals, self._standings)
         if old is not None:
             self._refuse(_Goal(old), "it was posted before the bridge started")
+        elif (left := self._standings.get()) is not None and left.status.active:
+            self._end(_Goal(left.number), GoalStatus.ABORTED, "the bridge that sent it was lost")
         self._client = ActionClient(
             place.node,
             place.name,
@@ -84,7 +92,8 @@ class SlotActionClient(SlotAction):
         if lost:
             text = f"{lost} of the goals were replaced by newer ones before they were sent"
             self._faults.report(self._link, text, "lost")
-        goal = self._goal = _Goal(sample.message.number)
+        will = SenderWill(self._board, sample, self._slots.cancel.name)
+        goal = self._goal = _Goal(sample.message.number, will)
         try:
             message = self._slots.ros_goal(sample.message)
             call = self._client.send_goal(goal.key, message, self._timeout)
@@ -95,8 +104,10 @@ class SlotActionClient(SlotAction):
 
     def _take_cancel(self, sample: Sample[CancelGoal]) -> None:
         goal, number = self._goal, sample.message.number
-        if goal is None or goal.is_over or number not in (0, goal.number):
-            return
+        if goal is not None and not goal.is_over and number in (0, goal.number):
+            self._cancel_wanted(goal)
+
+    def _cancel_wanted(self, goal: _Goal) -> None:
         if goal.status.active:
             self._cancel(goal)
         else:
@@ -190,14 +201,36 @@ class SlotActionClient(SlotAction):
         self._timer.call_later(_LOOK_S, partial(self._watch, goal))
 
     def _watch(self, goal: _Goal) -> None:
-        """End a goal whose server has gone: not every middleware ends the call for its result."""
+        """End a goal whose server has gone: not every middleware ends the call for its result.
+
+        A server that was started again is asked for the result, and answers that it does not know
+        the goal. As not every middleware notices that the first one was killed, the server is asked
+        again in any case, ever more rarely. Cancel a goal whose machine has gone.
+        """
         if goal.is_over or goal is not self._goal:
             return
-        goal.unserved_s = 0.0 if self._client.ready else goal.unserved_s + _LOOK_S
+        if goal.will is not None and goal.will.is_executed:
+            goal.will = None
+            self._faults.report(self._link, f"goal {goal.number}: its machine is lost", "lost")
+            self._cancel_wanted(goal)
+        goal.waited_s += _LOOK_S
+        ready = self._client.ready
+        if ready and (goal.unserved_s or goal.waited_s > self._timeout * goal.asks):
+            self._ask_again(goal)
+        goal.unserved_s = 0.0 if ready else goal.unserved_s + _LOOK_S
         if goal.unserved_s > self._timeout:
             self._end(goal, GoalStatus.ABORTED, "the server has gone")
         else:
             self._watch_later(goal)
+
+    def _ask_again(self, goal: _Goal) -> None:
+        goal.waited_s, goal.asks = 0.0, goal.asks * 2
+
+        def take(call: Future[Any]) -> None:
+            if call.exception() is None:
+                self._take_result(goal, call)
+
+        self._client.get_result(goal.key).add_done_callback(self._on_thread(take))
 
     def _end_all(self, cancelled: Future[Any]) -> None:
         goal = self._goal

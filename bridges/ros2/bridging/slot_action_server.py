@@ -35,7 +35,8 @@ class SlotActionServer(SlotAction):
 
     The machine accepts by a status with the goal's number, or refuses by REFUSED; without either
     within ``timeout`` seconds the goal is refused. A message with number 0 is for whichever goal
-    there is.
+    there is. A goal that nobody waits for any more is canceled: one that was answered too late, the
+    active one when the bridge ends, and that of a bridge that was lost.
     """
 
     def __init__(self, place: ActionPlace, now_ns: Callable[[], int]) -> None:
@@ -48,6 +49,8 @@ class SlotActionServer(SlotAction):
         standings, results = board[slots.status], board[slots.result]
         before = (self._goals.get(), standings.get(), results.get())
         self._number: int = max((message.number for message in before if message), default=0)
+        if self._is_unfinished(*before):
+            self._add(self._cancels, CancelGoal(self._number))
         for bound, take in (
             (standings, self._take_standing),
             (board[slots.feedback], self._take_feedback),
@@ -69,10 +72,17 @@ class SlotActionServer(SlotAction):
         """Abort the goal that there is, and wait for the end."""
         self._take_no_more()
         over = threading.Event()
-        self._timer.call_soon(partial(self._abort, "the bridge has ended"))
+        self._timer.call_soon(partial(self._give_up, "the bridge has ended"))
         self._timer.call_soon(over.set)
         over.wait(_END_S)
         self._server.close()
+
+    @staticmethod
+    def _is_unfinished(goal: Any, standing: GoalStanding | None, result: Any) -> bool:
+        """Return whether the slots have a goal that a machine works on, or may begin."""
+        refused = standing is not None and standing.status is GoalStatus.REFUSED
+        ends = [each.number for each in (result, standing if refused else None) if each is not None]
+        return goal is not None and goal.number > max(ends, default=0)
 
     # From ROS
 
@@ -90,7 +100,7 @@ class SlotActionServer(SlotAction):
     def _too_late(self, served: _Served) -> None:
         if served is self._served and not served.is_decided:
             slot = self._slots.status.name
-            self._abort(f"no answer in slot {slot} within {self._timeout:g} s")
+            self._give_up(f"no answer in slot {slot} within {self._timeout:g} s")
 
     def _cancel(self, goal: ServerGoal) -> bool:
         served = self._served
@@ -146,6 +156,12 @@ class SlotActionServer(SlotAction):
         self._served = None
         served.goal.end(status, result)
         self._link.count()
+
+    def _give_up(self, why: str) -> None:
+        """End the goal that there is, if there is one, for ROS and for the machine."""
+        if self._served is not None:
+            self._add(self._cancels, CancelGoal(self._served.number))
+            self._abort(why)
 
     def _abort(self, why: str) -> None:
         """Refuse or abort the goal that there is; `why` is for the log, ROS has no place for it."""

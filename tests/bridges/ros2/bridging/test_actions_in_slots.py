@@ -2,58 +2,29 @@
 
 from __future__ import annotations
 
-from functools import partial
+import os
+from concurrent.futures import Future
 from pathlib import Path
 from uuid import uuid4
 
 import msgspec
 import pytest
 
-from llfsm.bridges.ros2.action_client import ActionClient
-from llfsm.bridges.ros2.actions import ActionServer
 from llfsm.bridges.ros2.bridging import action_slots
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
-from llfsm.bridges.ros2.call_queue import CallQueue
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
+from llfsm.whiteboard.messages.llfsm import LastWill, SafeValue, will_slot
 from waiting import PATIENCE_S, wait_for
 
-EXAMPLE = Path(__file__).parents[4] / "examples" / "nav2_patrol"
-TYPES = TypeLibrary(share=[EXAMPLE / "nav2_msgs"])
-OF = TYPES.action("nav2_msgs/action/NavigateToPose")
-SLOTS = action_slots("navigate", OF)
-GOAL, FEEDBACK, RESULT = SLOTS.goal.type, SLOTS.feedback.type, SLOTS.result.type
+from .acting import EXAMPLE, FEEDBACK, GOAL, OF, RESULT, SLOTS, Caller, Client, Navigator
+
 CONFIG = {"action": "navigate_to_pose", "type": OF.name, "slots": "navigate"}
 
 
 pytestmark = pytest.mark.usefixtures("nav2_msgs")
-
-
-class Navigator:
-    """Navigation2's part: goals that a test begins and ends by hand."""
-
-    def __init__(self, transport):
-        self.queue, self.begun, self.cancels = CallQueue(), [], True
-        self.accepts = True
-        self.server = ActionServer(
-            transport.node("bt_navigator"),
-            "navigate_to_pose",
-            OF,
-            TYPES,
-            begin=self._begin,
-            cancel=lambda _: self.cancels,
-            put=self.queue.put,
-        )
-
-    def _begin(self, goal):
-        self.begun.append(goal)
-        return self.accepts
-
-    def until(self, ready):
-        wait_for(ready, between=self.queue.run_pending)
 
 
 @pytest.fixture
@@ -79,41 +50,6 @@ def bridge(world, board):
     yield start
     for each in running:
         each.close()
-
-
-class Client:
-    """A machine's part: what is on the board for the goal that it sent."""
-
-    def __init__(self, board, bridge, navigator):
-        self.board = board
-        self.number = 0
-        self.seen = []
-        self.standings = board[SLOTS.status]
-        (worker,) = bridge._workers
-        self.worker = worker
-        navigator.until(lambda: worker._client.ready)
-        self.navigator = navigator
-
-    def send(self, **fields):
-        self.number += 1
-        self.board.add_message(SLOTS.goal, GOAL(self.number, **fields))
-
-    def stands(self, status, number=None):
-        number = self.number if number is None else number
-
-        def stood():
-            found = self.standings.get()
-            return found is not None and (found.number, found.status) == (number, status)
-
-        self.navigator.until(stood)
-        return self.standings.get()
-
-    def drives(self):
-        """Send a goal that is accepted, and return the server's end of it."""
-        self.send(behavior_tree="tree")
-        self.navigator.until(lambda: len(self.navigator.begun) == self.number)
-        self.stands(GoalStatus.EXECUTING)
-        return self.navigator.begun[-1]
 
 
 @pytest.fixture
@@ -219,36 +155,57 @@ def test_a_goal_from_before_the_bridge_is_not_sent(bridge, board, navigator):
     assert not navigator.begun
 
 
+def test_a_goal_of_a_bridge_that_was_lost_is_aborted(bridge, board, navigator):
+    board.add_message(SLOTS.goal, GOAL(3))
+    board.add_message(SLOTS.status, GoalStanding(3, GoalStatus.EXECUTING))
+    client = Client(board, bridge(), navigator)
+    assert "was lost" in client.stands(GoalStatus.ABORTED, 3).failure
+    assert board[SLOTS.result].get().status is GoalStatus.ABORTED
+    assert not navigator.begun
+
+
+@pytest.mark.parametrize(
+    ("slot", "state", "cancels"),
+    [
+        (SLOTS.cancel.name, "executed", True),
+        (SLOTS.cancel.name, "withdrawn", False),
+        ("cmd_vel", "executed", False),
+    ],
+)
+def test_a_goal_is_cancelled_by_the_last_will_of_its_machine(client, board, slot, state, cancels):
+    """A guard has executed it, and posted nothing: the machine had not canceled yet."""
+    value = SafeValue(slot, SLOTS.cancel.encoder.encode(CancelGoal()))
+    will = LastWill(os.getpid(), 0, "", 0, (value,))
+    board.add_message(will_slot("Patrol"), will)
+    goal = client.drives()
+    board.add_message(will_slot("Patrol"), msgspec.structs.replace(will, state=state))
+    if cancels:
+        client.stands(GoalStatus.CANCELING)
+    goal.end(GoalStatus.CANCELED if cancels else GoalStatus.SUCCEEDED, OF.result.message())
+    client.stands(GoalStatus.CANCELED if cancels else GoalStatus.SUCCEEDED)
+
+
+def test_a_result_that_does_not_come_is_asked_for_again(client, navigator, monkeypatch):
+    """Its server was killed, and another one is there before anybody has noticed."""
+    ask, calls = client.worker._client.get_result, []
+
+    def lose_the_first(key):
+        calls.append(key)
+        return ask(key) if len(calls) > 1 else Future()
+
+    monkeypatch.setattr(client.worker._client, "get_result", lose_the_first)
+    goal = client.drives()
+    client.worker._timeout = 0.01
+    goal.end(GoalStatus.SUCCEEDED, OF.result.message())
+    client.stands(GoalStatus.SUCCEEDED)
+
+
 def test_the_end_of_the_bridge_cancels_the_active_goal(client, board, bridge, navigator):
     goal = client.drives()
     client.worker.finish()
     client.worker.close()
     navigator.until(lambda: goal.status is GoalStatus.CANCELING)
     assert client.standings.get().failure == "the bridge has ended"
-
-
-class Caller:
-    """ROS's part: a client of the action that a machine serves."""
-
-    def __init__(self, transport):
-        self.feedback, self.statuses, self.bridge = [], [], None
-        self.key = uuid4().bytes
-        self._client = ActionClient(
-            transport.node("caller"),
-            "navigate_to_pose",
-            OF,
-            TYPES,
-            feedback=lambda key, message: self.feedback.append((key, message)),
-            status=lambda key, status: self.statuses.append((key, status)),
-        )
-        self._transport = transport
-
-    def send(self, **fields):
-        assert self._transport.wait_graph(lambda _: self._client.ready, PATIENCE_S)
-        return self._client.send_goal(self.key, OF.goal.message(**fields), PATIENCE_S)
-
-    def __getattr__(self, name):
-        return partial(getattr(self._client, name), self.key)
 
 
 @pytest.fixture
@@ -302,6 +259,17 @@ def test_a_second_goal_is_refused_while_one_is_there(board, bridge, caller):
 
 def test_a_machine_that_does_not_answer_refuses(board, bridge, caller):
     assert not serving(board, bridge, caller, timeout=0.05).result(PATIENCE_S).accepted
+    assert board[SLOTS.cancel].get() == CancelGoal(1)  # or it would begin a goal of nobody
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_goal_of_a_bridge_that_was_lost_is_cancelled(board, bridge, ends):
+    board.add_message(SLOTS.goal, GOAL(3))
+    accept(board, 3)
+    if ends:
+        board.add_message(SLOTS.result, RESULT(3, status=GoalStatus.SUCCEEDED))
+    bridge(role="server")
+    assert board[SLOTS.cancel].get() == (None if ends else CancelGoal(3))
 
 
 def test_a_machine_is_asked_to_cancel_and_decides_how_it_ends(board, bridge, caller):
@@ -332,6 +300,7 @@ def test_the_end_of_the_bridge_aborts_the_goal(board, bridge, caller, world):
     caller.get_result().result(PATIENCE_S)  # of no goal: once answered, the one before has arrived
     caller.bridge.close()
     assert result.result(PATIENCE_S).status == GoalStatus.ABORTED
+    assert board[SLOTS.cancel].get() == CancelGoal(1)  # so the machine does not go on alone
 
 
 def test_the_ends_on_the_graph_are_those_of_rclcpp(board, bridge, world):
