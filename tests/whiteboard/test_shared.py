@@ -281,37 +281,6 @@ print(*set(found), len(found))
     assert run_python(script, tmp_path) == "BoardClosedError 8\n"
 
 
-@pytest.mark.parametrize("wait", ["wait", "wait_count"])
-def test_closing_ends_a_wait_that_a_message_ends_at_the_same_time(
-    tmp_path: Path, run_python: RunPython, wait: str
-) -> None:
-    """What it waited on is not read then: it is no longer mapped."""
-    script = HEAD + (
-        f"""
-import threading
-
-def follow(slot, count):
-    try:
-        while True:
-            count = max(count, slot.{wait}(after=count) and slot.count)
-    except WhiteboardError as error:
-        found.append(type(error).__name__)
-
-found = []
-for turn in range(300):
-    with Whiteboard('board', directory=directory) as other:
-        wb = Whiteboard('board', directory=directory)
-        thread = threading.Thread(target=follow, args=(wb[NUMBER], wb[NUMBER].count))
-        thread.start()
-        other.add_message(NUMBER, Int64(turn))
-        wb.close()
-        thread.join()
-print(*set(found), len(found))
-"""
-    )
-    assert run_python(script, tmp_path) == "BoardClosedError 300\n"
-
-
 # ---- Limits ---------------------------------------------------------------------------------
 
 
