@@ -312,15 +312,9 @@ def bound_names(nodes: list[Any]) -> set[str]:
 
 def included_names(statements: list[ast.stmt]) -> frozenset[str] | None:
     """Return the names that includes import or define, or None if they cannot be determined."""
-    names: set[str] = set()
-    for node in (node for each in statements for node in ast.walk(each)):
-        match node:
-            case ast.Import(aliases) | ast.ImportFrom(names=aliases):
-                names |= {each.asname or each.name.partition(".")[0] for each in aliases}
-            case ast.FunctionDef(name) | ast.AsyncFunctionDef(name) | ast.ClassDef(name):
-                names.add(name)
-            case ast.Name(name, ast.Store()):
-                names.add(name)
+    nodes = [node for each in statements for node in ast.walk(each)]
+    from_functions = {n for node in nodes if isinstance(node, ast.Global) for n in node.names}
+    names = bound_names(statements) | from_functions
     return None if "*" in names else frozenset(names)
 
 

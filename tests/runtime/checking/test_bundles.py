@@ -158,6 +158,31 @@ def test_an_error_does_not_hide_what_a_state_includes(tmp_path: Path) -> None:
     assert texts == ["nothing is called 'one'", "nothing is called 'two'"]
 
 
+def test_what_is_within_a_class_or_function_is_not_included(tmp_path: Path) -> None:
+    includes = """\
+from llfsm.runtime import Sensor
+from llfsm.whiteboard import Message, Slot
+
+
+class Level(Message):
+    name: str = ""
+    n: int = 0
+    status: bool = False
+
+
+def total(values: tuple[int, ...]) -> int:
+    suspend = sum(value for value in values)
+    return suspend
+
+
+if total((1,)):
+    LEVEL = Slot("level", Level)
+"""
+    variables = "n: int = 0\nlevel = Sensor(LEVEL, default=Level())\n"
+    files = {"M_Includes.py": includes, "M_Variables.py": variables}
+    assert findings(tmp_path, files | {"State_B_OnEntry.py": "n = level.n\n"}) == []
+
+
 def test_sections_are_not_run(tmp_path: Path) -> None:
     ran = tmp_path / "ran"
     section = f"open({str(ran)!r}, 'w')"
