@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -136,10 +137,16 @@ def load_machine(arguments: Sequence[str]) -> type[Machine]:
     try:
         found: type[Machine] = getattr(importlib.import_module(module), name)
     except (Exception, SystemExit) as error:  # of the module's own code, whatever it is
-        line = error.lineno if isinstance(error, SyntaxError) else None
-        text = error.msg if isinstance(error, SyntaxError) else error
+        is_syntax = isinstance(error, SyntaxError) and error.filename == where
+        text, line = (error.msg, error.lineno) if is_syntax else (error, _line_in(where, error))
         raise BundleError(f"{type(error).__name__}: {text}", Path(where), line) from error
     return found
+
+
+def _line_in(file: str, error: BaseException) -> int | None:
+    """Return the line of a module's file at which the import has failed."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return next((each.lineno for each in reversed(frames) if each.filename == file), None)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import keyword
 import tokenize
 from collections.abc import Container, Iterator, Mapping
 from functools import partial
-from os.path import normpath
+from os.path import abspath
 from pathlib import Path
 
 from ..bundles import Bundle, BundleState, Fragment, require_python
@@ -26,6 +26,7 @@ from ..bundles.names import (
 )
 from ..bundles.scope import Scope
 from ..engine.machine import Machine
+from .class_files import module_name
 from .edited_text import EditedText
 
 __all__ = ["class_text"]
@@ -117,6 +118,9 @@ class _Writer:
             taken.add(self.states[state.name])
 
     def _check_includes(self) -> None:
+        for source in (self.bundle, *self.bundle.states):
+            if source.includes is not None:
+                self._check_module(source.includes)
         whose: dict[str, str] = {}
         for state in self.bundle.states:
             for name in self.of_states[state.name].included - self.scope.included:
@@ -127,10 +131,23 @@ class _Writer:
                         f"for the whole machine"
                     )
 
+    def _check_module(self, fragment: Fragment) -> None:
+        """Raise `BundleError` if what is included is in a module with the name of the class's."""
+        for node in ast.walk(parse(fragment)):
+            modules: list[str | None] = []
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                modules = [node.module]
+            elif isinstance(node, ast.Import):
+                modules = [each.name for each in node.names]
+            for module in filter(None, modules):
+                if module.partition(".")[0] == module_name(self.bundle.name):
+                    what = f"{module!r} is what the module of the class would be called, too"
+                    raise fragment.error(f"{what}; rename the machine, or that module", node.lineno)
+
     def _check_search(self, folder: Path) -> None:
         bundle = self.bundle
         for number, text in enumerate(bundle.include_paths, 1):
-            if bundle.folder is None or normpath(bundle.folder / text) != normpath(folder):
+            if bundle.folder is None or abspath(bundle.folder / text) != abspath(folder):
                 where = Fragment("", bundle.folder and bundle.folder / "IncludePath")
                 raise where.error(
                     "a class has no include path; put its modules where Python finds them", number

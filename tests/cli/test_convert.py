@@ -52,3 +52,15 @@ def test_what_is_there_is_kept(llfsm: Llfsm) -> None:
     assert "blink.py: not written" in llfsm.run("convert", "Blink.machine").stderr
     refused = llfsm.run("convert", "blink.py:Blink")
     assert "Blink.machine: not written: it is there already" in refused.stderr
+
+
+def test_a_class_whose_bundle_includes_what_is_beside_it(llfsm: Llfsm) -> None:
+    (llfsm.cwd / "levels.py").write_text("LOW = 3\n")
+    llfsm.run("new", "Blink", "--class")
+    blink = llfsm.cwd / "blink.py"
+    blink.write_text(f"from levels import LOW\n\nN = LOW\n{blink.read_text()}")
+    assert llfsm.run("convert", "blink.py:Blink").returncode == 0
+    assert (llfsm.cwd / "Blink.machine/IncludePath").exists()
+    blink.unlink()
+    back = llfsm.run("convert", "Blink.machine")
+    assert (back.returncode, back.stdout) == (0, "wrote blink.py\n"), back.stderr

@@ -107,6 +107,8 @@ BUNDLE = {
 BUNDLES = {
     ("M_Includes.py", "import os\nfrom math import *\n"): ("M_Includes.py", "instead of \\*"),
     ("M_Includes.py", "import os as M\n"): ("M_Includes.py", "'M' is the machine"),
+    ("M_Includes.py", "from m.n import x\n"): ("M_Includes.py:1", "'m.n' is what the module"),
+    ("M_Includes.py", "if n:\n    import m.x\n"): ("M_Includes.py:2", "'m.x' is what the module"),
     ("IncludePath", "/usr\n../else\n"): ("IncludePath:1", "a class has no include path"),
     ("State_B_OnEntry.py", "n = 1\nn = m\n"): ("State_B_OnEntry.py:2", "nothing is called 'm'"),
     ("State_B_OnEntry.py", "n = 1\nself = 2\n"): ("State_B_OnEntry.py:2", "'self' is the machine"),

@@ -78,6 +78,7 @@ def test_what_others_write_is_seen(file: Path) -> None:
     for text, wrong in [
         ("class Patrol(:", "patrol.py:1: SyntaxError"),
         ("import os; os._exit(0)", "patrol.py: importing patrol has ended its process"),
+        (TEXT.replace("A.to(B", "A.to(C"), r"patrol\.py:\d+: NameError: name 'C'"),
         (TEXT.replace("Patrol", "Other"), "patrol.py: AttributeError: module 'patrol' has no"),
     ]:
         file.write_text(text)
