@@ -168,26 +168,27 @@ class BundleFolder:
     def _is_part(self, name: str) -> bool:
         """Return whether a file of this name can belong to the machine."""
         starts = ("State_", f"{self.name}_", f"{self.name}.")
-        return name in _ALONE or (name.startswith(starts) and os.sep not in name)
+        is_of_it = name.startswith(starts) and os.sep not in name
+        return name in _ALONE or (is_of_it and not name.endswith(SUFFIX))  # another one inside
 
     @contextmanager
     def _opened(self) -> Iterator[_Opened]:
-        """Open the folder, and keep other editors of ours from it meanwhile."""
-        if not _BY_NAME:
-            yield _Opened(self.path, None)
-            return
+        """Open the folder, and keep other editors of ours from it; `BundleError` if that fails."""
         try:
+            if not _BY_NAME:
+                yield _Opened(self.path, None)
+                return
             descriptor = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | _FLAGS)
+            try:
+                import fcntl  # here, as Windows lacks it
+
+                with suppress(OSError):  # some file systems have no locks
+                    fcntl.flock(descriptor, fcntl.LOCK_EX)
+                yield _Opened(self.path, descriptor)
+            finally:
+                os.close(descriptor)
         except OSError as error:
             raise BundleError(error.strerror or str(error), self.path) from error
-        try:
-            import fcntl  # here, as Windows lacks it
-
-            with suppress(OSError):  # some file systems have no locks
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
-            yield _Opened(self.path, descriptor)
-        finally:
-            os.close(descriptor)
 
     def _read(self, folder: _Opened, name: str) -> bytes | None:
         if folder.descriptor is None and (folder.path / name).is_symlink():
@@ -201,9 +202,10 @@ class BundleFolder:
                 if stat.S_ISLNK(os.lstat(folder.at(name), dir_fd=folder.descriptor).st_mode):
                     raise BundleError(_LINK, self.path / name) from error
             raise BundleError(error.strerror or str(error), self.path / name) from error
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # Python opens no folder as a file
+            os.close(descriptor)
+            raise BundleError("not a regular file", self.path / name)
         with os.fdopen(descriptor, "rb") as opened:
-            if not stat.S_ISREG(os.fstat(opened.fileno()).st_mode):
-                raise BundleError("not a regular file", self.path / name)
             return opened.read()
 
     def _replace(self, folder: _Opened, name: str, data: bytes | None) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import msgspec
 
 from ..bundles.plist import described_path, layout_to_plist
-from ..engine.layout import Point, TransitionPath
+from ..engine.layout import MachineLayout, Point, TransitionPath
 from .draft import Draft
 from .errors import EditError
 from .layout_text import LAYOUT, check_numbers, layout_text, made_layout, number_paths
@@ -101,7 +101,26 @@ class ArrangeAgain(msgspec.Struct, frozen=True, tag="arrange again", tag_field="
 
     def apply(self, draft: Draft) -> None:
         """Make the edit in a draft."""
-        draft.put(LAYOUT, layout_to_plist(automatic(draft.bundle)))
+        layout, text = automatic(draft.bundle), layout_text(draft)
+        if text is None:
+            draft.put(LAYOUT, layout_to_plist(layout))
+            return
+        old = draft.bundle.layout or MachineLayout()
+        for name, box in layout.states.items():
+            if name not in old.states:
+                described = {"x": box.x, "y": box.y, "w": box.w, "h": box.h, "Transitions": []}
+                text.set(("States", name), described)
+            else:
+                text.set(("States", name, "x"), box.x)
+                text.set(("States", name, "y"), box.y)
+            paths, before = layout.transitions.get(name, ()), old.transitions.get(name, ())
+            if len(paths) == len(before) == len(text.items("States", name, "Transitions")):
+                for number, (path, was) in enumerate(zip(paths, before, strict=True)):
+                    _set_path(text, name, number, was, path)
+            else:
+                described_paths = [described_path(path) for path in paths]
+                text.set_items(("States", name, "Transitions"), described_paths)
+        draft.put(LAYOUT, text.data)
 
 
 def _set(draft: Draft, state: str, values: dict[str, float | bool]) -> None:

@@ -184,6 +184,29 @@ def test_a_pipe_is_not_waited_for(confusing: Path) -> None:
         Document(confusing)
 
 
+def test_a_folder_is_no_file(confusing: Path) -> None:
+    (confusing / "M.machine").mkdir()  # another one inside
+    document = Document(confusing)
+    (confusing / "State_OnEntry_OnExit.py").mkdir()
+    with pytest.raises(BundleError, match=r"State_OnEntry_OnExit\.py: not a regular file"):
+        document.refresh()
+    (confusing / "State_OnEntry_OnExit.py").rmdir()
+    assert document.refresh() == []
+
+
+def test_a_file_that_cannot_be_looked_at_is_an_error(
+    confusing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document = Document(confusing)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "stat", refuse)
+    with pytest.raises(BundleError, match=r"M\.machine: Permission denied"):
+        document.refresh()
+
+
 def test_permissions_are_kept(confusing: Path) -> None:
     (confusing / "State_Done_OnEntry.py").chmod(0o640)
     document = Document(confusing)

@@ -190,6 +190,25 @@ def test_only_the_numbers_of_what_is_moved_change(placed: Path) -> None:
     assert drawn(placed)["Variables"]["bgColour"] == {"red": 0.5}
 
 
+def test_what_is_arranged_again_keeps_all_but_its_places(placed: Path) -> None:
+    before = drawn(placed)
+    old = (placed / "Layout.plist").read_bytes()
+    edit(placed, {"edit": "arrange again"})
+    after = drawn(placed)
+    assert after["End"] == before["End"]  # of a state that is not there
+    for name in ("Done", "Variables"):
+        assert list(after[name])[: len(before[name])] == list(before[name])
+        kept = before[name].keys() - {"x", "y", "Transitions"}
+        assert {key: after[name][key] for key in kept} == {key: before[name][key] for key in kept}
+    assert len(after["Done"]["Transitions"]) == 3
+    assert {"x", "y", "w", "h"} <= after["OnEntry"].keys()
+
+    once = (placed / "Layout.plist").read_bytes()
+    assert once.split(b"<key>States</key>")[0] == old.split(b"<key>States</key>")[0]
+    edit(placed, {"edit": "arrange again"})
+    assert (placed / "Layout.plist").read_bytes() == once
+
+
 def test_the_layout_follows_what_is_renamed_reordered_and_deleted(placed: Path) -> None:
     before = drawn(placed)
     first, second = before["Done"]["Transitions"]
