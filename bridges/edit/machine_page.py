@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from functools import lru_cache
 from typing import Any, cast
 
 from llfsm.bridges.view.diagram_data import plain_diagram
 from llfsm.bridges.view.page_source import PageSource
+from llfsm.runtime.bundles.code import parse_expression
 from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, Fragment
 from llfsm.runtime.checking import Finding
 from llfsm.runtime.checking.message_fields import message_fields
+from llfsm.runtime.checking.subject import truth_of
 from llfsm.runtime.editing.document import Document
 from llfsm.runtime.editing.sketch import sketch
 from llfsm.runtime.engine.errors import BundleError
@@ -27,6 +30,7 @@ def machine_data(document: Document) -> dict[str, Any]:
     `boxes`, `edges` and `texts` have keys, by which only what has changed is sent.
     """
     bundle = document.bundle
+    dead = _dead(bundle)
     drawn = plain_diagram(sketch(bundle))
     layout = bundle.layout.states if bundle.layout else {}
     return {
@@ -43,8 +47,8 @@ def machine_data(document: Document) -> dict[str, Any]:
         "boxes": {box["state"]: box for box in drawn["boxes"]},
         "edges": {f"{edge['source']}:{edge['number']}": edge for edge in drawn["edges"]},
         "texts": {place: [_name(text), text.text] for place, text in _texts(bundle)},
-        "unreachable": _unreachable(bundle),
-        "dead": _dead(bundle),
+        "unreachable": _unreachable(bundle, set(dead)),
+        "dead": dead,
         "undo": document.can_undo,
         "redo": document.can_redo,
     }
@@ -115,24 +119,46 @@ def _name(text: Fragment) -> str:
     return "" if text.file is None else text.file.name
 
 
-def _unreachable(bundle: Bundle) -> list[str]:
+def _unreachable(bundle: Bundle, dead: Collection[str]) -> list[str]:
+    """Return the states to which no transitions lead that can fire."""
     first = bundle.states[0].name
-    targets = {each.name: [t.target for t in each.transitions] for each in bundle.states}
+    targets = {
+        state.name: [
+            each.target
+            for number, each in enumerate(state.transitions)
+            if f"{state.name}:{number}" not in dead
+        ]
+        for state in bundle.states
+    }
     starts = [first, bundle.suspend or first]
     return [name for name, _ in unreachable_states(starts, targets)]
 
 
 def _dead(bundle: Bundle) -> list[str]:
-    """Return the transitions that can never fire, because one before them always does."""
+    """Return the transitions that can never fire: by their condition, or one before them."""
     dead = []
     for state in bundle.states:
-        leads = [
-            (each.target, each.expression is None or each.expression.text.strip() in _TRUE)
-            for each in state.transitions
-        ]
-        dead += [f"{state.name}:{number}" for number, _ in dead_transitions(state.name, leads)]
+        truths = [_truth(each.expression, bundle.language) for each in state.transitions]
+        leads = [(each.target, bool(t)) for each, t in zip(state.transitions, truths, strict=True)]
+        numbers = {number for number, _ in dead_transitions(state.name, leads)}
+        numbers |= {number for number, truth in enumerate(truths) if truth is False}
+        dead += [f"{state.name}:{number}" for number in sorted(numbers)]
     return dead
 
 
-_TRUE = ("true", "True")
+def _truth(expression: Fragment | None, language: str) -> bool | None:
+    """Return what a condition always is, as far as its text alone shows it."""
+    if expression is None or expression.text.strip() == "true":
+        return True
+    return _python_truth(expression.text) if language in (PYTHON, CLASS) else None
+
+
+@lru_cache(maxsize=4096)
+def _python_truth(text: str) -> bool | None:
+    try:
+        return truth_of(parse_expression(Fragment(text)))
+    except BundleError:
+        return None
+
+
 _CONVERTS = {PYTHON: "class", CLASS: "bundle"}

@@ -281,7 +281,7 @@ class _Checker:
         if fragment.text.strip() == "true":
             return CheckedTransition(source.target, place, True)
         guard = self.code(fragment, scope, expression=True)
-        return CheckedTransition(source.target, place, bool(guard and guard.is_true), guard)
+        return CheckedTransition(source.target, place, guard.truth if guard else None, guard)
 
     def scope(self, source: Bundle | BundleState, within: _CheckedScope | None) -> _CheckedScope:
         """Return the scope of the code of `source`."""

@@ -108,8 +108,9 @@ class _Reader:
         if transition.guard is not None:
             self.expect_only_machine(transition.guard, "a guard")
         guard = None if transition.guard is None else self.code(transition.guard)
-        untimed_true = transition.after_ms is None and guard is not None and guard.is_true
-        always = transition.unconditional or untimed_true
+        always = transition.unconditional or (guard.truth if guard else None)
+        if guard and always and transition.after_ms is not None:
+            always = None  # not before that time
         return CheckedTransition(transition.target.name, Place(*transition.location), always, guard)
 
     def expect_only_machine(self, function: Callable[..., Any], what: str) -> None:

@@ -40,9 +40,13 @@ def _unreachable(subject: Subject) -> Iterator[Finding]:
 
 def _dead(subject: Subject) -> Iterator[Finding]:
     for state in subject.states:
-        leads = [(each.target, each.always) for each in state.transitions]
+        leads = [(each.target, bool(each.always)) for each in state.transitions]
         for number, what in dead_transitions(state.name, leads):
             yield Finding(*state.transitions[number].where, "error", what)
+        for each in state.transitions:
+            if each.always is False:
+                never = f"state {state.name!r}: the transition to {each.target!r} can never fire"
+                yield Finding(*each.where, "warning", f"{never}, as its condition is always False")
 
 
 def _unused(subject: Subject) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 __all__ = [
     "CheckedState", "CheckedTransition", "Code", "Declared", "Finding", "Place", "Severity",
-    "Subject",
+    "Subject", "truth_of",
 ]  # fmt: skip
 
 Severity: TypeAlias = Literal["error", "warning"]
@@ -42,12 +42,29 @@ class Code(NamedTuple):
     parameters: frozenset[str] = frozenset()
 
     @property
-    def is_true(self) -> bool:
-        """Whether it does nothing but return True."""
+    def truth(self) -> bool | None:
+        """What it always returns, if that is True or False."""
         match self.body:
-            case [ast.Return(ast.Constant(value))]:
-                return value is True
-        return False
+            case [ast.Return(ast.expr() as value)]:
+                return truth_of(value)
+        return None
+
+
+def truth_of(condition: ast.expr) -> bool | None:
+    """Return True or False if a condition is that always, as ``ready and False`` is; else None."""
+    match condition:
+        case ast.Constant(bool(value)):
+            return value
+        case ast.UnaryOp(ast.Not(), operand):
+            truth = truth_of(operand)
+            return None if truth is None else not truth
+        case ast.BoolOp(op, values):
+            decides = isinstance(op, ast.Or)
+            truths = {truth_of(value) for value in values}
+            if decides in truths:
+                return decides
+            return not decides if truths == {not decides} else None
+    return None
 
 
 class Declared(NamedTuple):
@@ -58,11 +75,11 @@ class Declared(NamedTuple):
 
 
 class CheckedTransition(NamedTuple):
-    """A transition; `always` is True if it fires whenever it is evaluated."""
+    """A transition; `always` is True if it fires whenever it is evaluated, False if never."""
 
     target: str
     where: Place
-    always: bool
+    always: bool | None
     guard: Code | None = None
 
 

@@ -39,6 +39,26 @@ def test_a_window_shows_the_machine(windows: Open) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("first", "dead", "unreachable"),
+    [
+        ("(True)", ["A:1"], ["Lost"]),
+        ("not (count > 3 and False)", ["A:1"], ["Lost"]),
+        ("count > 3 and False", ["A:0"], ["B", "Lost"]),
+        ("False  # for now", ["A:0"], ["B", "Lost"]),
+        ("count > 3 or False", [], ["Lost"]),
+        ("count > (", [], ["Lost"]),
+    ],
+)
+def test_what_can_never_fire_or_be_reached(
+    windows: Open, bundle: Path, first: str, dead: list[str], unreachable: list[str]
+) -> None:
+    (bundle / "State_A_Transition_0.expr").write_text(first)
+    window = windows()
+    window.wait(lambda shown: shown["texts"].get("A|0", [""])[-1] == first)
+    assert (window.shown["dead"], window.shown["unreachable"]) == (dead, unreachable)
+
+
 def test_all_windows_show_what_one_has_changed(windows: Open, bundle: Path) -> None:
     one, other = windows(), windows()
     assert one.apply(RENAME) == {"answer": 1, "done": "wrote 4 files"}
