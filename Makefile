@@ -201,7 +201,7 @@ screenshots: $(VENV)/.ready-test
 codemirror:
 	rm -rf build/codemirror && mkdir -p build && cp -r .ci/codemirror build/codemirror
 	cd build/codemirror && npm ci --silent && npx esbuild entry.js --bundle --format=esm --minify \
-	    --legal-comments=none --outfile=$(abspath bridges/edit/codemirror/codemirror.js)
+	    --legal-comments=none --banner:js="$$(cat licence.js)" --outfile=$(abspath bridges/edit/codemirror/codemirror.js)
 
 lock: $(VENV)/.ready-release
 	$(BIN)/python .ci/lock.py setup=$(EXTRAS_setup) test=$(EXTRAS_test) bench=$(EXTRAS_bench) \
