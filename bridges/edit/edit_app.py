@@ -26,6 +26,7 @@ from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.editing.document import Document
 
 from .edit_session import EditSession, decode_request
+from .message_types import offered
 from .opened_plan import OpenedPlan, overview_data
 
 __all__ = ["make_edit_app"]
@@ -91,6 +92,7 @@ class _MachinePages:
         return [
             Route(f"{at}/", files.respond),
             Route(f"{at}/about", self._about),
+            Route(f"{at}/offered", self._offered),
             WebSocketRoute(f"{at}/live", self._live),
         ]
 
@@ -114,6 +116,10 @@ class _MachinePages:
             return json_response(self._shared | {"title": name, "problem": document})
         title, path = name or document.folder.name, str(document.path)
         return json_response(self._shared | {"title": title, "path": path})
+
+    async def _offered(self, _: HttpRequest) -> Response:
+        """Return what machines can include: it is looked for when it is asked for."""
+        return json_response(await run_in_threadpool(offered, self._source))
 
     async def _live(self, socket: WebSocket) -> None:
         session = self._sessions.get(socket.path_params.get("machine", ""))

@@ -14,6 +14,7 @@ from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.page_requests import AskMachine, FrameShown, perform
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.editing.document import Document, Edit
+from llfsm.runtime.editing.include_edits import Include
 from llfsm.runtime.editing.text_edits import SetText
 from llfsm.runtime.engine.errors import FsmError
 
@@ -146,7 +147,7 @@ class EditSession:
         if isinstance(request, ConvertMachine):
             return f"wrote {document.convert()}"
         if isinstance(request, ApplyEdits):
-            is_text = all(isinstance(edit, SetText) for edit in request.edits)
+            is_text = all(isinstance(edit, SetText | Include) for edit in request.edits)
             shape = None if is_text else request.shape
             return f"wrote {_files(document.apply(request.edits, shape, show))}"
         if isinstance(request, UndoEdits):

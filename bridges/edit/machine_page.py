@@ -21,6 +21,8 @@ from llfsm.runtime.presence.remote import condition_of
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
 
+from .message_types import ros_class
+
 __all__ = ["findings_data", "live_data", "machine_data"]
 
 
@@ -58,7 +60,7 @@ def findings_data(document: Document) -> dict[str, Any]:
     """Return what `llfsm check` finds in the texts, and the names and fields that code can use."""
     found, names = document.findings()
     try:
-        fields = message_fields(document.bundle)
+        fields = message_fields(document.bundle, ros_class)
     except BundleError:
         fields = {}
     return {"findings": [_finding(each) for each in found], "names": names, "fields": fields}

@@ -1,14 +1,14 @@
 """The fields of the messages that a bundle's code reads, from its text: nothing of it is run.
 
 Types are found in what the bundle includes: classes in it, those of modules in its include folders,
-of which the text is read, and those of this product, which are imported.
+of which the text is read, those of this product, which are imported, and those of ROS.
 """
 
 from __future__ import annotations
 
 import ast
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from itertools import count
 from pathlib import Path
@@ -23,20 +23,22 @@ __all__ = ["MessageFields", "message_fields"]
 MessageFields: TypeAlias = dict[str, "MessageFields"]
 """Names of fields, each with the fields of its own value; none if that is no message."""
 
+RosClass: TypeAlias = Callable[[str], "type[Message] | None"]
 _OURS = ("llfsm.whiteboard.", "llfsm.machines.")
 _DEEPEST = 8  # a class may have fields of its own type
 _MOST = 5000  # fields of all names, beyond which there are no more
 _LONGEST = 1 << 20  # bytes of a module
 
 
-def message_fields(bundle: Bundle) -> MessageFields:
+def message_fields(bundle: Bundle, ros_class: RosClass = lambda _: None) -> MessageFields:
     """Return the fields of what each name holds that the code can use; those without are left out.
 
-    A state's variables hide the machine's of the same name, also in other states.
+    A state's variables hide the machine's of the same name, also in other states. `ros_class` finds
+    the class of a type's ROS name.
     """
     if bundle.language != PYTHON:
         return {}
-    included = _Module(_statements(bundle.includes), _folders(bundle))
+    included = _Module(_statements(bundle.includes), _folders(bundle), ros_class)
     declared = [bundle.variables, *(state.variables for state in bundle.states)]
     found = {}
     for statement in (each for text in declared for each in _statements(text)):
@@ -79,9 +81,11 @@ class _Module:
         self,
         statements: list[ast.stmt],
         folders: tuple[Path, ...],
+        ros_class: RosClass,
         numbers: Iterator[int] | None = None,
     ):
         self._folders = folders
+        self._ros_class = ros_class
         self._numbers = count() if numbers is None else numbers  # of the fields, in all modules
         self._known: dict[str, Any] = {}
         for statement in statements:
@@ -101,6 +105,10 @@ class _Module:
         match kind:
             case ast.Call(ast.Name("Slot"), [_, message, *_]):
                 return self.fields(message, depth)
+            case ast.Attribute(
+                ast.Call(ast.Attribute(ast.Call(), "message"), [ast.Constant(str(name))]), "message"
+            ):  # TypeLibrary().message("std_msgs/msg/String").message
+                return _fields_of(self._ros_class(name))
             case ast.BinOp(left, ast.BitOr(), ast.Constant(None)):
                 return self.fields(left, depth)
             case ast.Constant(str(name)) | ast.Name(name) if name in self._known:
@@ -129,7 +137,9 @@ class _Module:
             try:
                 if path.is_file() and path.stat().st_size <= _LONGEST:
                     text = path.read_text("utf-8-sig")
-                    there = _Module(_statements(text), self._folders, self._numbers)
+                    there = _Module(
+                        _statements(text), self._folders, self._ros_class, self._numbers
+                    )
                     return there.fields(ast.Name(name), depth)
             except (OSError, ValueError):
                 continue

@@ -17,6 +17,7 @@ from ..engine.errors import BundleError
 from .bundle_folder import BundleFolder, FileChange, FileChanges
 from .draft import Draft, FilesReader
 from .errors import EditConflictError, EditError
+from .include_edits import Include
 from .layout_edits import ArrangeAgain, BendTransition, ExpandState, PlaceStates, ResizeState
 from .state_edits import AddState, DeleteState, OrderState, RenameState, SetSuspendState
 from .text_edits import SetText
@@ -32,7 +33,7 @@ __all__ = ["Document", "Edit", "decode_edits"]
 Edit: TypeAlias = (
     AddState | DeleteState | OrderState | RenameState | SetSuspendState
     | AddTransition | DeleteTransition | OrderTransition | RetargetTransition
-    | SetText
+    | Include | SetText
     | ArrangeAgain | BendTransition | ExpandState | PlaceStates | ResizeState
 )  # fmt: skip
 

@@ -1,12 +1,14 @@
 // An editor of one text: CodeMirror, which sends what was typed after a pause.
 
 import {
-  Annotation, EditorState, EditorView, HighlightStyle, autocompletion, bracketMatching, closeBrackets,
-  closeBracketsKeymap, completionKeymap, defaultKeymap, drawSelection, indentOnInput, indentUnit,
-  indentWithTab, keymap, lineNumbers, lintGutter, placeholder, python, setDiagnostics,
+  Annotation, EditorState, EditorView, HighlightStyle, Prec, autocompletion, bracketMatching, closeBrackets,
+  closeBracketsKeymap, closeCompletion, completionKeymap, defaultKeymap, drawSelection, indentOnInput, indentUnit,
+  indentWithTab, keymap, lineNumbers, lintGutter, placeholder, python, selectedCompletion, setDiagnostics,
   syntaxHighlighting, tags,
 } from "./codemirror.js";
-import { make } from "./dom.js";
+import { completions } from "./completion.js";
+import { make, setText } from "./dom.js";
+import { problems, showProblems } from "./problems.js";
 
 const PAUSE_MS = 250; // after the last key, before a text is written
 
@@ -26,7 +28,7 @@ const look = EditorView.theme({
   ".cm-scroller": { fontFamily: "var(--mono)", lineHeight: "1.5" },
   ".cm-content": { caretColor: "var(--ink)" },
   ".cm-cursor": { borderLeftColor: "var(--ink)" },
-  ".cm-gutters": { backgroundColor: "transparent", border: "none", color: "var(--faint)" },
+  ".cm-gutters": { backgroundColor: "var(--raised)", border: "none", color: "var(--faint)" },
   "&.cm-focused > .cm-scroller > .cm-selectionLayer .cm-selectionBackground, .cm-selectionBackground": {
     backgroundColor: "color-mix(in srgb, var(--focus) 28%, transparent)",
   },
@@ -35,37 +37,58 @@ const look = EditorView.theme({
   ".cm-diagnostic": { fontFamily: "var(--sans)" },
 });
 
-// `ask(edit)` writes; `machine` has the texts, the findings and the names to complete.
+// Quotes are not closed: in a text with three, that adds some that nobody typed.
+const brackets = EditorState.languageData.of(() => [{ closeBrackets: { brackets: ["(", "[", "{"] } }]);
+
+// Enter ends a line, or the only line, unless it takes a completion that says more than what is typed.
+const enter = (done) => Prec.highest(keymap.of([{
+  key: "Enter",
+  run: (view) => {
+    const { state } = view;
+    const chosen = selectedCompletion(state);
+    const { head } = state.selection.main;
+    const isTyped = chosen && state.sliceDoc(Math.max(0, head - chosen.label.length), head) === chosen.label;
+    if (chosen && (!isTyped || chosen.apply)) return false;
+    closeCompletion(view);
+    if (!done) return false;
+    done();
+    return true;
+  },
+}]));
+
+// What an editor is called for those who do not see where it is.
+function nameOf(place) {
+  const [state, part] = place.split("|");
+  if (!state) return `${part === "Variables" ? "Variables and slots" : part} of the machine`;
+  return /^\d+$/.test(part) ? `Condition of transition ${Number(part) + 1} of ${state}` : `${part} of ${state}`;
+}
+
+// `write(place, text, was, includes)` writes; `machine` has the texts, the findings and the names to complete; `done`
+// follows Enter in an editor of one line.
 export class Code {
-  constructor(place, { machine, write, hint = "", isLine = false }) {
+  constructor(place, { machine, write, hint = "", isLine = false, done = null }) {
     this.named = place;
     this.machine = machine;
     this.write = write;
     this.was = machine.text(place); // what the server has, as far as this editor knows
     this.isSending = false;
     this.note = make("p", { class: "problem", role: "alert", hidden: true });
-    const complete = (context) => {
-      const typed = context.matchBefore(/[A-Za-z_][\w.]*/);
-      if (!typed && !context.explicit) return null;
-      const parts = (typed?.text ?? "").split(".");
-      const word = parts.pop();
-      const fields = parts.reduce((found, part) => found?.[part], machine.data.fields);
-      const names = parts.length ? Object.keys(fields ?? {}) : machine.names(this.place);
-      if (!names.length) return null;
-      const type = parts.length ? "property" : "variable";
-      return { from: context.pos - word.length, options: names.map((label) => ({ label, type })), validFor: /^\w*$/ };
-    };
+    this.theirs = make("pre", {});
+    this.includes = []; // what was chosen from completions, to be written with the text
+    const isPython = ["python", "class"].includes(machine.data.language);
     this.view = new EditorView({
       state: EditorState.create({
         doc: this.was.replace(/\n$/, ""),
         extensions: [
           ...(isLine ? [] : [lineNumbers(), lintGutter()]),
-          drawSelection(), indentOnInput(), bracketMatching(), closeBrackets(), indentUnit.of("    "),
-          python(), autocompletion({ override: [complete] }), placeholder(hint), look, syntaxHighlighting(colors),
-          keymap.of([...closeBracketsKeymap, ...completionKeymap, ...defaultKeymap, indentWithTab]),
+          drawSelection(), indentOnInput(), bracketMatching(), brackets, closeBrackets(), indentUnit.of("    "),
+          enter(isLine ? done : null), autocompletion({ override: completions(this) }), problems,
+          ...(isPython ? [python()] : []), placeholder(hint), look, syntaxHighlighting(colors),
+          keymap.of([...closeBracketsKeymap, ...completionKeymap, ...defaultKeymap, ...(isLine ? [] : [indentWithTab])]),
           EditorView.cspNonce.of(machine.styles),
           EditorState.readOnly.of(!machine.data.editable),
-          EditorView.contentAttributes.of(() => ({ "aria-label": this.named.replace("|", " ") })),
+          EditorView.contentAttributes.of(() => ({ "aria-label": nameOf(this.named) })),
+          EditorView.domEventHandlers({ focus: () => { if (place.startsWith("|")) machine.lookAround(); } }),
           EditorView.updateListener.of((update) => this.changed(update)),
         ],
       }),
@@ -96,6 +119,7 @@ export class Code {
   }
 
   changed(update) {
+    if (update.docChanged) this.shown = null; // findings have moved with what was typed
     if (!update.docChanged || update.transactions.some((each) => each.annotation(fromServer))) return;
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.send(), PAUSE_MS);
@@ -104,25 +128,39 @@ export class Code {
   // Writes what was typed; returns when the server has it.
   async send() {
     clearTimeout(this.timer);
-    if (this.isSending || !this.isUnsent) return;
-    const { text, was } = this;
+    if (this.isSending || !(this.isUnsent || this.includes.length)) return;
+    const { text, was, includes } = this;
+    this.includes = [];
     this.isSending = true;
     try {
-      await this.write(this.place, text, was);
+      await this.write(this.place, text, was, includes);
       this.was = text;
       this.note.hidden = true;
     } catch (error) {
+      this.includes.unshift(...includes);
       this.note.hidden = false;
       this.note.replaceChildren(
         `${error.message} `,
         make("button", { type: "button", onclick: () => this.take() }, "Take theirs"),
         make("button", { type: "button", onclick: () => this.keep() }, "Keep mine"),
+        this.theirs,
       );
+      this.showTheirs();
       return;
     } finally {
       this.isSending = false;
     }
     if (this.isUnsent) this.send();
+  }
+
+  // Includes a text for the whole machine, such as the import of what was just completed.
+  include(text) {
+    this.includes.push(text);
+    this.send();
+  }
+
+  showTheirs() {
+    setText(this.theirs, this.machine.text(this.place) || "(no text)");
   }
 
   take() {
@@ -139,6 +177,7 @@ export class Code {
   // Shows what the server has, unless something is being typed.
   show() {
     const text = this.machine.text(this.place);
+    this.showTheirs();
     if (text !== this.was && !this.isSending) {
       if (!this.isUnsent) {
         this.was = text;
@@ -153,7 +192,8 @@ export class Code {
     const key = JSON.stringify(found);
     if (key === this.shown) return;
     this.shown = key;
-    this.view.dispatch(setDiagnostics(this.view.state, found));
+    const spec = setDiagnostics(this.view.state, found);
+    this.view.dispatch({ ...spec, effects: [spec.effects, showProblems.of(found)].flat() });
   }
 
   replace(text) {

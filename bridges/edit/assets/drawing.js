@@ -10,6 +10,8 @@ export class Drawing extends Diagram {
   constructor(data) {
     super({ title: data.name, frame: data.frame, start: data.start, boxes: [], edges: [] });
     this.svg.replaceChildren();
+    this.element.setAttribute("role", "application");
+    this.element.setAttribute("aria-label", `Drawing of ${data.name}; Tab goes to the next state, ? lists all keys`);
     this.layers = {};
     for (const name of ["start", "arrows", "boxes", "labels", "handles"]) {
       this.layers[name] = makeSvg("g", { class: `layer-${name}` });

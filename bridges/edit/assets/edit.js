@@ -24,6 +24,14 @@ const simulation = new Simulation(machine, (request) => link.ask(request));
 const live = new Live((request) => link.ask(request), () => inspector.flush());
 let drawing = null;
 
+machine.lookAround = async () => {
+  try {
+    machine.offered = await link.get("offered");
+  } catch {
+    // without an answer, what was offered before is
+  }
+};
+
 function take(frame) {
   machine.apply(frame);
   const { data } = machine;
@@ -78,6 +86,7 @@ editor.onmark = () => {
   inspector.mark();
 };
 editor.focusText = () => inspector.focus();
+editor.focusName = () => inspector.focusName();
 
 function showFindings() {
   const { findings } = machine.data;
@@ -116,6 +125,7 @@ function showLink(state, problem = "", about = null) {
   if (state === "connecting" && about) {
     machine.styles = about.styles;
     live.mayReload = about.control;
+    machine.lookAround();
     machine.apply({ boxes: {}, edges: {}, texts: {} });
   }
 }
@@ -125,10 +135,12 @@ async function goBack(type) {
   await editor.request(type);
 }
 
+// Selects the next or previous state; false behind the last and before the first, where Tab leaves the drawing.
 function step(by) {
   const { states } = machine.data;
   const i = states.indexOf(editor.state);
-  editor.select(states[(i + by + states.length) % states.length]);
+  const next = states[i < 0 && by < 0 ? states.length - 1 : i + by];
+  return next ? editor.select(next) : false;
 }
 
 function stepTransition(by) {
@@ -141,8 +153,7 @@ function stepTransition(by) {
 function escape() {
   const field = document.activeElement.closest?.("input, select, .cm-editor");
   if (!field) return editor.selectNothing();
-  document.activeElement.blur();
-  drawing.element.focus({ preventScroll: true });
+  inspector.done();
 }
 
 function addState() {
@@ -154,7 +165,12 @@ function addState() {
 
 const toggleTheme = useTheme();
 const drawn = (act) => () => (drawing ? act() : false); // a machine may not be open
-const arrow = (dx, dy) => () => (editor.selected.size ? editor.nudge(dx, dy) : false);
+const arrow = (dx, dy) => ({ shiftKey }) => {
+  if (![drawing?.element, document.body].includes(document.activeElement)) return false; // a list is scrolled
+  if (editor.transition) return editor.steps.bend(dx, dy, shiftKey);
+  if (!editor.selected.size) return false;
+  return shiftKey ? editor.steps.resize(dx, dy) : editor.steps.move(dx, dy);
+};
 listenToKeys({
   n: drawn(addState),
   Tab: (event) => (document.activeElement === drawing?.element ? step(event.shiftKey ? -1 : 1) : false),
@@ -167,11 +183,10 @@ listenToKeys({
   c: () => $("connect")?.focus(),
   "[": () => stepTransition(-1),
   "]": () => stepTransition(1),
-  Enter: (event) => (event.target.closest("button") ? false : inspector.focus()),
-  F2: () => {
-    $("name")?.focus();
-    $("name")?.select();
-  },
+  Enter: (event) => (event.target.closest("button, a") ? false : inspector.focus()),
+  "Ctrl+Enter": () => inspector.focusNext(1),
+  "Ctrl+Shift+Enter": () => inspector.focusNext(-1),
+  F2: () => inspector.focusName(),
   i: () => editor.makeInitial(),
   s: () => editor.toggleSuspend(),
   e: () => editor.expand(),
@@ -180,11 +195,7 @@ listenToKeys({
   "Ctrl+z": () => goBack("undo"),
   "Ctrl+Shift+z": () => goBack("redo"),
   "Ctrl+y": () => goBack("redo"),
-  "Ctrl+a": () => {
-    editor.selected = new Set(machine.data.states);
-    editor.transition = null;
-    show();
-  },
+  "Ctrl+a": () => editor.selectAll(machine.data.states),
   "+": drawn(() => drawing.zoom(1.25)),
   "-": drawn(() => drawing.zoom(0.8)),
   0: drawn(() => drawing.fit()),

@@ -1,8 +1,7 @@
 // The editor: what is selected, and every edit, which the server makes and sends back to all windows.
 
 import { toast } from "./dom.js";
-
-const STEP = 10; // by which arrow keys move a state
+import { Steps } from "./steps.js";
 
 export class Editor {
   constructor(machine, ask) {
@@ -13,10 +12,9 @@ export class Editor {
     this.onselect = () => {};
     this.onrename = () => {};
     this.focusText = () => {};
+    this.focusName = () => {};
     this.drawing = null;
-    this.led = new Map(); // where arrow keys lead states, until they are drawn there
-    this.isLed = this.isLeading = false; // whether they lead further than was asked for; whether that is made
-    this.copied = null;
+    this.steps = new Steps(this);
   }
 
   // Whether states and arrows can be moved; `editable`: whether anything else can be.
@@ -37,7 +35,15 @@ export class Editor {
   }
 
   select(state, isMore = false) {
-    this.selected = new Set(isMore ? [...this.selected, state] : [state]);
+    this.selectAll(isMore ? [...this.selected, state] : [state]);
+  }
+
+  deselect(state) {
+    this.selectAll([...this.selected].filter((each) => each !== state));
+  }
+
+  selectAll(states) {
+    this.selected = new Set(states);
     this.transition = null;
     this.onselect();
   }
@@ -49,9 +55,7 @@ export class Editor {
   }
 
   selectNothing() {
-    this.selected = new Set();
-    this.transition = null;
-    this.onselect();
+    this.selectAll([]);
   }
 
   // Forgets what is selected and has gone.
@@ -76,12 +80,12 @@ export class Editor {
     }
   }
 
-  // Writes a text; the editor of the text shows a problem.
-  write(place, text, was) {
+  // Writes a text, and includes others for it; the editor of the text shows a problem.
+  write(place, text, was, includes) {
     const [state, part] = place.split("|");
     const isNumber = /^\d+$/.test(part);
     const where = { part: isNumber ? "" : part, state: state || null, number: isNumber ? Number(part) : null };
-    return this.ask({ type: "apply", shape: "", edits: [{ edit: "set text", place: where, text, was }] });
+    return this.ask({ type: "apply", shape: "", edits: [{ edit: "set text", place: where, text, was }, ...includes.map((each) => ({ edit: "include", text: each }))] });
   }
 
   // Makes a class of a bundle, or a bundle of a class, beside it.
@@ -101,7 +105,11 @@ export class Editor {
   async addState([x, y]) {
     if (!this.editable) return;
     const state = this.machine.freeName();
-    await this.applyThen(() => this.select(state), () => this.machine.has(state), { edit: "add state", state, x, y });
+    const follow = () => {
+      this.select(state);
+      this.focusName();
+    };
+    await this.applyThen(follow, () => this.machine.has(state), { edit: "add state", state, x, y });
   }
 
   // Makes edits, and acts when the machine comes back with them, which is before they are written.
@@ -114,7 +122,7 @@ export class Editor {
   }
 
   arrived() {
-    if (!this.isLeading) this.led.clear();
+    this.steps.arrived();
     if (!this.waiting?.isThere()) return;
     const { act } = this.waiting;
     this.waiting = null;
@@ -165,22 +173,6 @@ export class Editor {
 
   place(places) {
     return this.apply({ edit: "place states", places });
-  }
-
-  // Moves what is selected by a step. Steps that come faster than they are made, as of a held key, are made together.
-  async nudge(dx, dy) {
-    for (const state of this.selected) {
-      const [x, y] = this.led.get(state) ?? this.drawing.centreOf(state);
-      this.led.set(state, [x + dx * STEP, y + dy * STEP]);
-    }
-    this.isLed = true;
-    if (this.isLeading) return;
-    this.isLeading = true;
-    while (this.isLed) {
-      this.isLed = false;
-      if (!(await this.place(Object.fromEntries(this.led)))) this.led.clear();
-    }
-    this.isLeading = false;
   }
 
   resize(state, w, h) {
@@ -236,12 +228,7 @@ export class Editor {
       return; // some other text
     }
     const { names, edits } = pasted;
-    const follow = () => {
-      this.selected = new Set(names);
-      this.transition = null;
-      this.onselect();
-    };
-    await this.applyThen(follow, () => this.machine.has(names.at(-1)), ...edits);
+    await this.applyThen(() => this.selectAll(names), () => this.machine.has(names.at(-1)), ...edits);
   }
 
   // The names of the states that `copy` wrote, new here, and the edits that add them; an error for other data.

@@ -21,7 +21,9 @@ export function listen(drawing, editor) {
     element.focus({ preventScroll: true });
     element.setPointerCapture(event.pointerId);
     if (state && event.shiftKey) held.handle = "new";
-    if (state && !handle && !editor.selected.has(state)) editor.select(state, event.ctrlKey || event.metaKey);
+    const isMore = event.ctrlKey || event.metaKey;
+    if (state && !handle && !editor.selected.has(state)) editor.select(state, isMore);
+    else if (state && !handle && isMore) editor.deselect(state);
     else if (transition && !handle) editor.selectTransition(transition);
   }, { capture: true });
 
@@ -44,6 +46,7 @@ export function listen(drawing, editor) {
     if (!done) return;
     if (!done.hasMoved) {
       if (!done.handle && !done.state && !done.transition) editor.selectNothing();
+      if (done.state && editor.selected.size > 1 && !event.ctrlKey && !event.metaKey) editor.select(done.state);
       return;
     }
     if (!editor.canDraw) return;

@@ -102,7 +102,7 @@ export class Inspector {
 
   // Why nothing but the layout can be edited.
   note(language) {
-    if (language === "class") return "A class: its file is edited elsewhere and shown as it is there. Its layout, which can be edited, is kept beside it.";
+    if (language === "class") return "A class: its file is edited elsewhere and shown as it is there; whenever it changes, its module is imported. Its layout, which can be edited, is kept beside it.";
     return `A bundle of ${language}: its layout can be edited. llfsm import makes a Python bundle of it.`;
   }
 
@@ -149,7 +149,7 @@ export class Inspector {
     });
     input.addEventListener("keydown", (event) => {
       if (event.key === "Escape") input.value = state;
-      if (event.key === "Escape" || event.key === "Enter") input.blur();
+      if (event.key === "Escape" || event.key === "Enter") this.done();
     });
     return input;
   }
@@ -161,7 +161,7 @@ export class Inspector {
     const button = (text, title, act) => make("button", { class: "quiet", type: "button", title, "aria-label": title, onclick: act }, text);
     const row = make("li", { "data-row": key },
       make("div", { class: "row" },
-        this.code(`${source}|${number}`, { hint: "true", isLine: true }),
+        this.code(`${source}|${number}`, { hint: "true", isLine: true, done: () => this.done() }),
         make("span", { class: "arrow" }, "→"),
         this.targets(target, (to) => {
           editor.selectTransition(key);
@@ -200,7 +200,7 @@ export class Inspector {
   // A list of the states, which is filled when it is about to be used: there may be hundreds.
   targets(target, act, first = null) {
     const head = first ? [make("option", { value: "" }, first)] : [];
-    const select = make("select", { "aria-label": "Target" }, ...head, ...(target ? [make("option", {}, target)] : []));
+    const select = make("select", { "aria-label": first ? "New transition to" : "Target" }, ...head, ...(target ? [make("option", {}, target)] : []));
     const fill = () => {
       const { states } = this.machine.data;
       if (select.options.length === states.length + head.length && states.every((state, i) => select.options[i + head.length].value === state)) return;
@@ -240,6 +240,24 @@ export class Inspector {
     const { state, number } = this.editor;
     const code = this.codes.get(place ?? (number === null ? `${state ?? ""}|${state ? "OnEntry" : "Variables"}` : `${state}|${number}`));
     code?.focus(line);
+  }
+
+  // Goes on to the next text, or back to the one before.
+  focusNext(by) {
+    const texts = [...$("inspector").querySelectorAll(".cm-content")];
+    const i = texts.indexOf(document.activeElement);
+    texts.at(i < 0 ? Math.min(0, by) : (i + by) % texts.length)?.focus();
+  }
+
+  focusName() {
+    $("name")?.focus();
+    $("name")?.select();
+  }
+
+  // Returns to the drawing.
+  done() {
+    document.activeElement.blur();
+    this.editor.drawing.element.focus({ preventScroll: true });
   }
 
   // Writes everything that was typed, before an undo.

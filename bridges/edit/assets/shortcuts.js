@@ -4,12 +4,14 @@ import { listKeys } from "./page.js";
 
 const LIST = [
   ["n", "a new state"],
-  ["Tab", "to the next state"],
-  ["↑ ↓ ← →", "move the selected states"],
+  ["Tab", "to the next state, and behind the last one out of the drawing"],
+  ["↑ ↓ ← →", "move the selected states, bend the selected transition"],
+  ["Shift+↑ ↓ ← →", "resize the states, bend the transition's end"],
   ["c", "a new transition from the selected state: its target, then Enter"],
   ["[  ]", "the previous or next transition of the state"],
   ["Alt+↑ Alt+↓", "evaluate the transition earlier or later"],
   ["Enter", "to the text of what is selected"],
+  ["Ctrl+Enter", "to the next text; with Shift, to the one before"],
   ["F2", "rename the state"],
   ["i  s  e", "make it initial, the suspend state; show its sections in its box"],
   ["Delete", "delete what is selected"],
@@ -35,8 +37,8 @@ export function listen(actions) {
     if (control) key = `Ctrl+${event.shiftKey ? "Shift+" : ""}${key}`;
     if (event.altKey) key = `Alt+${key}`;
     const act = actions[key];
-    const isHistory = ["Ctrl+z", "Ctrl+Shift+z", "Ctrl+y"].includes(key);
-    if (!act || (isField && !isHistory && key !== "Escape" && !key.startsWith("Alt+Arrow"))) return;
+    const isAnywhere = ["Ctrl+z", "Ctrl+Shift+z", "Ctrl+y", "Ctrl+Enter", "Ctrl+Shift+Enter", "Escape"].includes(key);
+    if (!act || (isField && !isAnywhere && !key.startsWith("Alt+Arrow"))) return;
     if (key === "Escape" && document.querySelector(".cm-tooltip-autocomplete")) return;
     if (act(event) === false) return;
     event.preventDefault();

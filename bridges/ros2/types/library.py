@@ -140,6 +140,10 @@ class TypeLibrary:
         self._check_kind(name, "message")
         return self._made(self._class(name), name)
 
+    def message_names(self) -> list[str]:
+        """Return the names of all messages that can be found, but for parts of services."""
+        return [name for name in self._places.names() if name.split("/")[1] == "msg"]
+
     def service(self, name: str) -> RosService:
         """Return a service type by its full name, as ``std_srvs/srv/Trigger``."""
         if name not in self._services:

@@ -70,6 +70,10 @@ class SearchPath:
         path = self._path(package, kind, base)
         return kind, _text(path) if path is not None else definition_text(definition)
 
+    def names(self) -> list[str]:
+        """Return the names of all types that can be found."""
+        return sorted({*self._texts, *self._names(), *jazzy.names()})
+
     def _look_for(self, name: str) -> None:
         match = TYPE_NAME.fullmatch(name)
         if match is None or (match[2] == "msg" and match[4]):
@@ -107,7 +111,7 @@ class SearchPath:
         return f"no definition in {where}, nor in rosbags{rosbags}"
 
     def _near(self, name: str) -> str:
-        known = sorted({*self._names(), *jazzy.names()})
+        known = self.names()
         package, _, last = name.rpartition("/")
         if f"{package}/msg/{last}" in known:
             return f"; did you mean {package}/msg/{last}?"

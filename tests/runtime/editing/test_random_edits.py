@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -33,7 +34,7 @@ steps = st.lists(
         st.sampled_from([
             "add state", "rename state", "delete state", "order state", "set suspend state",
             "add transition", "retarget transition", "order transition", "delete transition",
-            "set text", "place states", "bend transition", "expand state", "resize state",
+            "set text", "include", "place states", "bend transition", "expand state", "resize state",
             "arrange again",
         ]),
         *(numbers, numbers, numbers, numbers),
@@ -130,6 +131,13 @@ class Naive:
         del self.find(edit["source"])[2][edit["number"]]
         return True
 
+    def include(self, edit: Any) -> bool:
+        try:
+            ast.parse(edit["text"])
+        except SyntaxError:
+            return False
+        return True
+
     def set_text(self, edit: Any) -> bool:
         place, text = edit["place"], edit["text"]
         state = self.find(place["state"])
@@ -163,6 +171,7 @@ def made(step: Any, document: Document) -> dict[str, Any] | None:
         "order transition": {**number, "to": to % count},
         "delete transition": number,
         "set text": {"text": text},
+        "include": {"text": text},
         "place states": {"places": {state.name: [x, y], other.name: [y, x]}},
         "bend transition": {**number, "path": [[x, y], [y, x], [0, 1], [2, 3]]},
         "expand state": {"state": state.name, "expanded": bool(k % 2)},

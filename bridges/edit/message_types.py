@@ -1,0 +1,93 @@
+"""What the page offers to include: message types that ship, those of ROS, and those of a board."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any, Final
+
+import llfsm.whiteboard.messages as shipped
+from llfsm.bridges.ros2.errors import RosTypeError
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.bridges.view.page_source import PageSource
+from llfsm.whiteboard import Message
+
+from .class_text import class_name, class_text
+
+__all__ = ["offered", "ros_class"]
+
+_BASE: Final = {
+    "llfsm.runtime": ("Actuator", "Sensor"),
+    "llfsm.whiteboard": ("Message", "Slot"),
+}
+_OF_LLFSM: Final = "llfsm/"  # how the names of slots begin with which its processes talk
+
+
+def offered(source: PageSource | None) -> dict[str, Any]:
+    """Return the types, each with the `text` that includes it, and the types of a board's slots.
+
+    A type's class has a `name` that another one's may have, too; in `text`, NAME stands for it.
+    """
+    types, slots = list(_known()), {}
+    names = {each["type"] for each in types}
+    for info in source.snapshot().slots.values() if source is not None else ():
+        if info.problem or info.name.startswith(_OF_LLFSM):
+            continue
+        slots[info.name] = info.type_name
+        if info.type_name not in names:
+            try:
+                text = class_text(info.schema)
+            except ValueError:  # it has no text
+                continue
+            names.add(info.type_name)
+            types.append({"name": class_name(info.type_name), "type": info.type_name, "text": text})
+    return {"types": types, "slots": slots}
+
+
+@cache
+def _library() -> TypeLibrary:
+    return TypeLibrary()
+
+
+def ros_class(name: str) -> type[Message] | None:
+    """Return the class of a message type of ROS; None if it is not known."""
+    try:
+        return _library().message(name).message
+    except RosTypeError:
+        return None
+
+
+@cache
+def _known() -> tuple[dict[str, str], ...]:
+    return tuple(_found())
+
+
+def _found() -> Iterator[dict[str, str]]:
+    for module, names in _BASE.items():
+        for name in names:
+            yield {"name": name, "type": "", "text": f"from {module} import {name}\n"}
+    here = dict(_shipped())
+    for type_name in sorted({*here, *_library().message_names()}):
+        module, name = here.get(type_name, ("", class_name(type_name)))
+        yield {"name": name, "type": type_name, "text": _including(type_name, module, name)}
+
+
+def _including(type_name: str, module: str, name: str) -> str:
+    if module:
+        return f"from {module} import {name} as NAME\n"
+    return (
+        "from llfsm.bridges.ros2.types import TypeLibrary\n\n\n"
+        f'NAME = TypeLibrary().message("{type_name}").message\n'
+    )
+
+
+def _shipped() -> Iterator[tuple[str, tuple[str, str]]]:
+    """Give the message types of ROS that ship, each with its module and name."""
+    for each in iter_modules(shipped.__path__, f"{shipped.__name__}."):
+        for value in vars(import_module(each.name)).values():
+            if isinstance(value, type) and issubclass(value, Message):
+                type_name: str = value.__type_name__  # type: ignore[attr-defined]
+                if "/" in type_name and value.__module__ == each.name:
+                    yield type_name, (each.name, value.__name__)
