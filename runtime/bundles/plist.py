@@ -37,7 +37,8 @@ def read_layout(data: bytes, file: Path) -> MachineLayout:
         if states is None:
             states = dict(_values(plistlib.loads(data)))
     except _WRONG as error:
-        raise BundleError(f"not a property list: {error}", file) from error
+        what = f"not a property list: {error}"
+        raise BundleError(f"{what}; delete it, and all is placed anew", file) from error
     boxes = {name: each.box for name, each in states.items() if each.box is not None}
     return MachineLayout(boxes, {name: each.paths for name, each in states.items() if each.paths})
 

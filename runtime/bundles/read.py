@@ -119,12 +119,20 @@ class Reader:
             self.find(f"{stem}_Methods", self.headers),
         )
 
+    def _line_of(self, state: str) -> int:
+        listed = self.text("States")
+        assert listed is not None
+        return 1 + [line.strip() for line in listed.text.splitlines()].index(state)
+
     def cpp_transitions(self, state: str, names: list[str]) -> tuple[BundleTransition, ...]:
         """Return a C++ state's transitions; their targets are in generated code."""
         header = self.find(f"State_{state}", self.headers)
         if header is None:
+            is_python = any(self.exists(f"State_{state}_{part}.py") for part in PARTS)
+            hint = "; for a bundle of Python, write python into a file Language"
             raise BundleError(
-                f"it is missing; it gives the targets of state {state!r}, which States lists",
+                f"it is missing; it gives the targets of state {state!r}, which States lists"
+                + (hint if is_python else ""),
                 self.folder / f"State_{state}.h",
             )
         leading = targets(state, header, self.find(f"State_{state}", self.code), names)
@@ -141,6 +149,7 @@ class Reader:
             raise BundleError(
                 f"state {state!r} has no files; if that is meant, leave an empty {stem}_OnEntry.py",
                 self.folder / "States",
+                self._line_of(state),
             )
         transitions = []
         for number in range(max(numbers, default=-1) + 1):

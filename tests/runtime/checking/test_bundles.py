@@ -99,7 +99,7 @@ def test_the_plain_bundle_has_none(tmp_path: Path) -> None:
         ({"States": "A\nB\nA\n"}, ("States", 3, "error", "state 'A' is listed twice")),
         ({"Language": "c++"},
          ("State_A.h", 1, "error", "it is missing; it gives the targets of state 'A', "
-          "which States lists")),
+          "which States lists; for a bundle of Python, write python into a file Language")),
     ],
 )  # fmt: skip
 def test_each_finding(
