@@ -14,9 +14,9 @@ from llfsm.runtime import Arrangement, ManualClock, Trace
 from llfsm.runtime.converting.class_process import load_machine
 from llfsm.runtime.engine.errors import ExecutionError, FsmError
 from llfsm.runtime.engine.events import Eval, Event, Observer
-from llfsm.runtime.presence.description import variables_of
 from llfsm.runtime.testing import states_of
 from llfsm.runtime.testing.waiting import next_round_ns
+from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.message_text import parse_message
 from llfsm.whiteboard.schema import to_plain
@@ -24,17 +24,17 @@ from llfsm.whiteboard.schema import to_plain
 __all__ = ["SimulatedMachine"]
 
 _BUDGET_S = 0.25  # of the host's time, after which `advance` returns though less has passed
+_LONGEST_TEXT = 200  # characters of a variable's value
 _LONGEST_NS = 60_000_000_000  # simulated, in which `until_state` waits for another state
 
 _TEST = '''\
 """What was simulated of {name}. Keep it beside {file}."""
 
-{imports}
-from llfsm.runtime import Arrangement, ManualClock, Trace
-from llfsm.runtime.testing import SensorScript, assert_states, run_until
+{before}from llfsm.runtime import Arrangement, ManualClock, Trace
+{within}from llfsm.runtime.testing import SensorScript, assert_states, run_until
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.message_text import parse_message
-
+{behind}
 
 def test_{name}() -> None:
     machine = {machine}
@@ -52,12 +52,6 @@ def test_{name}() -> None:
 {states}    ]
     assert_states(trace, {name!r}, states)
 '''
-
-
-_OF_BUNDLE = """\
-from pathlib import Path
-
-from llfsm.runtime.bundles import load_bundle"""
 
 
 class SimulatedMachine:
@@ -106,7 +100,8 @@ class SimulatedMachine:
 
     def describe(self) -> dict[str, Any]:
         """Return where the machine stands, as the page shows it."""
-        variables = variables_of(self._machine).variables
+        text, machine = ValueText(_LONGEST_TEXT).text, self._machine
+        read = {name: self._board[slot].get() for name, slot in self._slots.items()}
         posted = {}
         for name, slot in self._posting.items():
             message = self._board[slot].get()
@@ -119,8 +114,9 @@ class SimulatedMachine:
             "fired": self._fired,
             "over": self.is_over,
             "error": self._error,
-            "variables": [(each.name, each.value) for each in variables],
+            "variables": [(name, text(getattr(machine, name))) for name in machine.table.variables],
             "posted": posted,
+            "read": {n: msgspec.to_builtins(each) for n, each in read.items() if each is not None},
         }
 
     def post(self, slot: str, text: str) -> None:
@@ -128,7 +124,12 @@ class SimulatedMachine:
         if slot not in self._slots:
             raise FsmError(f"{self._machine.name} reads no slot {slot!r}")
         self._board.add_message(self._slots[slot], parse_message(self._slots[slot], text))
-        self._posted.append((self._clock.now_ns() / 1e6, slot, text))
+        now_ms = self._clock.now_ns() / 1e6
+        at = len(self._posted)
+        while at and self._posted[at - 1][0] == now_ms:
+            at -= 1
+        unread = {each[1]: each for each in self._posted[at:]}  # only the last of a slot is
+        self._posted[at:] = (unread | {slot: (now_ms, slot, text)}).values()
 
     def round(self) -> None:
         """Run one round, which is a turn of the machine; none if it is over."""
@@ -167,13 +168,19 @@ class SimulatedMachine:
         states = [f"        {state!r},\n" for state in states_of(self._trace, name)]
         where, *names = self._found_by
         file = Path(where).name
-        imports, machine = f"from {names[0]} import {name}\n" if names else _OF_BUNDLE, name
-        if not names:
+        if names:
+            before, within, behind = "", "", f"\nfrom {names[0]} import {name}\n"
+            machine = name
+        else:
+            before, behind = "from pathlib import Path\n\n", ""
+            within = "from llfsm.runtime.bundles import load_bundle\n"
             machine = f"load_bundle(Path(__file__).parent / {file!r})"
         return _TEST.format(
             name=name,
             file=file,
-            imports=imports,
+            before=before,
+            within=within,
+            behind=behind,
             machine=machine,
             posts="".join(posts),
             rounds=self._arrangement.rounds,

@@ -50,7 +50,9 @@ function take(frame) {
   $("redo").disabled = !data.redo;
   if ("findings" in frame) showFindings();
   if ("live" in frame) live.show(frame.live);
+  const wasHidden = $("simulation").hidden;
   simulation.update(frame);
+  if ($("simulation").hidden !== wasHidden) drawing.fit(); // it has less room, or more
   show();
 }
 

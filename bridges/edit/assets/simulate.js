@@ -2,6 +2,7 @@
 
 import { $, copy, make, setText, toast } from "./dom.js";
 import { fieldOf } from "./form.js";
+import { plain } from "./schema.js";
 
 const SPEEDS = [0.1, 0.5, 1, 2, 5, 10, 100];
 const SPAN = 10; // of a slider for a number without limits
@@ -9,7 +10,7 @@ const SPAN = 10; // of a slider for a number without limits
 // Puts a slider beside a field of a number; it widens when a number beyond its ends is typed.
 function addSlider(input) {
   const whole = input.step === "1";
-  const slider = make("input", { type: "range", "aria-label": "Slider", step: whole ? "1" : "any" });
+  const slider = make("input", { type: "range", "aria-label": `${input.parentElement.querySelector(".key").textContent} slider`, step: whole ? "1" : "any" });
   const follow = () => {
     const value = Number(input.value);
     slider.min = input.min || Math.min(-SPAN, value);
@@ -24,6 +25,18 @@ function addSlider(input) {
     input.dispatchEvent(new Event("input", { bubbles: true }));
   });
   input.after(slider);
+}
+
+const inputsOf = (element) => [...element.querySelectorAll("input, select, textarea")];
+
+// Whether a field shows a value, or something wrong that is just typed. Large numbers come as texts.
+function isShown(read, value, isTyping) {
+  const text = (each) => JSON.stringify(each, (_, part) => (typeof part === "number" ? String(part) : part));
+  try {
+    return text(read()) === text(value);
+  } catch {
+    return isTyping;
+  }
 }
 
 const button = (text, act, title = null) => make("button", { class: "quiet", type: "button", onclick: act, title }, text);
@@ -45,7 +58,8 @@ export class Simulation {
     ];
     this.where = make("output", { id: "simulated" });
     this.problem = make("p", { class: "problem", role: "alert", hidden: true });
-    this.sensors = make("div", { class: "sensors", "aria-label": "Sensors" });
+    this.sensors = make("div", { class: "sensors", role: "group", "aria-label": "Sensors" });
+    this.fields = new Map(); // slot -> its field: an element, and what reads it
     this.values = make("dl", { class: "values" });
     $("simulation").append(
       make("p", { class: "actions" },
@@ -120,9 +134,9 @@ export class Simulation {
     setText(this.where, data.state ? stands : "");
     this.problem.hidden = !data.error;
     setText(this.problem, data.error ?? "");
-    const variables = (data.variables ?? []).map(([name, value]) => [name, JSON.stringify(value)]);
+    this.follow();
     this.values.replaceChildren(
-      ...[...variables, ...Object.entries(data.posted ?? {})].flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]),
+      ...[...(data.variables ?? []), ...Object.entries(data.posted ?? {})].flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]),
     );
   }
 
@@ -134,18 +148,37 @@ export class Simulation {
   }
 
   showSensors(sensors) {
-    this.sensors.replaceChildren(...sensors.map(({ name, slot, schema, value }) => {
-      const [element, read] = fieldOf(name, schema, value);
-      for (const input of element.querySelectorAll("input[type=number]")) addSlider(input);
-      for (const input of element.querySelectorAll("input[type=checkbox]")) input.setAttribute("role", "switch");
-      element.title = slot;
-      element.addEventListener("input", () => {
-        this.waiting.set(slot, read);
-        this.post();
-      });
-      return element;
-    }));
+    this.fields = new Map(sensors.map((sensor) => [sensor.slot, this.field(sensor, sensor.value)]));
+    this.sensors.replaceChildren(...[...this.fields.values()].map(({ element }) => element));
     if (!sensors.length) this.sensors.append(make("p", { class: "facts" }, "The machine reads no slots."));
+  }
+
+  field({ name, slot, schema }, value) {
+    const [element, read] = fieldOf(name, schema, value);
+    for (const input of element.querySelectorAll("input[type=number]")) addSlider(input);
+    for (const input of element.querySelectorAll("input[type=checkbox]")) input.setAttribute("role", "switch");
+    element.title = slot;
+    element.addEventListener("input", () => {
+      this.waiting.set(slot, read);
+      this.post();
+    });
+    return { element, read };
+  }
+
+  // Shows in the fields what another window has posted, or that nothing is posted any more after a reset.
+  follow() {
+    if (this.posting || !this.isOn) return;
+    for (const sensor of this.machine.data.sensors) {
+      const { slot, schema } = sensor;
+      const { element, read } = this.fields.get(slot);
+      const value = this.data.read?.[slot] ?? sensor.value;
+      const focused = inputsOf(element).indexOf(document.activeElement);
+      if (isShown(read, plain(schema, value), focused >= 0)) continue;
+      const field = this.field(sensor, value);
+      this.fields.set(slot, field);
+      element.replaceWith(field.element);
+      inputsOf(field.element)[focused]?.focus();
+    }
   }
 
   // Posts what was set last; what is set meanwhile is posted next.

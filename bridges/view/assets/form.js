@@ -3,6 +3,8 @@
 import { $, make, setText, toast } from "./dom.js";
 import { actual, isNumber, parts, plain } from "./schema.js";
 
+const MOST_ITEMS = 8; // that have fields of their own
+
 // Returns [element, read]; read() returns the value or throws an error.
 export function fieldOf(name, schema, value) {
   if (schema.type === "object" && schema.properties) return group(name, schema, value);
@@ -10,6 +12,8 @@ export function fieldOf(name, schema, value) {
   if (schema.type === "boolean") return check(name, value);
   if (isNumber(schema)) return numeric(name, schema, value);
   if (schema.type === "string") return text(name, schema, value);
+  const items = itemsOf(schema);
+  if (items) return array(name, items, value);
   return json(name, schema, value);
 }
 
@@ -29,6 +33,20 @@ function group(name, schema, value) {
     ...inner.map(([, field]) => field),
   );
   return [element, () => Object.fromEntries(inner.map(([key, , read]) => [key, read()]))];
+}
+
+// The schemas of an array's items, if it always has the same few; else null.
+function itemsOf(schema) {
+  if (schema.type !== "array") return null;
+  if (schema.prefixItems) return schema.prefixItems;
+  const { minItems, maxItems, items } = schema;
+  return minItems === maxItems && minItems <= MOST_ITEMS ? Array(minItems).fill(items) : null;
+}
+
+function array(name, items, value) {
+  const inner = items.map((part, i) => fieldOf(String(i), part, Array.isArray(value) ? value[i] : undefined));
+  const element = make("fieldset", {}, make("legend", {}, name), ...inner.map(([field]) => field));
+  return [element, () => inner.map(([, read]) => read())];
 }
 
 function choice(name, schema, value) {

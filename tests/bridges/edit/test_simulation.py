@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import runpy
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,8 +43,9 @@ def test_a_machine_is_stepped_fed_and_saved_as_a_test(lamp: Path, tmp_path: Path
         "fired": None,
         "over": False,
         "error": "",
-        "variables": [("count", 1)],
+        "variables": [("count", "1")],
         "posted": {"lamp": '{"value": 0.0, "on": false}'},
+        "read": {},
     }
     simulated.post("level", '{"value": 3, "on": true}')
     simulated.until_state()
@@ -130,3 +134,21 @@ def test_windows_share_a_simulation_whose_code_cannot_harm_them(windows: Open, l
     assert "State_Off_OnEntry.py" in window.ask("simulate")["problem"]
     assert "done" in window.ask("end")
     window.wait(lambda shown: shown["simulation"] is None)
+
+
+def test_a_saved_test_posts_what_was_read(lamp: Path, tmp_path: Path) -> None:
+    simulated = SimulatedMachine([str(lamp)])
+    for value in (1, 2):
+        simulated.post("level", f'{{"value": {value}}}')
+    assert simulated.describe()["read"] == {"level": [2.0, False]}
+    simulated.round()
+    simulated.post("level", '{"value": 3, "on": true}')
+    simulated.round()
+    saved = tmp_path / "test_lamp.py"
+    saved.write_text(simulated.test_text())
+    assert re.findall(r"\((.*), 'level', '(.*)'\)", saved.read_text()) == [
+        ("0", '{"value": 2}'),
+        ("10", '{"value": 3, "on": true}'),
+    ]
+    command = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "I,F", str(saved)]
+    assert subprocess.run(command, check=False).returncode == 0

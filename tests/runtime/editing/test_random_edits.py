@@ -34,8 +34,8 @@ steps = st.lists(
         st.sampled_from([
             "add state", "rename state", "delete state", "order state", "set suspend state",
             "add transition", "retarget transition", "order transition", "delete transition",
-            "set text", "include", "place states", "bend transition", "expand state", "resize state",
-            "arrange again",
+            "set text", "include", "place states", "bend transition", "expand state",
+            "resize state", "arrange again",
         ]),
         *(numbers, numbers, numbers, numbers),
         st.sampled_from(NAMES),
