@@ -88,20 +88,32 @@ function typesFor(code, wanted) {
 
 // What a type is called here, and the text that includes it; none if it is included.
 function offer({ name, type, text }, { machine, place }) {
-  const names = machine.names(place);
   const included = machine.text("|Includes");
-  const [, module] = /^from (\S+) import NAME|^from (\S+) import/.exec(text) ?? [];
+  const names = [...machine.names(place), ...namesIn(included)];
   const other = type.split("/")[0].replace(/(^|_)([a-z])/g, (_, __, letter) => letter.toUpperCase()) + name;
-  for (const called of [name, other]) {
+  for (const called of /\bNAME\b/.test(text) ? [name, other] : [name]) {
     if (!names.includes(called)) {
-      const isRenamed = /\bNAME\b/.test(text);
-      if (called !== name && !isRenamed) break;
       return { called, text: text.replace(/\bNAME\b/g, called).replace(` ${called} as ${called}`, ` ${called}`) };
     }
-    const mark = text.includes("TypeLibrary") ? `"${type}"` : /\bclass /.test(text) ? `class ${name}(` : (module ?? text.split(" ")[1]);
-    if (included.includes(mark)) return { called, text: "" };
+    if (isIncluded(included, text, name, type)) return { called, text: "" };
   }
   return { called: name, text: "" };
+}
+
+// Whether what is included already has a type, as the text that includes it does.
+function isIncluded(included, text, name, type) {
+  if (text.includes("TypeLibrary")) return included.includes(`"${type}"`);
+  if (/^class /m.test(text)) return included.includes(`class ${name}(`);
+  const [, module] = /^from (\S+) import/.exec(text);
+  return new RegExp(`^from ${module} import (\\([^)]*|[^\\n(]*)\\b${name}\\b`, "m").test(included);
+}
+
+// The names that a text has just included: those that can be used come with the findings, a moment later.
+function namesIn(text) {
+  return text.split("\n").flatMap((line) => {
+    const [, several, one] = /^from \S+ import ([\w, ]+)|^(?:class )?(\w+)(?=\(| =)/.exec(line) ?? [];
+    return several ? several.split(",").map((each) => each.trim().split(" ").at(-1)) : one ? [one] : [];
+  });
 }
 
 function imported(line, from, types) {

@@ -158,6 +158,27 @@ export class Drawing extends Diagram {
     }
   }
 
+  // Moves what is shown, or shows more, until states are in it.
+  reveal(states) {
+    const frames = states.map((state) => this.places.get(state)).filter(Boolean);
+    if (!frames.length) return;
+    const [left, top] = [0, 1].map((i) => Math.min(...frames.map((frame) => frame[i])) - GAP);
+    const [right, bottom] = [0, 1].map((i) => Math.max(...frames.map((frame) => frame[i] + frame[i + 2])) + GAP);
+    const [x, y, width, height] = this.view;
+    const [wide, high] = [Math.max(width, right - left), Math.max(height, bottom - top)];
+    const view = [Math.min(Math.max(x, right - wide), left), Math.min(Math.max(y, bottom - high), top), wide, high];
+    if (view.every((value, i) => value === this.view[i])) return;
+    cancelAnimationFrame(this.gliding);
+    this.view = view;
+    this.show();
+  }
+
+  // The middle of what is shown.
+  get middle() {
+    const [x, y, width, height] = this.view;
+    return [x + width / 2, y + height / 2];
+  }
+
   centreOf(state) {
     const [x, y, width, height] = this.places.get(state);
     return [x + width / 2, y + height / 2];

@@ -2,7 +2,7 @@
 
 import { $, make, setData, setText } from "./dom.js";
 import { Drawing } from "./drawing.js";
-import { Editor } from "./editor.js";
+import { Editor, snap } from "./editor.js";
 import { listen as listenToPointer } from "./gestures.js";
 import { Inspector } from "./inspector.js";
 import { Link } from "./link.js";
@@ -105,6 +105,7 @@ function goTo(place, line) {
   if (!state) editor.selectNothing();
   else if (/^\d+$/.test(part)) editor.selectTransition(`${state}:${part}`);
   else editor.select(state);
+  editor.reveal();
   inspector.focus(place, line);
 }
 
@@ -142,7 +143,10 @@ function step(by) {
   const { states } = machine.data;
   const i = states.indexOf(editor.state);
   const next = states[i < 0 && by < 0 ? states.length - 1 : i + by];
-  return next ? editor.select(next) : false;
+  if (!next) return false;
+  editor.select(next);
+  editor.reveal();
+  return true;
 }
 
 function stepTransition(by) {
@@ -150,6 +154,7 @@ function stepTransition(by) {
   if (!count) return;
   const number = editor.number === null ? (by > 0 ? 0 : count - 1) : (editor.number + by + count) % count;
   editor.selectTransition(`${editor.state}:${number}`);
+  editor.reveal();
 }
 
 function escape() {
@@ -159,8 +164,7 @@ function escape() {
 }
 
 function addState() {
-  const [x, y, width, height] = drawing.view;
-  const at = [x + width / 2, y + height / 2].map((value) => Math.round(value / 10) * 10);
+  const at = drawing.middle.map(snap);
   const shift = drawing.freeRoom([[at, NEW_SIZE]]);
   editor.addState(at.map((value, i) => value + shift[i]));
 }

@@ -3,6 +3,11 @@
 import { toast } from "./dom.js";
 import { Steps } from "./steps.js";
 
+const GRID = 10;
+
+export const snap = (value) => Math.round(value / GRID) * GRID;
+const middleOf = (values) => (Math.min(...values) + Math.max(...values)) / 2;
+
 export class Editor {
   constructor(machine, ask) {
     this.machine = machine;
@@ -58,6 +63,12 @@ export class Editor {
     this.selectAll([]);
   }
 
+  // Shows what is selected, wherever it is.
+  reveal() {
+    const edge = this.machine.data.edges[this.transition];
+    this.drawing.reveal(edge ? [edge.source, edge.target] : [...this.selected]);
+  }
+
   // Forgets what is selected and has gone.
   update() {
     const { boxes, edges } = this.machine.data;
@@ -107,6 +118,7 @@ export class Editor {
     const state = this.machine.freeName();
     const follow = () => {
       this.select(state);
+      this.reveal();
       this.focusName();
     };
     await this.applyThen(follow, () => this.machine.has(state), { edit: "add state", state, x, y });
@@ -148,6 +160,7 @@ export class Editor {
     const key = `${source}:${this.machine.transitions(source).length}`;
     const follow = () => {
       this.selectTransition(key);
+      this.reveal();
       this.focusText();
     };
     await this.applyThen(follow, () => this.machine.data.edges[key], { edit: "add transition", source, target });
@@ -228,7 +241,11 @@ export class Editor {
       return; // some other text
     }
     const { names, edits } = pasted;
-    await this.applyThen(() => this.selectAll(names), () => this.machine.has(names.at(-1)), ...edits);
+    const follow = () => {
+      this.selectAll(names);
+      this.reveal();
+    };
+    await this.applyThen(follow, () => this.machine.has(names.at(-1)), ...edits);
   }
 
   // The names of the states that `copy` wrote, new here, and the edits that add them; an error for other data.
@@ -240,7 +257,9 @@ export class Editor {
       for (let i = 2; this.machine.has(name) || [...names.values()].includes(name); i += 1) name = `${state}_${i}`;
       names.set(state, name);
     }
-    const [dx, dy] = this.drawing.freeRoom(states.map(({ at, size }) => [at, size]));
+    const away = this.drawing.middle.map((to, i) => snap(to - middleOf(states.map(({ at }) => at[i]))));
+    const moved = states.map(({ at, size }) => [at.map((value, i) => value + away[i]), size]);
+    const [dx, dy] = this.drawing.freeRoom(moved).map((by, i) => by + away[i]);
     const edits = states.flatMap(({ state, at: [x, y], size: [w, h] }) => [
       { edit: "add state", state: names.get(state), x: x + dx, y: y + dy },
       { edit: "resize state", state: names.get(state), w, h },

@@ -1,9 +1,11 @@
 // What the pointer does in the drawing: select, move, draw arrows, lead them elsewhere, bend them.
 
-const GRID = 10; // boxes snap to it, unless Alt is held
+import { snap } from "./editor.js";
+
 const STILL = 4; // pixels that a click may move
 
-const snap = (value, event) => (event.altKey ? Math.round(value * 10) / 10 : Math.round(value / GRID) * GRID);
+// Boxes are at a grid, unless Alt is held.
+const snapped = (value, event) => (event.altKey ? Math.round(value * 10) / 10 : snap(value));
 
 export function listen(drawing, editor) {
   // Once pressed, the pointer belongs to the element, which moves the drawing if nothing is hit here.
@@ -64,14 +66,14 @@ export function listen(drawing, editor) {
       if (target) await editor.retarget(target);
     } else if (handle === "size") {
       const [x, y] = drawing.centreOf(only);
-      await editor.resize(only, 2 * snap(Math.abs(to[0] - x), event), 2 * snap(Math.abs(to[1] - y), event));
+      await editor.resize(only, 2 * snapped(Math.abs(to[0] - x), event), 2 * snapped(Math.abs(to[1] - y), event));
     } else if (handle) {
       await editor.bend(Number(handle.split(":")[1]), to.map((value) => Math.round(value)));
     } else if (state) {
       const places = {};
       for (const each of editor.selected) {
         const [x, y] = drawing.centreOf(each);
-        places[each] = [snap(x + to[0] - from[0], event), snap(y + to[1] - from[1], event)];
+        places[each] = [snapped(x + to[0] - from[0], event), snapped(y + to[1] - from[1], event)];
       }
       await editor.place(places);
     }
@@ -86,6 +88,6 @@ export function listen(drawing, editor) {
     event.stopImmediatePropagation();
     const hit = document.elementFromPoint(event.clientX, event.clientY);
     if (hit.closest("[data-state], [data-transition]")) editor.focusText();
-    else editor.addState(drawing.at(event).map((value) => snap(value, event)));
+    else editor.addState(drawing.at(event).map((value) => snapped(value, event)));
   }, { capture: true });
 }

@@ -6,7 +6,7 @@ const LIST = [
   ["n", "a new state"],
   ["Tab", "to the next state, and behind the last one out of the drawing"],
   ["↑ ↓ ← →", "move the selected states, bend the selected transition"],
-  ["Shift+↑ ↓ ← →", "resize the states, bend the transition's end"],
+  ["Shift+arrow", "resize the states, bend the transition's end"],
   ["c", "a new transition from the selected state: its target, then Enter"],
   ["[  ]", "the previous or next transition of the state"],
   ["Alt+↑ Alt+↓", "evaluate the transition earlier or later"],

@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from llfsm.runtime.bundles import read_bundle
+from llfsm.runtime.editing import Document, decode_edits
 from llfsm.runtime.engine.layout import StateBox
 from waiting import wait_for
 
@@ -128,3 +129,39 @@ def test_states_are_selected_together_and_one_by_one(bundle: Path, open_page: Op
     state(page, "A").click()
     expect(page.locator("#place")).to_have_text("A")
     expect(selected).to_have_count(1)
+
+
+def test_what_is_new_or_selected_by_keys_is_in_sight(
+    lamp: Path,
+    bundle: Path,
+    open_page: Open,  # noqa: F811
+) -> None:
+    document = Document(lamp)
+    document.apply(decode_edits('[{"edit": "place states", "places": {"On": [4000, 3000]}}]'))
+    seen = open_page(lamp)
+    page = seen.page
+    frame = page.locator("#drawing .diagram").bounding_box()
+    assert frame is not None
+
+    def is_in_sight(name: str) -> bool:
+        box = state(page, name).locator(".box").bounding_box()
+        return box is not None and (
+            frame["x"] <= box["x"] <= frame["x"] + frame["width"] - box["width"]
+            and frame["y"] <= box["y"] <= frame["y"] + frame["height"] - box["height"]
+        )
+
+    focus(page)
+    for _ in range(12):
+        page.keyboard.press("+")
+    page.keyboard.press("Tab")
+    wait_for(lambda: is_in_sight("Off"), "the first is in sight")
+    page.keyboard.press("Tab")
+    wait_for(lambda: is_in_sight("On") and not is_in_sight("Off"), "the next is in sight")
+
+    # What is pasted elsewhere comes where one looks.
+    page.keyboard.press("Control+c")
+    page = open_page(bundle).page
+    focus(page)
+    page.keyboard.press("Control+v")
+    wait_for(lambda: state(page, "On").count() == 1 and is_in_sight("On"), "it is in sight")
+    assert seen.errors == []

@@ -66,10 +66,10 @@ def clear(page: Page, place: str) -> None:
 
 
 def take(page: Page, what: str) -> None:
-    """Choose what the list of completions has at its top."""
-    expect(page.locator(".cm-tooltip-autocomplete li").first).to_have_text(what)
-    page.wait_for_timeout(READY_MS)
-    page.keyboard.press("Enter")
+    """Choose what the list of completions has at its top; it takes no key at first."""
+    top = page.locator(".cm-tooltip-autocomplete li").first
+    expect(top).to_have_text(what)
+    top.click()
     expect(page.locator(".cm-tooltip-autocomplete")).to_have_count(0)
 
 
@@ -134,7 +134,7 @@ def test_what_is_typed_is_what_is_written(page: Page, bundle: Path) -> None:
     page.keyboard.type("if count:")
     page.keyboard.press("Enter")
     page.keyboard.type("pass")
-    page.wait_for_timeout(READY_MS)  # for a list that offers what is there
+    expect(page.locator(".cm-tooltip-autocomplete li").first).to_have_text("pass")
     page.keyboard.press("Enter")
     page.keyboard.type("count += 1")
     text = '"""Counts."""\nif count:\n    pass\n    count += 1\n'
