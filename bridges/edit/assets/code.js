@@ -70,15 +70,16 @@ export class Code {
     this.named = place;
     this.machine = machine;
     this.write = write;
-    this.was = machine.text(place); // what the server has, as far as this editor knows
+    const draft = machine.drafts.get(place);
+    this.was = draft?.was ?? machine.text(place); // what the server has, as far as this editor knows
+    this.includes = draft?.includes ?? []; // what was chosen from completions, to be written with the text
+    this.problem = draft?.problem ?? ""; // why it is not written
     this.isSending = false;
-    this.note = make("p", { class: "problem", role: "alert", hidden: true });
-    this.theirs = make("pre", {});
-    this.includes = []; // what was chosen from completions, to be written with the text
+    this.note = make("div", { class: "problem", role: "alert", hidden: true });
     const isPython = ["python", "class"].includes(machine.data.language);
     this.view = new EditorView({
       state: EditorState.create({
-        doc: this.was.replace(/\n$/, ""),
+        doc: (draft?.text ?? this.was).replace(/\n$/, ""),
         extensions: [
           ...(isLine ? [] : [lineNumbers(), lintGutter()]),
           drawSelection(), indentOnInput(), bracketMatching(), brackets, closeBrackets(), indentUnit.of("    "),
@@ -88,7 +89,7 @@ export class Code {
           EditorView.cspNonce.of(machine.styles),
           EditorState.readOnly.of(!machine.data.editable),
           EditorView.contentAttributes.of(() => ({ "aria-label": nameOf(this.named) })),
-          EditorView.domEventHandlers({ focus: () => { if (place.startsWith("|")) machine.lookAround(); } }),
+          EditorView.domEventHandlers({ focus: () => this.named.startsWith("|") && machine.lookAround(), blur: () => this.problem || this.send() }),
           EditorView.updateListener.of((update) => this.changed(update)),
         ],
       }),
@@ -104,6 +105,9 @@ export class Code {
   }
 
   set place(place) {
+    const { drafts } = this.machine;
+    const draft = drafts.get(this.named);
+    if (drafts.delete(this.named)) drafts.set(place, draft);
     this.named = place;
     this.element.dataset.place = place;
   }
@@ -135,22 +139,35 @@ export class Code {
     try {
       await this.write(this.place, text, was, includes);
       this.was = text;
-      this.note.hidden = true;
-    } catch (error) {
+      this.problem = "";
+      this.machine.drafts.delete(this.place);
+    } catch ({ message }) {
       this.includes.unshift(...includes);
-      this.note.hidden = false;
-      this.note.replaceChildren(
-        `${error.message} `,
-        make("button", { type: "button", onclick: () => this.take() }, "Take theirs"),
-        make("button", { type: "button", onclick: () => this.keep() }, "Keep mine"),
-        this.theirs,
-      );
-      this.showTheirs();
+      this.problem = message;
+      this.machine.drafts.set(this.place, { text, was, includes, problem: message });
       return;
     } finally {
       this.isSending = false;
+      this.explain();
     }
     if (this.isUnsent) this.send();
+  }
+
+  // Shows why a text is not written, and what others have written in its place.
+  explain() {
+    const theirs = this.machine.text(this.place);
+    const isTheirs = theirs !== this.was;
+    const key = JSON.stringify([this.problem, isTheirs, theirs]);
+    if (key === this.explained) return;
+    this.explained = key;
+    const button = (text, act) => make("button", { type: "button", onclick: act }, text);
+    this.note.hidden = !this.problem;
+    this.note.replaceChildren(
+      `${this.problem} `,
+      button(isTheirs ? "Take theirs" : "Take it back", () => this.take()),
+      button(isTheirs ? "Keep mine" : "Try again", () => this.keep()),
+      ...(isTheirs ? [make("pre", {}, theirs || "(no text)")] : []),
+    );
   }
 
   // Includes a text for the whole machine, such as the import of what was just completed.
@@ -159,14 +176,13 @@ export class Code {
     this.send();
   }
 
-  showTheirs() {
-    setText(this.theirs, this.machine.text(this.place) || "(no text)");
-  }
-
   take() {
     this.was = this.machine.text(this.place);
     this.replace(this.was);
-    this.note.hidden = true;
+    this.includes = [];
+    this.problem = "";
+    this.machine.drafts.delete(this.place);
+    this.explain();
   }
 
   keep() {
@@ -177,13 +193,13 @@ export class Code {
   // Shows what the server has, unless something is being typed.
   show() {
     const text = this.machine.text(this.place);
-    this.showTheirs();
     if (text !== this.was && !this.isSending) {
       if (!this.isUnsent) {
         this.was = text;
         this.replace(text);
       } else if (this.text.trimEnd() === text.trimEnd()) this.was = text;
     }
+    this.explain();
     const { doc } = this.view.state;
     const found = this.machine.findings(this.place).map(({ line, severity, text: message }) => {
       const { from, to } = doc.line(Math.min(Math.max(line, 1), doc.lines));

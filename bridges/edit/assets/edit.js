@@ -23,6 +23,7 @@ const inspector = new Inspector(machine, editor);
 const simulation = new Simulation(machine, (request) => link.ask(request));
 const live = new Live((request) => link.ask(request), () => inspector.flush());
 let drawing = null;
+let isLost = false; // the connection, since when nothing is written
 
 machine.lookAround = async () => {
   try {
@@ -48,6 +49,8 @@ function take(frame) {
   editor.update();
   $("undo").disabled = !data.undo;
   $("redo").disabled = !data.redo;
+  if (isLost) inspector.flush();
+  isLost = false;
   if ("findings" in frame) showFindings();
   if ("live" in frame) live.show(frame.live);
   const wasHidden = $("simulation").hidden;
@@ -118,13 +121,14 @@ function showLink(state, problem = "", about = null) {
   setText($("link"), LINKS[state]);
   setData($("link"), "is", state);
   if (problem) showTrouble(problem);
-  else if (state === "lost") showTrouble("The server does not answer; reconnecting. What you type now is not written.");
+  else if (state === "lost") showTrouble("The server does not answer; reconnecting. What you type now is written when it does.");
   if (about?.tabs) {
     showTabs(about.tabs, link.token);
     setText($("title"), about.title);
     $("title").title = about.path ?? "";
     document.title = `${about.title} · llfsm edit`;
   }
+  isLost ||= state === "lost";
   if (state === "connecting" && about) {
     machine.styles = about.styles;
     live.mayReload = about.control;
@@ -227,4 +231,8 @@ document.addEventListener("paste", (event) => {
 $("undo").addEventListener("click", () => goBack("undo"));
 $("redo").addEventListener("click", () => goBack("redo"));
 $("arrange").addEventListener("click", () => editor.arrange());
+addEventListener("pagehide", () => inspector.flush());
+addEventListener("beforeunload", (event) => {
+  if (inspector.isUnsent) event.preventDefault();
+});
 link.start();

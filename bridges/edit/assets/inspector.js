@@ -260,8 +260,27 @@ export class Inspector {
     this.editor.drawing.element.focus({ preventScroll: true });
   }
 
-  // Writes everything that was typed, before an undo.
+  // Writes everything that was typed, also in texts that are not shown any more.
   async flush() {
     await Promise.all([...this.codes.values()].map((code) => code.send()));
+    const { drafts } = this.machine;
+    for (const [place, { text, was, includes }] of drafts) {
+      const [state] = place.split("|");
+      if (this.codes.has(place)) continue;
+      if (state && !this.machine.has(state)) {
+        drafts.delete(place);
+        continue;
+      }
+      try {
+        await this.editor.write(place, text, was, includes);
+        drafts.delete(place);
+      } catch ({ message }) {
+        drafts.set(place, { text, was, includes, problem: message });
+      }
+    }
+  }
+
+  get isUnsent() {
+    return this.machine.drafts.size > 0 || [...this.codes.values()].some((code) => code.isUnsent);
   }
 }

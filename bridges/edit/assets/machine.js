@@ -6,6 +6,7 @@ export class Machine {
   constructor() {
     this.styles = ""; // the nonce of styles that scripts add
     this.offered = { types: [], slots: {} }; // what can be included, and the types of a board's slots
+    this.drafts = new Map(); // place -> what could not be written, and why
     this.lookAround = () => {}; // asks for that again
     this.data = { states: [], boxes: {}, edges: {}, texts: {}, findings: [], names: {}, fields: {}, unreachable: [], dead: [], expanded: [] };
   }

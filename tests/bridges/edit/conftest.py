@@ -133,12 +133,13 @@ class EditServer:
         source: PageSource | None = None,
         *,
         control: bool = False,
+        port: int = 0,
     ):
         opened = Document(opened) if isinstance(opened, Path) else opened
         app = make_edit_app(
             opened, host="127.0.0.1", token="secret", source=source, control=control
         )
-        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.listener = socket.create_server(("127.0.0.1", port))
         self.host = f"127.0.0.1:{self.listener.getsockname()[1]}"
         self.server = uvicorn.Server(configured(app))
         self.thread = Thread(target=self.server.run, args=([self.listener],))

@@ -188,6 +188,51 @@ def test_what_another_program_has_written_meanwhile_is_shown(page: Page, bundle:
     expect(note).to_be_hidden()
 
 
+def test_what_is_typed_without_a_server_is_written_when_there_is_one(
+    bundle: Path,
+    visit: Callable[..., Visit],  # noqa: F811
+) -> None:
+    server = EditServer(bundle)
+    page = visit(f"http://{server.host}/?token=secret").page
+    state(page, "A").click()
+    editor(page, "A|OnEntry")
+    server.end()
+    expect(page.locator("#link")).to_have_text("reconnecting")
+    page.keyboard.insert_text("  # mine")
+    note = page.locator("[data-place='A|OnEntry'] .problem")
+    expect(note).to_contain_text("not connected")
+    state(page, "B").click()
+    state(page, "A").click()
+    text = page.locator("[data-place='A|OnEntry'] .cm-content")
+    expect(text).to_have_text("count += 1  # mine")
+    expect(note).to_be_visible()
+    state(page, "B").click()
+
+    file = bundle / "State_A_OnEntry.py"
+    again = EditServer(bundle, port=int(server.host.rpartition(":")[2]))
+    wait_for(lambda: file.read_text() == "count += 1  # mine\n", "it is written")
+    state(page, "A").click()
+    expect(text).to_have_text("count += 1  # mine")
+    expect(note).to_be_hidden()
+    again.end()
+
+
+def test_what_cannot_be_written_is_kept_and_tried_again(page: Page, bundle: Path) -> None:
+    state(page, "A").click()
+    editor(page, "A|OnEntry")
+    away = bundle.with_name("away")
+    bundle.rename(away)
+    page.keyboard.insert_text("  # mine")
+    note = page.locator("[data-place='A|OnEntry'] .problem")
+    expect(note).to_contain_text("No such file or directory")
+    page.locator("[data-place='A|OnExit'] .cm-content").click()  # which is no place to lose it
+    away.rename(bundle)
+    note.get_by_text("Try again").click()
+    expect(note).to_be_hidden()
+    file = bundle / "State_A_OnEntry.py"
+    wait_for(lambda: file.read_text() == "count += 1  # mine\n", "it is written")
+
+
 def test_it_is_written_in_the_language_of_the_bundle(
     bundle: Path,
     open_page: Callable[[Path], Visit],  # noqa: F811
