@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import TypeAlias
 
 from ..bundles.code import label_of
 from ..bundles.cpp import without_comments
@@ -38,6 +39,7 @@ _BESIDE = (0.0, 14.0, -14.0, 40.0, -40.0)  # the arrow, where labels have room
 _CELL = 160.0  # of the drawing, in which things are compared
 _MOST = 8192.0  # the width and height of what is in cells
 _LOOP = Label(0, 0, 0, 0, ())
+_Sides: TypeAlias = tuple[float, float, float, float]
 
 
 def sketch(bundle: Bundle) -> Diagram:
@@ -183,49 +185,54 @@ def _drawn(
 
 
 class _Room:
-    """What is drawn, in cells, so that a label is compared with few of it."""
+    """What is drawn, by its sides and in cells, so that a label is compared with little of it."""
 
     def __init__(self, boxes: Iterable[Box]):
-        self._cells: dict[tuple[int, int], list[Box | Label]] = {}
-        self._large: list[Box | Label] = []  # or without a place
+        self._cells: dict[tuple[int, int], list[_Sides]] = {}
+        self._large: list[_Sides] = []  # or without a place
         for box in boxes:
-            self._add(box)
+            self._add(_sides(box.x, box.y, box.width, box.height))
 
-    def _add(self, item: Box | Label) -> None:
-        if not item.width + item.height < _MOST:
-            self._large.append(item)
+    def _add(self, sides: _Sides) -> None:
+        left, right, top, bottom = sides
+        if not right - left + bottom - top < _MOST:
+            self._large.append(sides)
             return
-        for cell in _cells(item.x, item.y, item.width, item.height):
-            self._cells.setdefault(cell, []).append(item)
+        for i in range(int(left // _CELL), int(right // _CELL) + 1):
+            for j in range(int(top // _CELL), int(bottom // _CELL) + 1):
+                self._cells.setdefault((i, j), []).append(sides)
 
     def place(self, label: Label, curve: Curve) -> Label:
         """Add a label where it covers nothing: where it is, or along its arrow or beside it."""
-        if not self._is_free(label, label.x, label.y):
-            places = (each for each in _label_places(label, curve) if self._is_free(label, *each))
-            place = next(places, None)
-            label = label if place is None else replace(label, x=place.x, y=place.y)
-        self._add(label)
+        width, height = label.width, label.height
+        sides = _sides(label.x, label.y, width, height)
+        if not self._is_free(sides):
+            for x, y in _label_places(label, curve):
+                moved = _sides(x, y, width, height)
+                if self._is_free(moved):
+                    label, sides = replace(label, x=x, y=y), moved
+                    break
+        self._add(sides)
         return label
 
-    def _is_free(self, label: Label, x: float, y: float) -> bool:
-        width, height = label.width, label.height
-        if not width + height < _MOST:
+    def _is_free(self, sides: _Sides) -> bool:
+        left, right, top, bottom = sides
+        if not right - left + bottom - top < _MOST:
             return True
-        near = [self._cells.get(cell, ()) for cell in _cells(x, y, width, height)]
-        for items in (*near, self._large):
-            for each in items:
-                if (
-                    abs(each.x - x) * 2 < each.width + width
-                    and abs(each.y - y) * 2 < each.height + height
-                ):
-                    return False
-        return True
+        cells = self._cells
+        for i in range(int(left // _CELL), int(right // _CELL) + 1):
+            for j in range(int(top // _CELL), int(bottom // _CELL) + 1):
+                for a, b, c, d in cells.get((i, j), ()):
+                    if a < right and left < b and c < bottom and top < d:
+                        return False
+        return not any(
+            a < right and left < b and c < bottom and top < d for a, b, c, d in self._large
+        )
 
 
-def _cells(x: float, y: float, width: float, height: float) -> list[tuple[int, int]]:
-    left, right = int((x - width / 2) // _CELL), int((x + width / 2) // _CELL)
-    top, bottom = int((y - height / 2) // _CELL), int((y + height / 2) // _CELL)
-    return [(i, j) for i in range(left, right + 1) for j in range(top, bottom + 1)]
+def _sides(x: float, y: float, width: float, height: float) -> _Sides:
+    """Return left, right, top and bottom."""
+    return x - width / 2, x + width / 2, y - height / 2, y + height / 2
 
 
 @lru_cache(maxsize=4096)
