@@ -8,6 +8,7 @@ from pathlib import Path
 import llfsm.machines
 from llfsm.runtime.bundles import read_bundle
 from llfsm.runtime.checking.message_fields import message_fields
+from llfsm.whiteboard.messages.geometry_msgs import Twist
 
 MACHINES = Path(llfsm.machines.__file__).parent
 
@@ -74,3 +75,17 @@ def test_classes_that_have_themselves_have_an_end(tmp_path: Path) -> None:
     many = "".join(f"    field_{i}: 'Many'\n" for i in range(1000))
     found = fields(tmp_path, f"class Many(Message):\n{many}", "many = Sensor(Slot('many', Many))\n")
     assert len(str(found)) < 200_000
+
+
+def test_types_of_ros_are_found_by_their_names(tmp_path: Path) -> None:
+    includes = (
+        "from llfsm.bridges.ros2.types import TypeLibrary\n\n"
+        'Scan = TypeLibrary().message("sensor_msgs/msg/LaserScan").message\n'
+        'Unknown = TypeLibrary().message("a/msg/B").message\n'
+    )
+    ports = "scan = Sensor(Slot('scan', Scan))\nunknown = Sensor(Slot('unknown', Unknown))\n"
+    assert fields(tmp_path, includes, ports) == {}
+    bundle = read_bundle(tmp_path / "M.machine")
+    found = message_fields(bundle, {"sensor_msgs/msg/LaserScan": Twist}.get)
+    assert found.keys() == {"scan"}
+    assert found["scan"].keys() == {"linear", "angular"}
