@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import keyword
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 from llfsm.whiteboard.schema import Schema, limits
@@ -129,17 +129,16 @@ def _default(schema: Schema) -> str | None:
 
 def _allows_zero(schema: Schema) -> bool:
     """Return whether 0, or an empty text or array, is within the limits."""
-    least = (*(schema.get(key, 0) for key in ("minimum", "minLength", "minItems")),)
-    is_within = max(least) <= 0 <= schema.get("maximum", 0)
-    is_beside = schema.get("exclusiveMinimum", -1) < 0 < schema.get("exclusiveMaximum", 1)
-    return is_within and is_beside
+    least = max(schema.get(key, 0) for key in ("minimum", "minLength", "minItems"))
+    beside = schema.get("exclusiveMinimum", -1), schema.get("exclusiveMaximum", 1)
+    return bool(least <= 0 <= schema.get("maximum", 0) and beside[0] < 0 < beside[1])
 
 
 def _value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
 
 
-def _fields(schema: Schema) -> list[tuple[str, Mapping[str, Any]]]:
+def _fields(schema: Schema) -> list[tuple[str, Schema]]:
     return list(schema["properties"].items())
 
 

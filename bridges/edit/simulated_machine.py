@@ -101,6 +101,7 @@ class SimulatedMachine:
     def describe(self) -> dict[str, Any]:
         """Return where the machine stands, as the page shows it."""
         text, machine = ValueText(_LONGEST_TEXT).text, self._machine
+        variables = type(machine).table.variables
         read = {name: self._board[slot].get() for name, slot in self._slots.items()}
         posted = {}
         for name, slot in self._posting.items():
@@ -114,7 +115,7 @@ class SimulatedMachine:
             "fired": self._fired,
             "over": self.is_over,
             "error": self._error,
-            "variables": [(name, text(getattr(machine, name))) for name in machine.table.variables],
+            "variables": [(name, text(getattr(machine, name))) for name in variables],
             "posted": posted,
             "read": {n: msgspec.to_builtins(each) for n, each in read.items() if each is not None},
         }

@@ -137,8 +137,9 @@ def load_machine(arguments: Sequence[str]) -> type[Machine]:
     try:
         found: type[Machine] = getattr(importlib.import_module(module), name)
     except (Exception, SystemExit) as error:  # of the module's own code, whatever it is
-        is_syntax = isinstance(error, SyntaxError) and error.filename == where
-        text, line = (error.msg, error.lineno) if is_syntax else (error, _line_in(where, error))
+        text, line = str(error), _line_in(where, error)
+        if isinstance(error, SyntaxError) and error.filename == where:
+            text, line = error.msg, error.lineno
         raise BundleError(f"{type(error).__name__}: {text}", Path(where), line) from error
     return found
 

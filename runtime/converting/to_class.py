@@ -118,9 +118,9 @@ class _Writer:
             taken.add(self.states[state.name])
 
     def _check_includes(self) -> None:
-        for source in (self.bundle, *self.bundle.states):
-            if source.includes is not None:
-                self._check_module(source.includes)
+        for fragment in (self.bundle.includes, *(each.includes for each in self.bundle.states)):
+            if fragment is not None:
+                self._check_module(fragment)
         whose: dict[str, str] = {}
         for state in self.bundle.states:
             for name in self.of_states[state.name].included - self.scope.included:
@@ -134,12 +134,14 @@ class _Writer:
     def _check_module(self, fragment: Fragment) -> None:
         """Raise `BundleError` if what is included is in a module with the name of the class's."""
         for node in ast.walk(parse(fragment)):
-            modules: list[str | None] = []
-            if isinstance(node, ast.ImportFrom) and not node.level:
-                modules = [node.module]
-            elif isinstance(node, ast.Import):
-                modules = [each.name for each in node.names]
-            for module in filter(None, modules):
+            match node:
+                case ast.ImportFrom(str(module), _, 0):
+                    modules = [module]
+                case ast.Import(names):
+                    modules = [each.name for each in names]
+                case _:
+                    continue
+            for module in modules:
                 if module.partition(".")[0] == module_name(self.bundle.name):
                     what = f"{module!r} is what the module of the class would be called, too"
                     raise fragment.error(f"{what}; rename the machine, or that module", node.lineno)
