@@ -7,6 +7,7 @@ import msgspec
 from .draft import Draft
 from .errors import EditError
 from .layout_text import LAYOUT, NEW_SIZE, check_numbers, layout_text, made_layout
+from .named_states import rename_in_texts
 from .transition_edits import DeleteTransition
 
 __all__ = ["AddState", "DeleteState", "OrderState", "RenameState", "SetSuspendState"]
@@ -34,7 +35,7 @@ class AddState(msgspec.Struct, frozen=True, tag="add state", tag_field="edit"):
 
 
 class RenameState(msgspec.Struct, frozen=True, tag="rename state", tag_field="edit"):
-    """Give a state another name, in its files, in the targets of transitions and in the layout."""
+    """Give a state another name: in its files, in targets, in the layout, and where code has it."""
 
     state: str
     to: str
@@ -45,6 +46,7 @@ class RenameState(msgspec.Struct, frozen=True, tag="rename state", tag_field="ed
         draft.state(self.state)
         draft.check_new_state(self.to)
         own = draft.files_of(self.state)
+        rename_in_texts(draft, self.state, self.to)
         for each in draft.bundle.states:
             for number, transition in enumerate(each.transitions):
                 if transition.target == self.state:

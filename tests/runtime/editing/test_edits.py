@@ -58,6 +58,38 @@ def test_a_state_is_renamed_everywhere(confusing: Path) -> None:
     }
 
 
+def test_a_state_is_renamed_where_code_has_its_name(confusing: Path) -> None:
+    texts = {
+        "State_Done_OnEntry.py": (
+            b"\xef\xbb\xbfif state_name == 'Done':  # Done\r\n    said = 'Done'\r\n",
+            b"\xef\xbb\xbfif state_name == 'End':  # Done\r\n    said = 'Done'\r\n",
+        ),
+        "State_OnEntry_Transition_0.expr": (
+            b' "Done" != state_name and state_name in ("Done", "OnEntry") or name == "Done"\n',
+            b' "End" != state_name and state_name in ("End", "OnEntry") or name == "Done"\n',
+        ),
+        "M_Methods.py": (
+            b'def f() -> bool:\n    match state_name:\n        case "OnEntry" | "Done":\n'
+            b'            return state_name != "Done_Suspending"\n    return "Done" == count\n',
+            b'def f() -> bool:\n    match state_name:\n        case "OnEntry" | "End":\n'
+            b'            return state_name != "Done_Suspending"\n    return "Done" == count\n',
+        ),
+        "State_Gone_OnEntry.py": (b'state_name == "Done"\n', None),
+        "State_Variables_Internal.py": (b'state_name == "Done"\nx = (\n', None),
+    }
+    for name, (text, _) in texts.items():
+        (confusing / name).write_bytes(text)
+    (confusing / "State_OnEntry_Transition_0.target").write_bytes(b"Done\n")
+    before = {path.name: path.read_bytes() for path in confusing.iterdir()}
+    document = Document(confusing)
+    document.apply(decode_edits('[{"edit": "rename state", "state": "Done", "to": "End"}]'))
+    for name, (was, text) in texts.items():
+        now = confusing / name.replace("_Done_", "_End_")
+        assert now.read_bytes() == (was if text is None else text)
+    document.undo()
+    assert {path.name: path.read_bytes() for path in confusing.iterdir()} == before
+
+
 def test_the_suspend_state_is_renamed(confusing: Path) -> None:
     changed = edit(confusing, {"edit": "rename state", "state": "Done_Suspending", "to": "Rest"})
     assert changed["SuspendState"] == b"Rest\n"
