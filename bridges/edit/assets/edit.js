@@ -23,6 +23,7 @@ const inspector = new Inspector(machine, editor);
 const simulation = new Simulation(machine, (request) => link.ask(request));
 const live = new Live((request) => link.ask(request), () => inspector.flush());
 let drawing = null;
+let linked = "connecting";
 let isLost = false; // the connection, since when nothing is written
 
 machine.lookAround = async () => {
@@ -51,6 +52,7 @@ function take(frame) {
   $("redo").disabled = !data.redo;
   if (isLost) inspector.flush();
   isLost = false;
+  showSaved();
   if ("findings" in frame) showFindings();
   if ("live" in frame) live.show(frame.live);
   const wasHidden = $("simulation").hidden;
@@ -118,8 +120,8 @@ function showTrouble(text) {
 }
 
 function showLink(state, problem = "", about = null) {
-  setText($("link"), LINKS[state]);
-  setData($("link"), "is", state);
+  linked = state;
+  showSaved();
   if (problem) showTrouble(problem);
   else if (state === "lost") showTrouble("The server does not answer; reconnecting. What you type now is written when it does.");
   if (about?.tabs) {
@@ -135,6 +137,13 @@ function showLink(state, problem = "", about = null) {
     machine.lookAround();
     machine.apply({ boxes: {}, edges: {}, texts: {} });
   }
+}
+
+// Shows whether all is written: what is typed in the last moments is about to be.
+function showSaved() {
+  const isKept = linked === "live" && machine.drafts.size > 0;
+  setText($("link"), isKept ? "not saved" : LINKS[linked]);
+  setData($("link"), "is", isKept ? "lost" : linked);
 }
 
 async function goBack(type) {

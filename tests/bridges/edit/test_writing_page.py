@@ -225,10 +225,12 @@ def test_what_cannot_be_written_is_kept_and_tried_again(page: Page, bundle: Path
     page.keyboard.insert_text("  # mine")
     note = page.locator("[data-place='A|OnEntry'] .problem")
     expect(note).to_contain_text("No such file or directory")
+    expect(page.locator("#link")).to_have_text("not saved")
     page.locator("[data-place='A|OnExit'] .cm-content").click()  # which is no place to lose it
     away.rename(bundle)
     note.get_by_text("Try again").click()
     expect(note).to_be_hidden()
+    expect(page.locator("#link")).to_have_text("saved")
     file = bundle / "State_A_OnEntry.py"
     wait_for(lambda: file.read_text() == "count += 1  # mine\n", "it is written")
 
