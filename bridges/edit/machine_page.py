@@ -11,7 +11,7 @@ from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.bundles.code import parse_expression
 from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, Fragment
 from llfsm.runtime.checking import Finding
-from llfsm.runtime.checking.message_fields import message_fields
+from llfsm.runtime.checking.message_fields import class_fields, message_fields
 from llfsm.runtime.checking.subject import truth_of
 from llfsm.runtime.editing.document import Document
 from llfsm.runtime.editing.sketch import sketch
@@ -57,13 +57,18 @@ def machine_data(document: Document) -> dict[str, Any]:
 
 
 def findings_data(document: Document) -> dict[str, Any]:
-    """Return what `llfsm check` finds in the texts, and the names and fields that code can use."""
+    """Return what `llfsm check` finds in the texts, and what code can use: names and fields.
+
+    `fields` are those of the messages that names hold, `classes` those of message classes.
+    """
     found, names = document.findings()
+    data: dict[str, Any] = {"findings": [_finding(each) for each in found], "names": names}
     try:
-        fields = message_fields(document.bundle, ros_class)
+        bundle = document.bundle
     except BundleError:
-        fields = {}
-    return {"findings": [_finding(each) for each in found], "names": names, "fields": fields}
+        return data | {"fields": {}, "classes": {}}
+    fields, classes = message_fields(bundle, ros_class), class_fields(bundle, ros_class)
+    return data | {"fields": fields, "classes": classes}
 
 
 def live_data(source: PageSource, name: str) -> dict[str, Any]:

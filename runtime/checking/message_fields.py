@@ -18,7 +18,7 @@ from llfsm.whiteboard import Message, Slot
 
 from ..bundles import PYTHON, Bundle, Fragment
 
-__all__ = ["MessageFields", "message_fields"]
+__all__ = ["MessageFields", "class_fields", "message_fields"]
 
 MessageFields: TypeAlias = dict[str, "MessageFields"]
 """Names of fields, each with the fields of its own value; none if that is no message."""
@@ -38,7 +38,7 @@ def message_fields(bundle: Bundle, ros_class: RosClass = lambda _: None) -> Mess
     """
     if bundle.language != PYTHON:
         return {}
-    included = _Module(_statements(bundle.includes), _folders(bundle), ros_class)
+    included = _included(bundle, ros_class)
     declared = [bundle.variables, *(state.variables for state in bundle.states)]
     found = {}
     for statement in (each for text in declared for each in _statements(text)):
@@ -46,6 +46,19 @@ def message_fields(bundle: Bundle, ros_class: RosClass = lambda _: None) -> Mess
         if name and kind is not None:
             found[name] = included.fields(kind)
     return {name: fields for name, fields in found.items() if fields}
+
+
+def class_fields(bundle: Bundle, ros_class: RosClass = lambda _: None) -> dict[str, list[str]]:
+    """Return the names of the fields of each message class that the bundle includes."""
+    if bundle.language != PYTHON:
+        return {}
+    included = _included(bundle, ros_class)
+    found = {name: [*included.fields(ast.Name(name))] for name in included.names}
+    return {name: fields for name, fields in found.items() if fields}
+
+
+def _included(bundle: Bundle, ros_class: RosClass) -> _Module:
+    return _Module(_statements(bundle.includes), _folders(bundle), ros_class)
 
 
 def _folders(bundle: Bundle) -> tuple[Path, ...]:
@@ -97,6 +110,11 @@ class _Module:
                 case ast.ImportFrom(str(module), names, 0):
                     for each in names:
                         self._known[each.asname or each.name] = (module, each.name)
+
+    @property
+    def names(self) -> list[str]:
+        """What the module defines or imports."""
+        return list(self._known)
 
     def fields(self, kind: ast.expr | Any, depth: int = 0) -> MessageFields:
         """Return the fields of a message's class, or of a slot's messages."""

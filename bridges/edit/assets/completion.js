@@ -9,6 +9,7 @@ const WORDS = [
 ];
 const SLOT = /\bSlot\(\s*(["'])([^"'\n]*)$/; // in its name
 const TYPE = /\bSlot\(\s*(["'])([^"'\n]*)\1\s*,\s*(\w*)$/; // in its type
+const MADE = /\b(\w+)\((?:[^()]*,)?\s*\w*$/; // a message
 const FROM = /^\s*from\s+[\w.]*$/;
 const NAMES = /^\s*from\s+([\w.]+)\s+import\s+\(?(?:.*,)?\s*(\w*)$/;
 const IMPORT = /^\s*(from|import)\s/;
@@ -42,6 +43,12 @@ function slots(context, code) {
   return { from: context.pos - typed.length, options, validFor: /^[^"'\n]*$/ };
 }
 
+// A line without the brackets that are closed in it.
+function unclosed(line) {
+  const shorter = line.replace(/\([^()]*\)/g, "");
+  return shorter === line ? line : unclosed(shorter);
+}
+
 function words(context, code) {
   const { machine, place } = code;
   const line = before(context);
@@ -56,11 +63,13 @@ function words(context, code) {
     return options.length ? { from, options, validFor: /^\w*$/ } : null;
   }
   const slot = TYPE.exec(line);
+  const fields = machine.data.classes?.[MADE.exec(unclosed(line))?.[1]] ?? [];
   if (!word && !context.explicit && !slot) return null;
   if (/^\d/.test(word)) return null;
   const names = machine.names(place);
   if (slot) return { from, options: typesOf(slot[2], names, code), validFor: /^\w*$/ };
   const options = names.map((label) => ({ label, type: "variable", boost: 1 }));
+  options.push(...fields.map((name) => ({ label: `${name}=`, type: "property", boost: 2 })));
   options.push(...WORDS.filter((label) => !names.includes(label)).map((label) => ({ label, type: "keyword" })));
   if (/^[A-Z]/.test(word)) options.push(...typesFor(code));
   return { from, options, validFor: /^\w*$/ };

@@ -1,4 +1,4 @@
-// Findings under the lines in which they are.
+// Findings under the lines in which they are; the style sheet shows them, so that the text has only what was typed.
 
 import { Decoration, EditorView, StateEffect, StateField, WidgetType } from "./codemirror.js";
 import { make } from "./dom.js";
@@ -15,7 +15,8 @@ class Problem extends WidgetType {
   }
 
   toDOM() {
-    return make("p", { class: "found", "data-severity": this.severity }, this.message);
+    const { severity, message } = this;
+    return make("p", { class: "found", role: "note", "data-severity": severity, "data-text": message, "aria-label": message });
   }
 }
 

@@ -149,4 +149,14 @@ def test_fields_of_messages_are_completed(
     expect(text).to_have_text("if level.value")
     page.keyboard.type(" > cou")
     expect(offered.first).to_have_text("count")
+    offered.first.click()
+
+    # Those of a message that is made, also behind another one in it.
+    text.click()
+    page.keyboard.press("Control+a")
+    page.keyboard.press("Delete")
+    page.keyboard.type("lamp(Level(value=min(1, count), o")
+    expect(offered.first).to_have_text("on=")
+    offered.first.click()
+    expect(text).to_have_text("lamp(Level(value=min(1, count), on=))")
     assert seen.errors == []

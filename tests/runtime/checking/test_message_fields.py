@@ -7,7 +7,7 @@ from pathlib import Path
 
 import llfsm.machines
 from llfsm.runtime.bundles import read_bundle
-from llfsm.runtime.checking.message_fields import message_fields
+from llfsm.runtime.checking.message_fields import class_fields, message_fields
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 
 MACHINES = Path(llfsm.machines.__file__).parent
@@ -54,6 +54,9 @@ def test_fields_of_classes_in_the_bundle_and_beside_it(tmp_path: Path) -> None:
     assert found["level"] == {"id": {}, "value": {}, "next": {}}
     both = found["both"]
     assert isinstance(both, dict)
+    classes = class_fields(read_bundle(tmp_path / "M.machine"))
+    assert classes["Both"] == ["height", "twist", "again"]
+    assert (classes["Twist"], classes["Height"]) == (["linear", "angular"], ["id", "value", "next"])
     assert both["twist"]["linear"].keys() == {"x", "y", "z"}
     assert both["height"] == found["height"] == found["level"]
 
