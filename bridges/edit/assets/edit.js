@@ -50,7 +50,7 @@ function take(frame) {
   editor.update();
   $("undo").disabled = !data.undo;
   $("redo").disabled = !data.redo;
-  if (isLost) inspector.flush();
+  if (isLost || frame.trouble === "") inspector.flush(); // what could not be written may be now
   isLost = false;
   showSaved();
   if ("findings" in frame) showFindings();

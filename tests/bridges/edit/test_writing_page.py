@@ -217,7 +217,7 @@ def test_what_is_typed_without_a_server_is_written_when_there_is_one(
     again.end()
 
 
-def test_what_cannot_be_written_is_kept_and_tried_again(page: Page, bundle: Path) -> None:
+def test_what_cannot_be_written_is_kept_until_it_can(page: Page, bundle: Path) -> None:
     state(page, "A").click()
     editor(page, "A|OnEntry")
     away = bundle.with_name("away")
@@ -226,9 +226,10 @@ def test_what_cannot_be_written_is_kept_and_tried_again(page: Page, bundle: Path
     note = page.locator("[data-place='A|OnEntry'] .problem")
     expect(note).to_contain_text("No such file or directory")
     expect(page.locator("#link")).to_have_text("not saved")
-    page.locator("[data-place='A|OnExit'] .cm-content").click()  # which is no place to lose it
-    away.rename(bundle)
     note.get_by_text("Try again").click()
+    expect(note).to_contain_text("No such file or directory")
+    expect(page.locator("#trouble")).to_be_visible()
+    away.rename(bundle)
     expect(note).to_be_hidden()
     expect(page.locator("#link")).to_have_text("saved")
     file = bundle / "State_A_OnEntry.py"
