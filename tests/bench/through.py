@@ -1,11 +1,13 @@
 """Measure what a message takes from topic to topic, through a bridge and a slot between them.
 
 raw      a Zenoh publisher in one process, a Zenoh subscriber in another
-through  the same publisher, a bridge with two relays of one slot, the same subscriber
+bridge   the same publisher, a bridge with two relays of one slot, the same subscriber
+relay    the same, with a process between them that puts what it gets, and does nothing else
 
 Publisher and subscriber send and receive as rmw_zenoh configures every node of ROS.
-That is twice the way. A small message may be no more than 0.4 ms later; of a large one, which takes
-its time on the way, the bridge may add half.
+Through a bridge, a message goes twice the way. A small one may be no more than 0.4 ms later than
+raw. A large one takes its time on each way, whoever relays it: a bridge, which also decodes it and
+adds it to the slot, may take half longer than one that does nothing.
 """
 
 from __future__ import annotations
@@ -51,9 +53,11 @@ class Load(NamedTuple):
     fields: dict[str, Any]
 
 
+_WAYS = {"raw": "raw Zenoh", "relay": "a bare relay", "bridge": "llfsm"}
+_LARGE = "a cloud of 1 MB"
 LOADS = {
     "Odometry": Load("nav_msgs/msg/Odometry", 100, {}),
-    "a cloud of 1 MB": Load(
+    _LARGE: Load(
         "sensor_msgs/msg/PointCloud2",
         20,
         {"width": 62_500, "height": 1, "point_step": 16, "row_step": 10**6, "data": bytes(10**6)},
@@ -68,7 +72,7 @@ class Place(NamedTuple):
     board: str
     seconds: float
     load: str
-    topic: str  # where the subscriber is: "in", as the publisher, or "out"
+    way: str  # of _WAYS
 
     def role(self, name: str) -> Popen[str]:
         """Start this file as one of the processes."""
@@ -118,7 +122,9 @@ def hear(place: Place) -> None:
         second, ns = unpack_from(_STAMP, sample.payload.to_bytes(), _STAMP_AT)
         latencies.append(time.monotonic_ns() - second * 10**9 - ns)
 
-    subscriber = session.declare_subscriber(place.key(place.topic), on_sample)
+    subscriber = session.declare_subscriber(
+        place.key("in" if place.way == "raw" else "out"), on_sample
+    )
     ready()
     wait_for(lambda: latencies)
     print(json.dumps(median(latencies)), flush=True)
@@ -126,17 +132,33 @@ def hear(place: Place) -> None:
     session.close()
 
 
-_ROLES = {"talk": talk, "hear": hear}
+def relay(place: Place) -> None:
+    """Put what is received, without llfsm, and look at nothing."""
+    session, _ = open_session([place.router])
+    publisher = session.declare_publisher(place.key("out"))
+
+    def on_sample(sample: Any) -> None:
+        publisher.put(sample.payload, attachment=sample.attachment)
+
+    subscriber = session.declare_subscriber(place.key("in"), on_sample)
+    ready()
+    del subscriber
+    session.close()
+
+
+_ROLES = {"talk": talk, "hear": hear, "relay": relay}
 
 
 def measure(place: Place, folder: Path) -> float:
     """Return the median latency of one round, in nanoseconds."""
     with ExitStack() as stack:
-        if place.topic == "out":
+        if place.way == "bridge":
             between = stack.enter_context(until_over(place.bridge(folder)))
             assert between.stderr is not None
             while "bridge: " not in between.stderr.readline():
                 pass
+        elif place.way == "relay":
+            line_of(stack.enter_context(until_over(place.role("relay"))))
         hearer = stack.enter_context(until_over(place.role("hear")))
         talker = stack.enter_context(until_over(place.role("talk")))
         for process in (hearer, talker):
@@ -154,25 +176,24 @@ def rows(rounds: int, seconds: float) -> Iterator[Row]:
     warm = 1 if rounds > 1 else 0
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = open_router([endpoint])
+    board = f"bench-through-{os.getpid()}"
     try:
-        for load, score, promised in (
-            ("Odometry", ADDED_MS, 0.4),
-            ("a cloud of 1 MB", MEDIANS, 1.5),
-        ):
-            raw: list[float] = []
-            through: list[float] = []
+        for load, ways in (("Odometry", ("raw", "bridge")), (_LARGE, ("raw", "relay", "bridge"))):
+            found: dict[str, list[float]] = {way: [] for way in ways}
             for _ in range(rounds + warm):
-                for topic, found in (("in", raw), ("out", through)):
-                    place = Place(endpoint, f"bench-through-{os.getpid()}", seconds, load, topic)
+                for way in ways:
+                    place = Place(endpoint, board, seconds, load, way)
                     with TemporaryDirectory() as folder:
-                        found.append(measure(place, Path(folder)))
+                        found[way].append(measure(place, Path(folder)))
                     with suppress(BoardNotFoundError):
-                        remove_board(place.board)
-            sides = [
-                Side("llfsm", "bridge", through[warm:]),
-                Side("raw Zenoh", "subscriber", raw[warm:]),
-            ]
-            yield Row(f"{load}, topic to topic, p50", sides, score, promised)
+                        remove_board(board)
+            side = {way: Side(_WAYS[way], way, found[way][warm:]) for way in ways}
+            what = f"{load}, topic to topic, p50"
+            if load == _LARGE:
+                yield Row(what, [side["bridge"], side["relay"]], MEDIANS, 1.5)
+                yield Row("  and once the way", [side["bridge"], side["raw"]], MEDIANS, None)
+            else:
+                yield Row(what, [side["bridge"], side["raw"]], ADDED_MS, 0.4)
     finally:
         router.close()
 
