@@ -231,7 +231,8 @@ class Presence:
                     obey[request.action](standing.machine)
                 else:
                     self._debug(request, standing.machine)
-                self._marks.pop(standing.machine, None)  # the count of requests has changed
+                # The count of requests has changed; if the machine ends by it, that is seen, too.
+                self._marks[standing.machine] = ()
                 self._arrangement.environment.wake()
 
     @property

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
-from llfsm.runtime import Arrangement, Reason, TimeSlot, Timetable, Trace
+from llfsm.runtime import Arrangement, Machine, Reason, State, TimeSlot, Timetable, Trace
 from llfsm.runtime.engine.events import Accepting
 from llfsm.whiteboard import Board
+from llfsm.whiteboard.messages.llfsm import VIEWER, Viewer
 
 from .machines import Clock, Idle, Obedient, Steps, ask, status_of
 
@@ -57,6 +58,29 @@ def test_a_machine_that_stops_accepts_and_others_see_nothing(board: Board):
     (accepted,) = (event for event in trace if isinstance(event, Accepting))
     assert (accepted.round, accepted.machine, accepted.action) == (6, "Obedient", "unloaded")
     assert idle.saw_stopping == 0
+    assert status_of(board, "Obedient").loaded is False
+
+
+def test_who_watches_a_machine_that_is_stopped_between_two_posts_ends_no_other(board: Board):
+    clock = Clock(lambda sleeps: None)
+
+    class Busy(Machine):
+        """Fire in each turn, so that no round is followed by a sleep, a millisecond after another."""
+
+        turns: int = 0
+        only = State()
+
+        @only.to(only)
+        def tick(self) -> bool:
+            self.turns += 1
+            clock.advance(ms=1)
+            board.add_message(VIEWER, Viewer(1, why=True))
+            if self.turns == 110:  # statuses were posted less than 20 ms ago
+                ask(board, "Obedient", "stop")
+            return True
+
+    arrangement = Arrangement([Obedient, Busy], whiteboard=board, clock=clock)
+    assert arrangement.run(max_rounds=300) is Reason.MAX_ROUNDS
     assert status_of(board, "Obedient").loaded is False
 
 
