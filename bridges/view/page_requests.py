@@ -113,5 +113,6 @@ def _move(request: Seek | Play, source: PageSource) -> str:
         player.play(request.speed)
         return f"speed {request.speed:g}"
     first_ns, last_ns = player.span_ns
-    player.seek(min(max(first_ns + round(request.at * 1e9), first_ns), last_ns))
+    after_s = min(max(request.at, 0.0), (last_ns - first_ns) / 1e9)
+    player.seek(min(first_ns + round(after_s * 1e9), last_ns))
     return f"at {request.at:.3f} s"

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from msgspec.structs import replace
 
 from growth import growth_of
+from llfsm.bridges.recording.recorded_source import RecordedPlayer
 from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.live_source import LiveSource
 from llfsm.bridges.view.page_requests import decode, perform
+from llfsm.runtime import ManualClock
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
@@ -54,6 +57,13 @@ def test_what_a_page_asks_of_a_debugger_reaches_the_machine(tmp_path: Path) -> N
             perform(decode(ask % ("break", "x" * 5000)), source, control=True)
         with pytest.raises(RequestError, match="--control"):
             perform(decode(ask % ("pause", "")), source, control=False)
+
+
+@pytest.mark.parametrize(("at", "there_s"), [("1e308", 10.0), ("-1e308", 0.0), ("2.5", 2.5)])
+def test_a_time_beyond_a_recording_is_its_end(at: str, there_s: float) -> None:
+    source = SimpleNamespace(player=RecordedPlayer((7, 7 + 10**10), ManualClock()))
+    perform(decode(f'{{"type": "seek", "id": 1, "at": {at}}}'), source, control=False)
+    assert source.player.now_ns() == 7 + there_s * 1e9
 
 
 def test_posts_need_no_memory(tmp_path: Path) -> None:

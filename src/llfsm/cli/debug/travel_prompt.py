@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -100,7 +101,9 @@ class TravelPrompt(Prompt):
         try:
             seconds = float(rest)
         except ValueError:
-            raise PromptError(f"goto {rest}: give seconds from the beginning, as 12.5") from None
+            seconds = math.nan
+        if not math.isfinite(seconds):
+            raise PromptError(f"goto {rest}: give seconds from the beginning, as 12.5")
         self._session.goto(seconds)
         yield from self.where()
 
