@@ -41,15 +41,16 @@ def causes_at(recording: Recording, journal: RecordedJournal, now_ns: int) -> di
             if entry["event"] == "Eval":
                 evaluated[machine].append(entry)
             else:
-                found[machine] = _why(entry["state"], evaluated[machine][::-1])
+                evaluated_s = (now_ns - entry["time_ns"]) / 1e9
+                found[machine] = _why(entry["state"], evaluated[machine][::-1], evaluated_s)
     return found
 
 
-def _why(state: str, evaluated: list[dict[str, Any]]) -> MachineWhy:
+def _why(state: str, evaluated: list[dict[str, Any]], evaluated_s: float) -> MachineWhy:
     seen = tuple(
         SeenTransition(each["target"], each["label"], each["value"], each["label"])
         for each in evaluated
     )
     if seen and seen[-1].value is True:
         return MachineWhy(seen[-1].target, (), state, seen)
-    return MachineWhy(state, seen)
+    return MachineWhy(state, seen, evaluated_s=evaluated_s if seen else None)

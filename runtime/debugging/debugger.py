@@ -31,12 +31,15 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.seat import Seat
     from llfsm.whiteboard.messages.llfsm import MachineRequest
 
-from .breakpoints import Breakpoint, check_breakpoints
-from .causes import Cause
-from .causes import why as causes_at
-from .probes import Probes
+    from .causes import Cause
 
-__all__ = ["LEASE_S", "Debugger", "Fired", "Goal", "Step"]
+from .breakpoints import Breakpoint, check_breakpoints
+from .last_turns import LastTurns
+from .leases import OverrideLeases
+from .probes import Probes
+from .sight import Fired, Sight, sight_of
+
+__all__ = ["LEASE_S", "Debugger", "Goal", "Step"]
 
 Step: TypeAlias = Literal["turn", "round", "transition", "leave"]
 """Until when: the next turn, the next round, a transition has fired, a machine left its state."""
@@ -54,15 +57,6 @@ class Goal(NamedTuple):
     """What to call the pause then."""
     is_reached: Callable[[Turn], bool] = lambda _: True
     """Whether they are paused before this turn."""
-
-
-class Fired(NamedTuple):
-    """A transition that has fired, and what the transitions of its state had seen."""
-
-    machine: str
-    source: str
-    target: str
-    causes: list[Cause]
 
 
 class Debugger:
@@ -89,8 +83,8 @@ class Debugger:
         self._goal: Goal | None = None
         self._lease_s: float | None = None
         self._ends_s: float | None = None  # when the lease of this pause is over
-        self._leases: dict[tuple[str, str], float] = {}  # of overrides, by machine and slot
-        self._fired = False  # whether a transition has fired since the step began
+        self._leases = OverrideLeases(arrangement)
+        self._arrived = ""  # the machine whose transition has fired since the step began
         self._go = threading.Event()
         self._is_paused = threading.Event()
         self._probes = Probes((), self._hit)
@@ -102,7 +96,9 @@ class Debugger:
         """The turn that is to come, while paused."""
         self.fired: Fired | None = None
         """The transition at whose breakpoint it is paused."""
-        self._hit_in = ""  # the machine at whose breakpoint it is paused
+        self.turns = LastTurns(arrangement)
+        """What the machines have evaluated last."""
+        self._hit_in = ""  # the machine at whose breakpoint, or after whose step, it is paused
         arrangement.instrument = self
 
     @classmethod
@@ -123,7 +119,11 @@ class Debugger:
 
     @property
     def machine(self) -> str:
-        """The machine to look at: at a breakpoint that of it, else that of `turn`; "" if none."""
+        """The machine to look at; "" if there is none.
+
+        At a breakpoint that of it, after a step the one that has fired or left its state, else the
+        one whose turn is to come.
+        """
         loaded = (each.machine for each in filter(None, self._arrangement.standings()))
         if self._hit_in in loaded:  # one that has failed may be no more
             return self._hit_in
@@ -169,24 +169,28 @@ class Debugger:
         """
         if until not in get_args(Step):
             raise OptionError(f"no step {until!r}; there are: {', '.join(get_args(Step))}")
-        self._fired, rounds = False, self._arrangement.rounds
+        self._arrived, rounds = "", self._arrangement.rounds
         match until:
             case "turn":
                 goal = Goal("step: turn")
             case "round":
                 goal = Goal("step: round", lambda turn: turn.round > rounds)
             case "transition":
-                goal = Goal("step: transition", lambda _: self._fired)
+                goal = Goal("step: transition", lambda _: self._shows(self._arrived))
             case "leave":
                 name = machine or self.machine
                 state = self._arrangement.standing(name).state
-                goal = Goal(f"step: {name} left {state}", lambda _: not self.stands(name, state))
+                goal = Goal(
+                    f"step: {name} left {state}",
+                    lambda _: not self.stands(name, state) and self._shows(name),
+                )
         self._run(goal)
 
     def proceed(self) -> None:
         """Go on, and do not pause again."""
         self._goal = None
         self._arrangement.detach(self)
+        self.turns.forget()
         self._release()
 
     def break_at(self, *texts: str, library: Mapping[str, type[Machine]] | None = None) -> None:
@@ -209,13 +213,18 @@ class Debugger:
         return tuple(each.text for each in self._probes.breakpoints)
 
     def why(self, machine: str) -> list[Cause]:
-        """Return what each transition of a paused machine's state is, on its last snapshot."""
-        standing = self._arrangement.standing(machine)
-        entered_ns, turn = standing.entered_ns, self.turn
-        is_known = entered_ns is not None and turn is not None
-        is_known = is_known and self._arrangement.arrival(machine).entered_ns is not None
-        elapsed_ns = turn.time_ns - entered_ns if is_known else None  # type: ignore[union-attr,operator]
-        return causes_at(self._arrangement.machine(machine), standing.state, elapsed_ns)
+        """Return what each transition of a paused machine's state was as it was evaluated last.
+
+        What was not evaluated is as it would be now, on the machine's last snapshot.
+        """
+        return self.sight(machine, self.now_ns).causes
+
+    def sight(self, machine: str, now_ns: int) -> Sight:
+        """Return what is known of a machine's transitions at `now_ns` of the clock."""
+        found = sight_of(self._arrangement, machine, self.turns, now_ns)
+        if self.fired is not None and self.fired.machine == machine:
+            return found._replace(before=self.fired)
+        return found if self.paused else found._replace(before=None)
 
     def override(
         self, machine: str, sensor: str, text: str, *, lease_s: float | None = None
@@ -229,27 +238,19 @@ class Debugger:
         message = None if text.strip() == "null" else parse_message(slot, text)
         self._arrangement.override(machine, sensor, message)
         if lease_s is not None:
-            self._leases[machine, slot.name] = time.monotonic() + lease_s
+            self._leases.begin(machine, slot.name, lease_s)
 
     def overridden(self, machine: str, slot: str) -> None:
         """End the lease of what was overridden before: it does not end the override after it."""
-        self._leases.pop((machine, slot), None)
+        self._leases.end(machine, slot)
 
     def left_s(self, machine: str, sensor: str) -> float | None:
         """Return how long a sensor stays overridden; None if only a release ends that."""
-        ends_s = self._leases.get((machine, self._arrangement.slot_of(machine, sensor).name))
-        return None if ends_s is None else max(0.0, ends_s - time.monotonic())
+        return self._leases.left_s(machine, sensor)
 
     def look(self) -> None:
         """Release the sensors whose overrides nobody has renewed."""
-        for (machine, slot), ends_s in [*self._leases.items()]:
-            if time.monotonic() > ends_s:
-                self._leases.pop((machine, slot), None)
-                for sensor in self._arrangement.overridden(machine):
-                    if self._arrangement.slot_of(machine, sensor).name == slot:
-                        what = "nobody renews the override: %s: %s is released"
-                        logger().warning(what, machine, sensor)
-                        self._arrangement.release(machine, sensor)
+        self._leases.look()
 
     def _equip(self, breakpoints: Iterable[Breakpoint]) -> None:
         slots = {each.slot for each in self._probes.breakpoints}
@@ -263,8 +264,7 @@ class Debugger:
         """Do what another process requests of the arrangement that runs `machine`."""
         if request.action == "renew":
             self.renew(request.lease_s)
-            ends_s = time.monotonic() + request.lease_s
-            self._leases = {key: max(each, ends_s) for key, each in self._leases.items()}
+            self._leases.renew(request.lease_s)
             return
         self.problem = ""
         try:
@@ -302,9 +302,12 @@ class Debugger:
 
     def failed(self, seat: Seat, error: ExecutionError) -> None:
         """Pause at a breakpoint of the machine's failure: at once, if all others end, too."""
+        goal = self._goal
         for each in self._probes.breakpoints:
             if each.fails and each.machine == seat.name:
                 self._probes.test(each, seat, seat.machine, "")
+        if self._goal is not goal:
+            self.fired = Fired.failed(seat, error, self._arrangement.environment.peek_ns())
         if self._goal is not None and self._arrangement.on_error == "stop":
             self._wait(f"{self._goal.why}: {error}", None)
 
@@ -312,19 +315,25 @@ class Debugger:
         """Pause before the next turn: a breakpoint is reached."""
         self._hit_in = seat.name
         if source:
-            causes = Cause.fired(seat.machine, source, seat.arrival().transition)
-            self.fired = Fired(seat.name, source, seat.current.name, causes)
+            now_ns = self._arrangement.environment.peek_ns()
+            self.fired = Fired.of(seat, source, now_ns)
         self._lease_s = self.lease_s
         self._run(Goal(why))
 
     def __call__(self, event: Event) -> None:
         """Take an event; of that with which a turn begins, return when it may."""
-        if isinstance(event, Eval):
-            self._fired = self._fired or event.value is True
+        self.turns(event)
+        if isinstance(event, Eval) and event.value is True:
+            self._arrived = event.machine
         elif isinstance(event, Turn):
             goal = self._goal
             if goal is not None and goal.is_reached(event):
                 self._wait(goal.why, event)
+
+    def _shows(self, machine: str) -> bool:
+        """Let a machine be the one to look at; return whether there is one."""
+        self._hit_in = machine
+        return bool(machine)
 
     def stands(self, machine: str, state: str) -> bool:
         """Return whether a machine is loaded, and in that state."""
@@ -334,6 +343,7 @@ class Debugger:
     def _run(self, goal: Goal) -> None:
         self._goal = goal
         if self not in self._arrangement.observers:
+            self.turns.forget()
             self._arrangement.attach(self)
         self._release()
         self._arrangement.environment.wake()

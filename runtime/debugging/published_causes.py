@@ -7,32 +7,30 @@ from typing import TYPE_CHECKING
 
 from llfsm.whiteboard.messages.debugging import MachineWhy, SeenTransition
 
-from .causes import Cause, why
 from .debugger import Debugger
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
+
+    from .causes import Cause
 
 __all__ = ["why_of"]
 
 
 def why_of(arrangement: Arrangement, machine: str, now_ns: int) -> MachineWhy:
     """Return why a machine is in its state at `now_ns` of the arrangement's clock."""
-    standing, arrival = arrangement.standing(machine), arrangement.arrival(machine)
-    elapsed_ns = None if arrival.entered_ns is None else now_ns - arrival.entered_ns
-    found = why(arrangement.machine(machine), standing.state, elapsed_ns)
-    debugger = arrangement.instrument
-    if not isinstance(debugger, Debugger):
-        return MachineWhy(standing.state, _seen(found))
-    fired = debugger.fired
-    has_fired = fired is not None and fired.machine == machine
+    debugger = Debugger.of(arrangement)
+    found = debugger.sight(machine, now_ns)
+    before, evaluated_ns = found.before, found.evaluated_ns
     return MachineWhy(
-        standing.state,
-        _seen(found),
-        fired.source if fired and has_fired else "",
-        _seen(fired.causes) if fired and has_fired else (),
+        found.state,
+        _seen(found.causes),
+        before.source if before else "",
+        _seen(before.causes) if before else (),
         debugger.breakpoints,
         debugger.problem,
+        None if evaluated_ns is None else (now_ns - evaluated_ns) / 1e9,
+        before is not None and not before.target,
     )
 
 

@@ -287,6 +287,10 @@ class Control:
                 return seat, now
         return None
 
+    def seat(self, name: str) -> Seat:
+        """Return the seat of that machine, for who debugs it."""
+        return self._roster.find(name)
+
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""
         return self._roster.find(name).machine

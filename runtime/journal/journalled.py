@@ -74,6 +74,10 @@ class JournalledEnvironment(Environment):
         """Let the sleep in the other environment end."""
         self._inner.wake()
 
+    def peek_ns(self) -> int:
+        """Return the time, which is not kept."""
+        return self._inner.peek_ns()
+
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Keep what is requested meanwhile; a stop takes effect at once."""

@@ -15,11 +15,9 @@ from llfsm.whiteboard.errors import (
 )
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.local import LocalBoard
-from llfsm.whiteboard.messages.debugging import MachineWhy
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
     VIEWER,
-    MachineRequest,
     MachineStatus,
     OverriddenSensor,
 )
@@ -35,6 +33,7 @@ from .published import Published, PublishedMachine, vacate_dead
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
+    from ..debugging.debugger import Debugger
     from ..engine.arrangement import Arrangement
     from ..engine.clock import Clock
     from ..engine.seat import Arrival
@@ -110,6 +109,7 @@ class Presence:
         self._viewed = self._viewer.count
         self._view_ends_ns = self._variables_due_ns = self._now()
         self._why_ends_ns = self._view_ends_ns
+        self._is_sampled = False  # whether a round was to be seen since somebody asks why
         self._reporter = Reporter(arrangement, board, handover)
         self._due_ns = 0
         self._beaten_ns = 0  # when all statuses were posted, though time may stand still
@@ -230,7 +230,7 @@ class Presence:
                         self._reloads.cancel(standing.machine)
                     obey[request.action](standing.machine)
                 else:
-                    self._debug(request, standing.machine)
+                    self._debugger.obey(request, standing.machine)
                 # The count of requests has changed; if the machine ends by it, that is seen, too.
                 self._marks[standing.machine] = ()
                 self._arrangement.environment.wake()
@@ -253,11 +253,11 @@ class Presence:
                     machine = self._arrangement.machine(name)
                     entry.exchange(machine, self._arrangement.safe_values(name))
 
-    def _debug(self, request: MachineRequest, machine: str) -> None:
-        """Have a debugger do what is requested."""
+    @property
+    def _debugger(self) -> Debugger:
         from ..debugging.debugger import Debugger  # here, because few ask
 
-        Debugger.of(self._arrangement).obey(request, machine)
+        return Debugger.of(self._arrangement)
 
     def _look_at_instrument(self) -> None:
         if self._arrangement.instrument is not None:
@@ -340,19 +340,26 @@ class Presence:
             self._view_ends_ns = now_ns + _VIEW_NS
             viewer = self._viewer.get()
             if viewer is not None and viewer.why:
+                self._is_sampled = self._is_sampled and now_ns < self._why_ends_ns
                 self._why_ends_ns = self._view_ends_ns
         if self._variables_due_ns <= now_ns < self._view_ends_ns:
             self._variables_due_ns = now_ns + _VARIABLES_NS
             for entry in self._entries.values():
                 with self._tolerating_the_board:
                     entry.post_variables()
-                    if now_ns < self._why_ends_ns:
-                        entry.post_why(self._why(entry.name))
+            if now_ns < self._why_ends_ns:
+                self._post_whys()
 
-    def _why(self, name: str) -> MachineWhy:
+    def _post_whys(self) -> None:
+        """Post what the machines saw in a round since the last time, and have the next one seen."""
         from ..debugging.published_causes import why_of  # here, because few look
 
-        return why_of(self._arrangement, name, self._machine_now())
+        is_paused = bool(self._arrangement.paused)  # then no round comes
+        is_ready, self._is_sampled = self._is_sampled or is_paused, not is_paused
+        for entry in self._entries.values() if is_ready else ():
+            with self._tolerating_the_board:
+                entry.post_why(why_of(self._arrangement, entry.name, self._machine_now()))
+        self._debugger.turns.sample()
 
     def _status(self, name: str, latest: Published, arrival: Arrival) -> MachineStatus:
         now_ns = self._machine_now()

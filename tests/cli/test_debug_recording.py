@@ -51,7 +51,9 @@ def test_a_recording_is_gone_through_in_both_directions(llfsm: Llfsm, file: Path
         "bounces = 2",
         "back: leave: round 7, Bouncer in STOP",
         "back: transition: round 5, Bouncer in GO",
-        "it is in GO:",
+        "it has left STOP:",
+        "  true   -> GO  m.pose.data <= 9  4 <= 9",
+        "it is in GO, as it would be evaluated now:",
         "  false  -> STOP  m.pose.data > 9  4 > 9",
     ]
     assert printed(llfsm, file, "clear", "break @pose if data > 9", "c", "c", "c", "reverse") == [

@@ -11,9 +11,10 @@ WHYS = "llfsm/why/"
 
 
 class SeenTransition(Message):
-    """A transition as it would be evaluated, or was; no value if that takes a call with effects.
+    """A transition as it was evaluated, or would be; no value if that takes a call with effects.
 
-    `seen` is its expression with the values of its parts.
+    `seen` is its expression with the values of its parts; "not evaluated" if one before it has
+    fired, or has raised.
     """
 
     target: str
@@ -23,11 +24,13 @@ class SeenTransition(Message):
 
 
 class MachineWhy(Message):
-    """Why a machine is in `state`: its transitions on the last snapshot; posted for a viewer.
+    """Why a machine is in `state`: its transitions; posted for a viewer.
 
-    At a breakpoint of a transition that has fired, from `source`, `before` are those of that state.
-    The `breakpoints` are those of all machines of its process; `problem` is why the last
-    request was refused.
+    They are as they were evaluated `evaluated_s` seconds before the message's stamp, by the
+    machine's clock; without a time, as they would be then, on the last snapshot. While paused
+    where a transition has fired, from `source`, `before` are those of that state; it is the one
+    whose code has raised if the machine has `failed` there. The `breakpoints` are those of all
+    machines of its process; `problem` is why the last request was refused.
     """
 
     state: str
@@ -36,6 +39,8 @@ class MachineWhy(Message):
     before: tuple[SeenTransition, ...] = ()
     breakpoints: tuple[str, ...] = ()
     problem: str = ""
+    evaluated_s: float | None = None
+    failed: bool = False
 
 
 @lru_cache(maxsize=128)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 
 import click
 
+from llfsm.runtime.debugging.causes import NOT_EVALUATED
 from llfsm.runtime.presence.hosts import HostNames, find_machine
 from llfsm.runtime.presence.remote import PATIENCE_S
 from llfsm.whiteboard import Board
@@ -18,16 +19,15 @@ from .options import BoardPlace, board_option
 
 __all__ = ["fetch_why", "why", "why_lines"]
 
-_VALUES = {True: "true", False: "false", None: "?"}
-
 
 @click.command()
 @click.argument("machine")
 @board_option
 def why(machine: str, board: BoardPlace) -> None:
-    """Show why MACHINE is still in its state: each transition, with the values that it sees.
+    """Show why MACHINE is still in its state: each transition, with the values that it saw.
 
-    A `?` is a guard whose value cannot be known without a call that may have an effect.
+    Those are of its last turn, if that is known; else they are as they would be now: a `?` is then
+    a guard whose value cannot be known without a call that may have an effect.
 
     \b
     llfsm why Wall
@@ -52,14 +52,26 @@ def fetch_why(board: Board, machine: str) -> MachineWhy:
 def why_lines(why: MachineWhy) -> Iterator[str]:
     """Yield what is printed of a machine."""
     if why.source:
-        yield f"it has left {why.source}:"
+        yield f"it has {'failed in' if why.failed else 'left'} {why.source}:"
         yield from _table(why.before)
-    yield f"it is in {why.state}:" if why.transitions else f"it is in {why.state}"
+    if not why.transitions:
+        yield f"it is in {why.state}"
+        return
+    when = "as it would be evaluated now"
+    if why.evaluated_s is not None:
+        when = f"evaluated {why.evaluated_s:.3f} s ago"
+    yield f"it is in {why.state}, {when}:"
     yield from _table(why.transitions)
 
 
 def _table(transitions: Iterable[SeenTransition]) -> Iterator[str]:
-    rows = [(_VALUES[each.value], each.target, each.label, each.seen) for each in transitions]
+    rows = [(_value(each), each.target, each.label, each.seen) for each in transitions]
     target, label = (max((len(row[i]) for row in rows), default=0) for i in (1, 2))
     for row in rows:
         yield f"  {row[0]:<5}  -> {row[1]:<{target}}  {row[2]:<{label}}  {row[3]}".rstrip()
+
+
+def _value(transition: SeenTransition) -> str:
+    if transition.value is None:
+        return "-" if transition.seen == NOT_EVALUATED else "?"
+    return "true" if transition.value else "false"

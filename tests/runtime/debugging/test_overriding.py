@@ -16,7 +16,7 @@ from llfsm.runtime import (
     State,
     UnknownMachineError,
 )
-from llfsm.runtime.debugging import Debugger, debugger
+from llfsm.runtime.debugging import Debugger, leases
 from llfsm.runtime.engine.clock import MonotonicClock
 from llfsm.runtime.presence.remote import Directory
 from llfsm.runtime.testing.scripted import ScriptedEnvironment
@@ -167,7 +167,7 @@ def test_an_override_ends_with_its_lease(
 ) -> None:
     """Only one from outside has a lease, which is renewed, and never shortened."""
     time = SimpleNamespace(now=0.0)
-    monkeypatch.setattr(debugger, "time", SimpleNamespace(monotonic=lambda: time.now))
+    monkeypatch.setattr(leases, "time", SimpleNamespace(monotonic=lambda: time.now))
     board = Whiteboard.local()
     arrangement = Arrangement([Driver, Driver], clock=ManualClock(), whiteboard=board)
     with running(arrangement) as found:
@@ -203,7 +203,7 @@ def test_a_lease_ends_with_its_override_and_ends_no_later_one(
 ) -> None:
     """Both sensors read the same slot; a refused override leaves what was there, and its lease."""
     time = SimpleNamespace(now=0.0)
-    monkeypatch.setattr(debugger, "time", SimpleNamespace(monotonic=lambda: time.now))
+    monkeypatch.setattr(leases, "time", SimpleNamespace(monotonic=lambda: time.now))
     arrangement = arranged(Fresh)
     found = Debugger(arrangement)
     found.override("Fresh", "pose", '{"data": 7}', lease_s=10.0)

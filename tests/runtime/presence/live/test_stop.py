@@ -65,7 +65,7 @@ def test_who_watches_a_machine_that_is_stopped_between_two_posts_ends_no_other(b
     clock = Clock(lambda sleeps: None)
 
     class Busy(Machine):
-        """Fire in each turn, so that no round is followed by a sleep, a millisecond after another."""
+        """Fire in each turn, so that no sleep follows a round, which takes a millisecond."""
 
         turns: int = 0
         only = State()
