@@ -12,6 +12,7 @@ from llfsm.runtime.debugging.section_pdb import SectionPdb
 from llfsm.runtime.engine.events import Eval, Event, Section, Turn
 
 if TYPE_CHECKING:
+    from llfsm.runtime.debugging.breakpoints import Breakpoint
     from llfsm.runtime.engine.errors import ExecutionError
     from llfsm.runtime.engine.machine import Machine
     from llfsm.runtime.engine.seat import Seat
@@ -68,7 +69,7 @@ class TravelDebugger(Debugger):
 
     def before_state(self, machine: str) -> int:
         """Return the last moment at which a machine was not in its state; 0 if there is none."""
-        state = self._arrangement.standing(machine).state
+        state = self.arrangement.standing(machine).state
         is_new = self._states.get(machine) != state  # since the last turn
         return self.number if is_new else self._since[machine] - 1
 
@@ -82,10 +83,12 @@ class TravelDebugger(Debugger):
         self.since, self._goal = 0, None
         self._release()
 
-    def step(self, until: Step = "turn", machine: str | None = None) -> None:
+    def step(
+        self, until: Step = "turn", machine: str | None = None, *, lease_s: float | None = None
+    ) -> None:
         """Go on, and pause again."""
         self.since = 0
-        super().step(until, machine)
+        super().step(until, machine, lease_s=lease_s)
 
     def abandon(self) -> None:
         """End the thread of the machines, at its next turn if it runs."""
@@ -118,7 +121,7 @@ class TravelDebugger(Debugger):
             self._open_pdb(event)
 
     def _note_states(self) -> None:
-        states = self._arrangement.states()
+        states = self.arrangement.states()
         if states != self._states:
             for name in states:
                 if states[name] != self._states.get(name):
@@ -131,16 +134,16 @@ class TravelDebugger(Debugger):
             wanted not in ("", name) for wanted, name in zip(self.place or (), here, strict=True)
         ):
             return
-        machine = self._arrangement.machine(event.machine)
+        machine = self.arrangement.machine(event.machine)
         code = section_of(type(machine), event.state, event.section)
         if code is not None:
             self.place = None
             self._goal = Goal(f"after {event.section} of {event.state}")
             SectionPdb().open_at(code.__code__)
 
-    def _hit(self, why: str, seat: Seat, source: str) -> None:
+    def _hit(self, breakpoint: Breakpoint, problem: str, seat: Seat, source: str) -> None:
         if self.number + 1 >= self.since:
-            super()._hit(why, seat, source)
+            super()._hit(breakpoint, problem, seat, source)
         else:
             self.passed = self.number + 1
 

@@ -138,6 +138,8 @@ class FrameEncoder:
         return {
             "condition": condition_of(status, silent_s) if live else "ended",
             "paused": status.paused,
+            "clock": status.clock,
+            "ends": self._ends(sample),
             "overridden": [each.sensor for each in status.overridden],
             "caller": status.caller,
             "error": status.error,
@@ -153,6 +155,11 @@ class FrameEncoder:
             "host": status.host,
             "definition": None if definition is None else definition.count,
         }
+
+    def _ends(self, sample: Sample[MachineStatus]) -> float | None:
+        """Return when a pause ends that nobody renews."""
+        left_s = sample.message.paused_left_s
+        return None if left_s is None else round(self._seconds(sample.stamp_ns) + left_s, 1)
 
     def _contested(self, snapshot: Snapshot) -> list[str]:
         """Return sentences about slots that several machines command that are published."""

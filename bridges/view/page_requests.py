@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, Final, get_args
 
 import msgspec
@@ -17,7 +18,7 @@ from llfsm.whiteboard.shared import Whiteboard
 from .errors import RequestError
 from .page_source import PageSource
 
-__all__ = ["PageRequest", "decode", "perform"]
+__all__ = ["PageRequest", "decode", "is_early", "perform"]
 
 _LEASE_S: Final = 6.0  # a page that is there renews a pause every second
 
@@ -69,6 +70,16 @@ def decode(text: str) -> PageRequest:
     except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
         raise RequestError(f"invalid request: {error}") from error
     return request
+
+
+def is_early(request: PageRequest, source: PageSource) -> bool:
+    """Return whether a request would replace another one, which its machine is to obey first."""
+    board = source.board()
+    if board is None or not isinstance(request, AskMachine):
+        return False
+    with suppress(WhiteboardError, FsmError):  # what is wrong is found when it is performed
+        return Directory(board).find(request.machine).is_asked
+    return False
 
 
 def perform(

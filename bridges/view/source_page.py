@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable
 from typing import Any
@@ -19,13 +20,14 @@ from .errors import RequestError
 from .event_log import log_page
 from .frames import FrameEncoder
 from .page_files import json_response
-from .page_requests import decode, perform
+from .page_requests import decode, is_early, perform
 from .page_socket import serve_page
 from .page_source import PageSource, Snapshot
 
 __all__ = ["SourcePage"]
 
 _MOST_EVENTS = 10_000  # of the log at once
+_LOOK_S, _LOOKS = 0.02, 25  # until another request is obeyed
 
 
 class SourcePage:
@@ -95,6 +97,10 @@ class SourcePage:
         """Send frames to a window, and carry out its requests, until it is closed."""
 
         async def answer(request: Any) -> str:
+            for _ in range(_LOOKS):  # other pages, and commands, ask, too
+                if not is_early(request, self.source):
+                    break
+                await asyncio.sleep(_LOOK_S)
             return perform(request, self.source, control=self._control)
 
         encoder = FrameEncoder(self.source)

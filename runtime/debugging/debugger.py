@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self, TypeAlias, get_args
 
-from llfsm.errors import LlfsmError
 from llfsm.runtime.engine.errors import (
     ArrangementEndedError,
     NotPausedError,
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.errors import ExecutionError
     from llfsm.runtime.engine.machine import Machine
     from llfsm.runtime.engine.seat import Seat
-    from llfsm.whiteboard.messages.llfsm import MachineRequest
 
     from .causes import Cause
 
@@ -39,13 +37,10 @@ from .leases import OverrideLeases
 from .probes import Probes
 from .sight import Fired, Sight, sight_of
 
-__all__ = ["LEASE_S", "Debugger", "Goal", "Step"]
+__all__ = ["Debugger", "Goal", "Step"]
 
 Step: TypeAlias = Literal["turn", "round", "transition", "leave"]
 """Until when: the next turn, the next round, a transition has fired, a machine left its state."""
-
-LEASE_S: Final = 60.0
-"""How long a pause or an override from outside lasts that nobody renews."""
 
 _LOOK_S = 0.02  # between two looks for requests while paused
 
@@ -77,13 +72,16 @@ class Debugger:
     ) -> None:
         if on_pause not in ("keep", "safe"):
             raise OptionError(f'on_pause is {on_pause!r}; it must be "keep" or "safe"')
-        self._arrangement = arrangement
+        self.arrangement = arrangement
+        """The machines."""
         self._on_pause = on_pause
-        self.lease_s = lease_s
+        self._default_lease_s = lease_s
+        self.leases: dict[str, float] = {}
+        """How long pauses at breakpoints last, by their texts, where it is not as usual."""
         self._goal: Goal | None = None
         self._lease_s: float | None = None
         self._ends_s: float | None = None  # when the lease of this pause is over
-        self._leases = OverrideLeases(arrangement)
+        self._overrides = OverrideLeases(arrangement)
         self._arrived = ""  # the machine whose transition has fired since the step began
         self._go = threading.Event()
         self._is_paused = threading.Event()
@@ -98,6 +96,7 @@ class Debugger:
         """The transition at whose breakpoint it is paused."""
         self.turns = LastTurns(arrangement)
         """What the machines have evaluated last."""
+        self._hits: list[str] = []  # the breakpoints at which it is to be paused
         self._hit_in = ""  # the machine at whose breakpoint, or after whose step, it is paused
         arrangement.instrument = self
 
@@ -110,12 +109,12 @@ class Debugger:
     @property
     def now_ns(self) -> int:
         """The time of the turn that is to come: a journal keeps each look at the clock."""
-        return self._arrangement.clock.now_ns() if self.turn is None else self.turn.time_ns
+        return self.arrangement.clock.now_ns() if self.turn is None else self.turn.time_ns
 
     @property
     def paused(self) -> str:
         """Why the arrangement is paused; "" while it is not."""
-        return self._arrangement.paused
+        return self.arrangement.paused
 
     @property
     def machine(self) -> str:
@@ -124,7 +123,7 @@ class Debugger:
         At a breakpoint that of it, after a step the one that has fired or left its state, else the
         one whose turn is to come.
         """
-        loaded = (each.machine for each in filter(None, self._arrangement.standings()))
+        loaded = (each.machine for each in filter(None, self.arrangement.standings()))
         if self._hit_in in loaded:  # one that has failed may be no more
             return self._hit_in
         return self.turn.machine if self.turn else ""
@@ -140,7 +139,7 @@ class Debugger:
             left_s = until_s - time.monotonic()
             if self._is_paused.wait(min(_LOOK_S, max(left_s, 0.0))) and (why := self.paused):
                 return why
-            if (reason := self._arrangement.reason) is not None:
+            if (reason := self.arrangement.reason) is not None:
                 raise ArrangementEndedError(f"this arrangement has ended, not paused: {reason}")
             if left_s <= 0:
                 raise NotPausedError(
@@ -151,17 +150,21 @@ class Debugger:
     def pause(self, why: str = "pause", *, lease_s: float | None = None) -> None:
         """Pause before the next turn; if that is done already, renew the lease, if it has one."""
         if self.paused:
-            self.renew(lease_s)
+            if lease_s is not None:
+                self.renew(lease_s)
             return
         self._lease_s = lease_s
         self._run(Goal(why))
 
-    def renew(self, lease_s: float | None) -> None:
-        """Let a pause that has a lease last at least so long from now on; without a time, as is."""
-        if self._ends_s is not None and lease_s is not None:
+    def renew(self, lease_s: float) -> None:
+        """Let what has a lease, a pause or an override, last at least so long from now on."""
+        if self._ends_s is not None:
             self._ends_s = max(self._ends_s, time.monotonic() + lease_s)
+        self._overrides.renew(lease_s)
 
-    def step(self, until: Step = "turn", machine: str | None = None) -> None:
+    def step(
+        self, until: Step = "turn", machine: str | None = None, *, lease_s: float | None = None
+    ) -> None:
         """Go on, and pause again: by default, before the next turn.
 
         `machine` is the one that is to leave its state, by default the one to look at. Raise
@@ -169,7 +172,7 @@ class Debugger:
         """
         if until not in get_args(Step):
             raise OptionError(f"no step {until!r}; there are: {', '.join(get_args(Step))}")
-        self._arrived, rounds = "", self._arrangement.rounds
+        self._lease_s, self._arrived, rounds = lease_s, "", self.arrangement.rounds
         match until:
             case "turn":
                 goal = Goal("step: turn")
@@ -179,7 +182,7 @@ class Debugger:
                 goal = Goal("step: transition", lambda _: self._shows(self._arrived))
             case "leave":
                 name = machine or self.machine
-                state = self._arrangement.standing(name).state
+                state = self.arrangement.standing(name).state
                 goal = Goal(
                     f"step: {name} left {state}",
                     lambda _: not self.stands(name, state) and self._shows(name),
@@ -189,7 +192,7 @@ class Debugger:
     def proceed(self) -> None:
         """Go on, and do not pause again."""
         self._goal = None
-        self._arrangement.detach(self)
+        self.arrangement.detach(self)
         self.turns.forget()
         self._release()
 
@@ -203,8 +206,8 @@ class Debugger:
         found = [Breakpoint.parse(text) for text in texts]
         new = [each for each in found if each.text not in self.breakpoints]
         machines = {**(library or {})}
-        machines.update((each.name, type(each)) for each in self._arrangement.machines)
-        check_breakpoints(new, machines, self._arrangement.slots_read)
+        machines.update((each.name, type(each)) for each in self.arrangement.machines)
+        check_breakpoints(new, machines, self.arrangement.slots_read)
         self._equip(found)
 
     @property
@@ -221,7 +224,7 @@ class Debugger:
 
     def sight(self, machine: str, now_ns: int) -> Sight:
         """Return what is known of a machine's transitions at `now_ns` of the clock."""
-        found = sight_of(self._arrangement, machine, self.turns, now_ns)
+        found = sight_of(self.arrangement, machine, self.turns, now_ns)
         if self.fired is not None and self.fired.machine == machine:
             return found._replace(before=self.fired)
         return found if self.paused else found._replace(before=None)
@@ -234,63 +237,36 @@ class Debugger:
         With a lease, it is released when that is over, unless it comes again. Raise what
         `Arrangement.override` raises, and `MessageFieldError`.
         """
-        slot = self._arrangement.slot_of(machine, sensor)
+        slot = self.arrangement.slot_of(machine, sensor)
         message = None if text.strip() == "null" else parse_message(slot, text)
-        self._arrangement.override(machine, sensor, message)
+        self.arrangement.override(machine, sensor, message)
         if lease_s is not None:
-            self._leases.begin(machine, slot.name, lease_s)
+            self._overrides.begin(machine, slot.name, lease_s)
 
     def overridden(self, machine: str, slot: str) -> None:
         """End the lease of what was overridden before: it does not end the override after it."""
-        self._leases.end(machine, slot)
+        self._overrides.end(machine, slot)
 
     def left_s(self, machine: str, sensor: str) -> float | None:
         """Return how long a sensor stays overridden; None if only a release ends that."""
-        return self._leases.left_s(machine, sensor)
+        return self._overrides.left_s(machine, sensor)
+
+    def pause_left_s(self) -> float | None:
+        """Return when a pause ends that nobody renews; None if only a request ends it."""
+        return None if self._ends_s is None else max(0.0, self._ends_s - time.monotonic())
 
     def look(self) -> None:
         """Release the sensors whose overrides nobody has renewed."""
-        self._leases.look()
+        self._overrides.look()
 
     def _equip(self, breakpoints: Iterable[Breakpoint]) -> None:
         slots = {each.slot for each in self._probes.breakpoints}
-        self._probes = Probes(breakpoints, self._hit)
+        self._probes = Probes(breakpoints, self._hit, self._probes)
+        self.leases = {text: self.leases[text] for text in self.breakpoints if text in self.leases}
         slots |= {each.slot for each in self._probes.breakpoints}
-        self._arrangement.equip(self)
+        self.arrangement.equip(self)
         for slot in slots - {""}:
-            self._arrangement.read_again(slot)
-
-    def obey(self, request: MachineRequest, machine: str) -> None:
-        """Do what another process requests of the arrangement that runs `machine`."""
-        if request.action == "renew":
-            self.renew(request.lease_s)
-            self._leases.renew(request.lease_s)
-            return
-        self.problem = ""
-        try:
-            self._obey(request, machine)
-        except LlfsmError as error:
-            logger().warning("%s was not obeyed: %s: %s", request.action, machine, error)
-            self.problem = str(error)
-
-    def _obey(self, request: MachineRequest, machine: str) -> None:
-        lease_s, argument = request.lease_s or LEASE_S, request.argument
-        match request.action:
-            case "continue":
-                self.proceed()
-            case "pause":
-                self.pause("pause", lease_s=lease_s)
-            case "step":
-                self._lease_s = lease_s
-                self.step(argument, machine)  # type: ignore[arg-type]  # it is checked
-            case "break":
-                self.lease_s = lease_s
-                self.break_at(*argument.splitlines())
-            case "override":
-                sensor, _, text = argument.partition(" ")
-                self.override(machine, sensor, text, lease_s=lease_s)
-            case "release":
-                self._arrangement.release(machine, argument)
+            self.arrangement.read_again(slot)
 
     def bound(self, seat: Seat) -> None:
         """Wrap the sections that breakpoints are in."""
@@ -307,18 +283,22 @@ class Debugger:
             if each.fails and each.machine == seat.name:
                 self._probes.test(each, seat, seat.machine, "")
         if self._goal is not goal:
-            self.fired = Fired.failed(seat, error, self._arrangement.environment.peek_ns())
-        if self._goal is not None and self._arrangement.on_error == "stop":
+            self.fired = Fired.failed(seat, error, self.arrangement.environment.peek_ns())
+        if self._goal is not None and self.arrangement.on_error == "stop":
             self._wait(f"{self._goal.why}: {error}", None)
 
-    def _hit(self, why: str, seat: Seat, source: str) -> None:
-        """Pause before the next turn: a breakpoint is reached."""
+    def _hit(self, breakpoint: Breakpoint, problem: str, seat: Seat, source: str) -> None:
+        """Pause before the next turn: a breakpoint is reached, perhaps as one of several."""
         self._hit_in = seat.name
         if source:
-            now_ns = self._arrangement.environment.peek_ns()
+            now_ns = self.arrangement.environment.peek_ns()
             self.fired = Fired.of(seat, source, now_ns)
-        self._lease_s = self.lease_s
-        self._run(Goal(why))
+        what = f"breakpoint {breakpoint.text}{problem}"
+        if not self._hits:
+            self._lease_s = self.leases.get(breakpoint.text, self._default_lease_s)
+        if what not in self._hits:
+            self._hits.append(what)
+        self._run(Goal("; ".join(self._hits)))
 
     def __call__(self, event: Event) -> None:
         """Take an event; of that with which a turn begins, return when it may."""
@@ -337,33 +317,33 @@ class Debugger:
 
     def stands(self, machine: str, state: str) -> bool:
         """Return whether a machine is loaded, and in that state."""
-        standings = filter(None, self._arrangement.standings())
+        standings = filter(None, self.arrangement.standings())
         return any((each.machine, each.state) == (machine, state) for each in standings)
 
     def _run(self, goal: Goal) -> None:
         self._goal = goal
-        if self not in self._arrangement.observers:
+        if self not in self.arrangement.observers:
             self.turns.forget()
-            self._arrangement.attach(self)
+            self.arrangement.attach(self)
         self._release()
-        self._arrangement.environment.wake()
+        self.arrangement.environment.wake()
 
     def _release(self) -> None:
-        self._arrangement.paused = ""
+        self.arrangement.paused = ""
         self._is_paused.clear()
         self._go.set()
 
     def _begin(self, why: str) -> None:
-        self._arrangement.paused = why
+        self.arrangement.paused = why
         if self._on_pause == "safe":
-            for standing in filter(None, self._arrangement.standings()):
-                self._arrangement.post_safe(standing.machine)
+            for standing in filter(None, self.arrangement.standings()):
+                self.arrangement.post_safe(standing.machine)
         self.pauses += 1
         self._is_paused.set()
 
     def _hold(self, is_over: Callable[[], bool]) -> None:
         """Return when the pause is over; a stop ends it, too."""
-        self._arrangement.pause(is_over)
+        self.arrangement.pause(is_over)
 
     def _wait(self, why: str, turn: Turn | None) -> None:
         self._go.clear()
@@ -385,6 +365,7 @@ class Debugger:
             self._hold(is_over)
         finally:
             self._is_paused.clear()
-            self.turn, self.fired, self._hit_in, self._arrangement.paused = None, None, "", ""
+            self.turn, self.fired, self._hit_in, self.arrangement.paused = None, None, "", ""
+            self._hits.clear()
             if not self._go.is_set():  # a stop or an error has ended it
                 self.proceed()

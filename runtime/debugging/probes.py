@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from .breakpoints import Breakpoint
+from .harmless import UnseenError
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.binding import BoundState
@@ -22,12 +23,24 @@ __all__ = ["Probes"]
 
 
 class Probes:
-    """The breakpoints of an arrangement; `hit` is called with one, and how it came to that."""
+    """The breakpoints of an arrangement; those that were there `before` go on counting hits.
 
-    def __init__(self, breakpoints: Iterable[Breakpoint], hit: Callable[[str, Seat, str], None]):
+    `hit` is called with one, what was wrong with its condition, the machine, and the state that
+    this has left, if any.
+    """
+
+    def __init__(
+        self,
+        breakpoints: Iterable[Breakpoint],
+        hit: Callable[[Breakpoint, str, Seat, str], None],
+        before: Probes | None = None,
+    ):
         self.breakpoints = tuple(breakpoints)
         self._hit = hit
-        self._hits = dict.fromkeys(self.breakpoints, 0)
+        known = {} if before is None else before._hits
+        self._hits: dict[str, int] = {
+            each.text: known.get(each.text, 0) for each in self.breakpoints
+        }
 
     def wrap(self, seat: Seat) -> None:
         """Wrap sections of a machine that has just been bound."""
@@ -65,12 +78,14 @@ class Probes:
             if not breakpoint.holds(owner):
                 return
         except Exception as error:
-            what = f"breakpoint {breakpoint.text}: its condition: {type(error).__name__}: {error}"
-            self._hit(what, seat, source)
+            what = (
+                f"{error}" if isinstance(error, UnseenError) else f"{type(error).__name__}: {error}"
+            )
+            self._hit(breakpoint, f": its condition cannot be evaluated: {what}", seat, source)
             return
-        self._hits[breakpoint] += 1
-        if self._hits[breakpoint] >= breakpoint.least:
-            self._hit(f"breakpoint {breakpoint.text}", seat, source)
+        self._hits[breakpoint.text] += 1
+        if self._hits[breakpoint.text] >= breakpoint.least:
+            self._hit(breakpoint, "", seat, source)
 
     def _entering(
         self,

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Final, Protocol
+from typing import Final, Literal, Protocol
 
 from .errors import ClockError
 
@@ -18,6 +18,7 @@ __all__ = [
     "MonotonicClock",
     "SimulatedClock",
     "pace_of",
+    "while_paused",
 ]
 
 NEVER: Final = -(2**63)
@@ -170,6 +171,13 @@ class SimulatedClock:
         """Return when it is `deadline_ns` or later, and after `nap_s` seconds at the latest."""
         with self._changed:
             self._changed.wait_for(lambda: self.now_ns() >= deadline_ns, self.nap_s)
+
+
+def while_paused(clock: Clock) -> Literal["runs", "stands", "simulated"]:
+    """Return what a clock does while a debugger has paused the machines."""
+    if isinstance(clock, SimulatedClock):
+        return "simulated"
+    return "stands" if isinstance(clock, DebugClock | ManualClock) else "runs"
 
 
 def pace_of(clock: Clock) -> Clock:

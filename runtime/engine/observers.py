@@ -38,6 +38,10 @@ class Instrument(Protocol):
         """Return how long a sensor stays overridden; None if only a release ends that."""
         ...
 
+    def pause_left_s(self) -> float | None:
+        """Return when a pause ends that nobody renews; None if only a request ends it."""
+        ...
+
     def failed(self, seat: Seat, error: ExecutionError) -> None:
         """Note that code of a machine has raised; what comes of that waits for the return."""
         ...

@@ -165,7 +165,7 @@ class PublishedMachine:
         """Post the status of a machine that stands as it did; False if that is to be described."""
         self.keep()
         published = self.published
-        if published is None or published.hang or published.overridden:
+        if published is None or published.hang or published.overridden or published.paused:
             return False
         before, (ringlets, overruns) = self._status, progress
         passed_s = (now_ns - self.beat_ns) / 1e9

@@ -28,9 +28,16 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PATIENCE_S", "SILENT_S", "Condition", "Directory", "RemoteMachine", "condition_of", "is_live",
+    "pause_text",
 ]  # fmt: skip
 
 Condition: TypeAlias = Literal["running", "suspended", "paused", "failed", "hung", "silent"]
+
+_CLOCKS = {
+    "runs": "the states' clocks run on",
+    "stands": "the states' clocks stand still",
+    "simulated": "the states' clocks are the simulation's",
+}
 
 SILENT_S = 1.0
 """A process that has posted nothing for so long is gone or stalled."""
@@ -82,12 +89,10 @@ class RemoteMachine:
 
         As within an arrangement, a resume is refused while a restart is pending.
         """
-        slot = self._board[request_slot(self.name)]
-        latest = slot.sample()
+        latest = self._board[request_slot(self.name)].get()
         pending = self.status.pending
-        is_here = self.status.host == self._host  # else it counts requests on its own board
-        if is_here and latest is not None and latest.count > self.status.obeyed:
-            pending = latest.message.action
+        if self.is_asked and latest is not None:
+            pending = latest.action
         if action == "resume" and pending == "restart":
             return Status.ERROR
         self.send(MachineRequest(action))
@@ -103,15 +108,25 @@ class RemoteMachine:
         slot = self._board[status_slot(self.name)]
         sample = slot.sample()
         while sample is not None and is_live(sample, self._host):
+            self._sample = sample
             yield sample.message
             left_s = until - time.monotonic()
             if left_s <= 0:
                 raise TimeoutError(f"within {patience_s:g} s")
             sample = slot.wait(after=sample.count, timeout=min(left_s, SILENT_S)) or slot.sample()
 
+    @property
+    def is_asked(self) -> bool:
+        """Whether a request is still to be obeyed, as far as that is known.
+
+        The process of another host counts those on its own board.
+        """
+        is_here = self.status.host == self._host
+        return is_here and self._board[request_slot(self.name)].count > self.status.obeyed
+
     def renew(self, lease_s: float) -> None:
         """Let a pause last so long from now on, unless another request is still to be obeyed."""
-        if self._board[request_slot(self.name)].count == self.status.obeyed:
+        if not self.is_asked:
             self.send(MachineRequest("renew", lease_s=lease_s))
 
     def send(self, request: MachineRequest) -> None:
@@ -182,6 +197,15 @@ def condition_of(status: MachineStatus, silent_s: float) -> Condition:
     if status.failed:
         return "failed"
     return "suspended" if status.suspended else "running"
+
+
+def pause_text(status: MachineStatus, silent_s: float = 0.0) -> str:
+    """Return what a pause does to time, and how it ends, as of a status of so long ago."""
+    clock = _CLOCKS[status.clock]
+    if status.paused_left_s is None:
+        return f"{clock}; the machines wait until they are continued"
+    left_s = max(0.0, status.paused_left_s - silent_s)
+    return f"{clock}; the machines go on in {left_s:.0f} s, unless that is renewed"
 
 
 def is_live(sample: Sample[MachineStatus], host: str = "") -> bool:

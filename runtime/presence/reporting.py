@@ -17,23 +17,23 @@ from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
-    VIEWER,
+    MachineRequest,
     MachineStatus,
     OverriddenSensor,
 )
 
-from ..engine.clock import pace_of
+from ..engine.clock import pace_of, while_paused
 from ..engine.errors import UnknownMachineError
 from ..engine.failure import logger, one_line
 from ..journal.handover import Handover, Reporter
 from .commanders import Claims
 from .namesakes import Namesakes
 from .published import Published, PublishedMachine, vacate_dead
+from .viewing import Viewing
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
-    from ..debugging.debugger import Debugger
     from ..engine.arrangement import Arrangement
     from ..engine.clock import Clock
     from ..engine.seat import Arrival
@@ -43,8 +43,6 @@ __all__ = ["Presence"]
 
 _PAUSE_NS = 20_000_000  # between two posts; a viewer does not look more often
 _BEAT_NS = 250_000_000  # a status that still holds is posted again after so long
-_VIEW_NS = 2_000_000_000  # a viewer that has posted its presence looks for so long
-_VARIABLES_NS = 100_000_000
 
 
 class _Tolerance:
@@ -91,6 +89,7 @@ class Presence:
         vacate_dead(board)
         clock = clock or arrangement.clock
         pace = pace_of(clock)
+        self._while_paused = while_paused(clock)
         self._now = pace.now_ns
         self._machine_now = clock.now_ns
         self._is_one_time = pace is clock  # else the machines' may stand still
@@ -105,16 +104,14 @@ class Presence:
         self._has_rung = False  # since namesakes were looked for
         self._namesakes = Namesakes(board, self._claims)
         self._reloads: Reloads | None = None  # once one was asked for
-        self._viewer = board[VIEWER]
-        self._viewed = self._viewer.count
-        self._view_ends_ns = self._variables_due_ns = self._now()
-        self._why_ends_ns = self._view_ends_ns
-        self._is_sampled = False  # whether a round was to be seen since somebody asks why
         self._reporter = Reporter(arrangement, board, handover)
         self._due_ns = 0
         self._beaten_ns = 0  # when all statuses were posted, though time may stand still
         self._hidden: set[str] = set()  # machines that cannot be published
         self._tolerating_the_board = _Tolerance()
+        self._viewing = Viewing(
+            arrangement, board, self._now(), clock.now_ns, self._tolerating_the_board
+        )
         self._lock = threading.Lock()  # a watchdog posts, too
         self.look(idle=True)
 
@@ -128,8 +125,8 @@ class Presence:
     @property
     def due_ns(self) -> int:
         """When a status is to be posted again, or variables are."""
-        viewed = self._variables_due_ns < self._view_ends_ns
-        return min(self._beat_due_ns, self._variables_due_ns) if viewed else self._beat_due_ns
+        viewed_ns = self._viewing.due_ns
+        return self._beat_due_ns if viewed_ns is None else min(self._beat_due_ns, viewed_ns)
 
     def look(self, *, idle: bool) -> None:
         """Obey requests; then post what has changed, if there is time (`idle`) or it is due."""
@@ -155,7 +152,8 @@ class Presence:
         if is_due:
             self._look_at_instrument()
             self._beaten_ns = host_ns
-            self._beat_due_ns = self._variables_due_ns = now_ns
+            self._beat_due_ns = now_ns
+            self._viewing.hurry(now_ns)
             self._marks = {}
             for entry in self._entries.values():
                 entry.beat_ns = now_ns - _BEAT_NS
@@ -230,7 +228,7 @@ class Presence:
                         self._reloads.cancel(standing.machine)
                     obey[request.action](standing.machine)
                 else:
-                    self._debugger.obey(request, standing.machine)
+                    self._debug(request, standing.machine)
                 # The count of requests has changed; if the machine ends by it, that is seen, too.
                 self._marks[standing.machine] = ()
                 self._arrangement.environment.wake()
@@ -253,11 +251,12 @@ class Presence:
                     machine = self._arrangement.machine(name)
                     entry.exchange(machine, self._arrangement.safe_values(name))
 
-    @property
-    def _debugger(self) -> Debugger:
+    def _debug(self, request: MachineRequest, machine: str) -> None:
+        """Have a debugger do what is requested."""
         from ..debugging.debugger import Debugger  # here, because few ask
+        from ..debugging.obeying import obey
 
-        return Debugger.of(self._arrangement)
+        obey(Debugger.of(self._arrangement), request, machine)
 
     def _look_at_instrument(self) -> None:
         if self._arrangement.instrument is not None:
@@ -290,7 +289,7 @@ class Presence:
             shown = self._entries.keys() - self._hidden
             beats = [self._entries[name].beat_ns for name in shown]
             self._beat_due_ns = min(beats, default=now_ns) + _BEAT_NS
-        self._post_variables(now_ns)
+        self._viewing.look(self._entries.values(), now_ns)
 
     def _describe(self, entry: PublishedMachine, now_ns: int) -> None:
         standing = self._arrangement.standing(entry.name)
@@ -315,6 +314,10 @@ class Presence:
             entry.post(latest, self._status(entry.name, latest, arrival), now_ns)
             self._namesakes.look_at(entry)
 
+    def _pause_left_s(self) -> float | None:
+        instrument = self._arrangement.instrument
+        return None if instrument is None else instrument.pause_left_s()
+
     def _published_name(self, name: str) -> str:
         entry = self._entries.get(name)
         return name if entry is None else entry.published_name
@@ -333,33 +336,6 @@ class Presence:
             self._will_after_ms,
         )
         return entry
-
-    def _post_variables(self, now_ns: int) -> None:
-        if self._viewer.count != self._viewed:
-            self._viewed = self._viewer.count
-            self._view_ends_ns = now_ns + _VIEW_NS
-            viewer = self._viewer.get()
-            if viewer is not None and viewer.why:
-                self._is_sampled = self._is_sampled and now_ns < self._why_ends_ns
-                self._why_ends_ns = self._view_ends_ns
-        if self._variables_due_ns <= now_ns < self._view_ends_ns:
-            self._variables_due_ns = now_ns + _VARIABLES_NS
-            for entry in self._entries.values():
-                with self._tolerating_the_board:
-                    entry.post_variables()
-            if now_ns < self._why_ends_ns:
-                self._post_whys()
-
-    def _post_whys(self) -> None:
-        """Post what the machines saw in a round since the last time, and have the next one seen."""
-        from ..debugging.published_causes import why_of  # here, because few look
-
-        is_paused = bool(self._arrangement.paused)  # then no round comes
-        is_ready, self._is_sampled = self._is_sampled or is_paused, not is_paused
-        for entry in self._entries.values() if is_ready else ():
-            with self._tolerating_the_board:
-                entry.post_why(why_of(self._arrangement, entry.name, self._machine_now()))
-        self._debugger.turns.sample()
 
     def _status(self, name: str, latest: Published, arrival: Arrival) -> MachineStatus:
         now_ns = self._machine_now()
@@ -387,6 +363,8 @@ class Presence:
             overridden=tuple(self._overridden(name, sensor) for sensor in latest.overridden),
             caller=latest.caller,
             refusal=latest.refusal,
+            paused_left_s=self._pause_left_s() if latest.paused else None,
+            clock=self._while_paused,
             realtime=realtime or 0,
             cpu=-1 if cpu is None else cpu,
             error=latest.hang or ("" if latest.failure is None else one_line(latest.failure.error)),

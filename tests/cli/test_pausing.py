@@ -35,11 +35,17 @@ def test_pause_step_and_continue(llfsm: Llfsm, board: str, running: subprocess.P
     done = llfsm.run("pause", "-b", board, "--for", "900")
     assert (done.returncode, done.stderr) == (0, "")
     assert "until `llfsm continue`, or for 900 s" in done.stdout
+    assert "the states' clocks run on; the machines go on in 900 s" in done.stdout
     found = rows(llfsm, "-b", board)
     assert {row["status"] for row in found.values()} == {"paused"}
     ringlets = found["Stubborn"]["ringlets"]
     listed = llfsm.run("ps", "-b", board).stdout
-    assert listed.endswith(f"the machines of process {running.pid} are paused: pause\n")
+    why, how = listed.splitlines()[-2:]
+    assert why == f"the machines of process {running.pid} are paused: pause"
+    clock = "the states' clocks run on"
+    assert re.fullmatch(rf"  {clock}; the machines go on in \d+ s, unless that is renewed", how)
+    row = found["Stubborn"]
+    assert (row["clock"], 0 < row["paused_left_s"] <= 900) == ("runs", True)
     for number in (1, 2):
         done = llfsm.run("step", "Stubborn", "--until", "round", "-b", board, "--for", "900")
         assert done.stdout == "paused in A (step: round)\n"
@@ -115,6 +121,25 @@ def test_which_process_must_be_clear(
     assert done.returncode == 2
     assert "2 processes run machines: name one of" in done.stderr
     assert "no machine 'Othr'" in llfsm.run("pause", "Othr", "-b", board).stderr
+
+
+def test_a_pause_says_that_the_clocks_stand_still(llfsm: Llfsm, board: str) -> None:
+    process = llfsm.start("run", f"{MACHINES}:Stays", "-q", "-b", board, "--debug-clock")
+    wait_for_line(process, "entered A")
+    assert "the states' clocks stand still" in llfsm.run("pause", "-b", board).stdout
+
+
+def test_a_process_that_is_stopped_is_named(
+    llfsm: Llfsm, board: str, running: subprocess.Popen[str], monkeypatch
+) -> None:
+    monkeypatch.setattr("llfsm.cli.pausing._PATIENCE_S", 0.1)
+    running.send_signal(signal.SIGSTOP)
+    try:
+        wait_for(lambda: rows(llfsm, "-b", board)["Stays"]["status"] == "silent")
+        done = llfsm.run("step", "Stays", "-b", board)
+    finally:
+        running.send_signal(signal.SIGCONT)
+    assert re.search(r"its process is silent for \d+ s; is it stopped\?", done.stderr)
 
 
 def test_a_clock_of_others_cannot_stand_still(llfsm: Llfsm) -> None:

@@ -62,7 +62,9 @@ COMMANDERS = "llfsm/commander/"
 JOURNALS = "llfsm/journal/"
 """Slots that carry bytes from arrangements to a recorder; tools do not show or record them."""
 
-Debugging: TypeAlias = Literal["pause", "renew", "step", "continue", "break", "override", "release"]
+Debugging: TypeAlias = Literal[
+    "pause", "renew", "step", "continue", "break", "clear", "override", "release"
+]
 Action: TypeAlias = Literal["suspend", "resume", "restart", "reload", "stop"] | Debugging
 
 
@@ -90,8 +92,11 @@ class MachineStatus(Message):
     code that was, and `error_s` is how many seconds before the message's stamp. While its code is
     `hung`, a watchdog publishes the status, and `error` is where that is. `realtime` is the
     priority at which it has its turns, or 0, and `cpu` the only core for them, or -1. While a
-    debugger has paused the machines of its process, `paused` is why. `caller` is the machine that
-    has called this one as a submachine, while that is loaded; `refusal` is why it is not reloaded.
+    debugger has paused the machines of its process, `paused` is why; they go on `paused_left_s`
+    seconds after the message's stamp, unless that is renewed, without a time only when they are
+    continued. Meanwhile the states' `clock` runs on, stands still, or is a simulation's. `caller`
+    is the machine that has called this one as a submachine, while that is loaded; `refusal` is why
+    it is not reloaded.
     """
 
     state: str = ""
@@ -120,16 +125,18 @@ class MachineStatus(Message):
     overridden: tuple[OverriddenSensor, ...] = ()
     caller: str = ""
     refusal: str = ""
+    paused_left_s: float | None = None
+    clock: Literal["runs", "stands", "simulated"] = "runs"
 
 
 class MachineRequest(Message):
     """A request to a machine; a later one replaces an earlier one.
 
-    A "reload" restarts it from the current version of its bundle. Those from "pause" to "break"
-    are for all machines of its process. Pauses by "pause", "step" and the breakpoints of "break",
-    and an "override", last for `lease_s` seconds; "renew" lets them last so long from then on.
-    `argument` is what to step, the breakpoints, one to a line, the sensor to "release", or the one
-    to "override", then a space and the message, in JSON, that it finds.
+    A "reload" restarts it from the current version of its bundle. Those from "pause" to "clear"
+    are for all machines of its process. A pause by "pause", "step" or a breakpoint, and an
+    "override", last for `lease_s` seconds; "renew" lets them last so long from then on. `argument`
+    is what to step, the breakpoint to add by "break" or to remove by "clear", the sensor to
+    "release", or the one to "override", then a space and the message, in JSON, that it finds.
     """
 
     action: Action

@@ -51,7 +51,7 @@ export class Card {
     this.place = make("div", { class: "place" }, make("p", { class: "waiting" }, "…"));
     this.variables = make("table", { class: "variables" });
     this.sensors = make("table", { class: "variables sensors" });
-    this.debugging = new Debugging(name, (request) => panel.ask(request));
+    this.debugging = new Debugging(name, (request) => panel.ask(request), panel.title);
     this.facts = make("p", { class: "facts" });
     this.zoom = make(
       "div",
@@ -216,7 +216,7 @@ export class Card {
   draw(machine, model) {
     if (!this.folded && this.definition !== machine.definition) this.fetchDiagram(machine);
     if (!this.folded) this.drawVariables(model.slots.get(VARIABLES + this.name));
-    if (!this.folded) this.debugging.draw(machine, model);
+    if (!this.folded) this.debugging.draw(machine, model, this.panel.span);
     this.zoom.lastChild.setAttribute("aria-pressed", String(Boolean(this.diagram?.isFollowing)));
     if (!this.stale) return;
     this.stale = false;
@@ -245,7 +245,7 @@ export class Card {
     const changes = this.panel.model.history.get(this.name) ?? [];
     const past = this.panel.span === null ? changes : changes.slice(0, firstAfter(changes, this.panel.model.now));
     const before = machine.suspended && past.findLast(([, state, suspended]) => state && !suspended);
-    const failed = machine.condition === "failed" ? machine.error_state : null;
+    const failed = machine.error_state || null;
     this.diagram?.light(this.stateOf(machine), machine.condition, before ? before[1] : null, failed);
   }
 

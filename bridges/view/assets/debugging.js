@@ -1,9 +1,14 @@
 // Debugging a machine: pause and step, breakpoints, and why it is in its state.
 
 import { make, setData, setText, toast } from "./dom.js";
+import { duration } from "./format.js";
+import { Kept } from "./kept.js";
+import { LEASE_S } from "./renewals.js";
 
 const WHYS = "llfsm/why/";
-const RENEWAL_MS = 1000; // a pause or an override ends some seconds after the page that renews it has gone
+const JUST_NOW_S = 0.5;
+const NOT_EVALUATED = "not evaluated";
+const CLOCKS = { runs: "run on", stands: "stand still", simulated: "are the simulation’s" };
 const STEPS = [
   ["Turn", "turn", "One turn of one machine"],
   ["Round", "round", "To the end of the round"],
@@ -12,21 +17,27 @@ const STEPS = [
 ];
 
 export class Debugging {
-  constructor(name, ask) {
+  constructor(name, ask, board) {
     this.name = name;
     this.ask = ask;
-    this.renewed = 0;
     this.breakpoints = [];
+    this.typed = ""; // the breakpoint that was typed last: it is kept once it is set
+    this.kept = new Kept(board, name);
     this.overridden = "";
     this.paused = make("p", { class: "paused", role: "status", hidden: true });
+    this.pausing = make("p", { class: "pausing", hidden: true });
     this.controls = make("div", { class: "steps" });
     this.chips = make("div", { class: "breakpoints" });
+    this.again = make("div", { class: "again" });
     this.overrides = make("div", { class: "overrides", role: "status" });
     this.problem = make("p", { class: "refused", role: "status", hidden: true });
     this.before = make("table", { class: "why before" });
     this.why = make("table", { class: "why" });
     this.element = make("section", { class: "debugging", "aria-label": `Debugging of ${name}` });
-    this.element.append(this.paused, this.controls, this.chips, this.overrides, this.problem, this.before, this.why);
+    this.element.append(
+      ...[this.paused, this.pausing, this.controls, this.chips, this.again, this.overrides, this.problem],
+      ...[this.before, this.why],
+    );
   }
 
   allowControl() {
@@ -40,6 +51,7 @@ export class Debugging {
       this.entry(`New breakpoint of ${this.name}`, "Break at STATE, STATE->TARGET if x > 9 …", (text) => this.add(text)),
       this.entry(`Override a sensor of ${this.name}`, 'Override SENSOR {"x": 9}', (text) => this.send("override", text)),
     );
+    this.drawChips();
   }
 
   entry(label, placeholder, enter) {
@@ -47,6 +59,7 @@ export class Debugging {
       type: "text",
       placeholder,
       "aria-label": label,
+      title: placeholder,
       onkeydown: (event) => {
         event.stopPropagation(); // keys of the card
         if (event.key !== "Enter" || !input.value.trim()) return;
@@ -67,22 +80,19 @@ export class Debugging {
 
   add(text) {
     const isWhole = text.startsWith("@") || /^[^\s:]+(:|!)/.test(text);
-    this.send("break", [...this.breakpoints, isWhole ? text : `${this.name}:${text}`].join("\n"));
+    this.typed = isWhole ? text : `${this.name}:${text}`;
+    this.send("break", this.typed);
   }
 
-  draw(machine, model) {
-    this.paused.hidden = !machine.paused;
+  draw(machine, model, span) {
+    this.paused.hidden = this.pausing.hidden = !machine.paused;
     setText(this.paused, `Paused: ${machine.paused}`);
+    setText(this.pausing, this.how(machine, model.now, span));
     this.drawOverrides(machine.overridden);
     if (this.pause) {
       const isPaused = machine.condition === "paused";
       this.pause.disabled = isPaused || machine.condition === "ended";
       for (const step of [...this.steps, this.go]) step.disabled = !isPaused;
-      const isHeld = isPaused || machine.overridden.length > 0;
-      if (isHeld && performance.now() - this.renewed > RENEWAL_MS) {
-        this.renewed = performance.now();
-        this.send("renew");
-      }
     }
     const slot = model.slots.get(WHYS + this.name);
     if (slot?.value && this.drawn !== slot.count) {
@@ -91,28 +101,62 @@ export class Debugging {
     }
   }
 
-  drawWhy([state, transitions, source, before, breakpoints, problem]) {
-    fill(this.before, before, source && `seen as it left ${source}`);
-    fill(this.why, transitions, transitions.length ? `transitions of ${state}` : "");
+  // What the pause does to time, and how it ends.
+  how({ clock, ends }, now, span) {
+    const clocks = `The states’ clocks ${CLOCKS[clock] ?? CLOCKS.runs}.`;
+    if (span !== null) return clocks;
+    if (ends === null) return `${clocks} The machines wait until they are continued.`;
+    const left = Math.max(0, Math.ceil(ends - now));
+    const end = this.pause ? `${Math.max(left, LEASE_S)} s after the last such page is closed` : `in ${left} s, unless that is renewed`;
+    return `${clocks} The machines go on ${end}.`;
+  }
+
+  // Fields that older recordings do not have are undefined.
+  drawWhy([state, transitions, source, before, breakpoints, problem, evaluated, failed]) {
+    fill(this.before, before, source && `seen as it ${failed ? "failed in" : "left"} ${source}`);
+    fill(this.why, transitions, transitions.length ? `transitions of ${state}, ${when(evaluated)}` : "");
     this.problem.hidden = !problem;
     setText(this.problem, problem);
     if (breakpoints.join("\n") === this.breakpoints.join("\n")) return;
     this.breakpoints = breakpoints;
-    const remove = (text) => this.send("break", this.breakpoints.filter((each) => each !== text).join("\n"));
-    this.chips.replaceChildren(...breakpoints.map((text) => this.chip(text, "Remove this breakpoint", () => remove(text))));
+    if (breakpoints.includes(this.typed)) this.kept.add(this.typed);
+    this.drawChips();
+  }
+
+  drawChips() {
+    const remove = (text) => {
+      this.kept.remove(text);
+      this.send("clear", text);
+    };
+    this.chips.replaceChildren(...this.breakpoints.map((text) => this.chip(`${text} ×`, "Remove this breakpoint", () => remove(text))));
+    const again = this.pause ? this.kept.list().filter((text) => !this.breakpoints.includes(text)) : [];
+    this.again.replaceChildren(
+      ...again.flatMap((text) => [
+        this.chip(`${text} ↻`, "Set this breakpoint again, which was set in this browser", () => this.add(text)),
+        this.chip("×", `Forget ${text}`, () => {
+          this.kept.remove(text);
+          this.drawChips();
+        }),
+      ]),
+    );
   }
 
   drawOverrides(sensors) {
     if (sensors.join("\n") === this.overridden) return;
     this.overridden = sensors.join("\n");
     this.overrides.replaceChildren(
-      ...sensors.map((sensor) => this.chip(`${sensor} is overridden`, "Release this sensor", () => this.send("release", sensor))),
+      ...sensors.map((sensor) => this.chip(`${sensor} is overridden ×`, "Release this sensor", () => this.send("release", sensor))),
     );
   }
 
   chip(text, title, onclick) {
-    return make("button", { type: "button", class: "quiet", title, disabled: !this.pause, onclick }, `${text} ×`);
+    return make("button", { type: "button", class: "quiet", title, disabled: !this.pause, onclick }, text);
   }
+}
+
+function when(evaluated) {
+  if (evaluated == null) return "as they would be now";
+  return evaluated < JUST_NOW_S ? "as evaluated just now" : `as evaluated ${duration(evaluated)} ago`;
 }
 
 function fill(table, transitions, caption) {
@@ -126,7 +170,7 @@ function fill(table, transitions, caption) {
   setText(table.caption, caption);
   transitions.forEach(([target, label, value, seen], i) => {
     const [mark, to, text] = table.rows[i].cells;
-    setText(mark, value === null ? "?" : value ? "true" : "false");
+    setText(mark, value === null ? (seen === NOT_EVALUATED ? "–" : "?") : value ? "true" : "false");
     setData(mark, "is", String(value));
     setText(to, `→ ${target}`);
     setText(text, seen);

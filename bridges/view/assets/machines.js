@@ -13,6 +13,7 @@ export class Machines {
     this.ask = ask;
     this.get = get;
     this.span = null;
+    this.title = "";
     this.canControl = false;
     this.words = "";
     this.cards = new Map();

@@ -12,6 +12,7 @@ import { Machines } from "./machines.js";
 import { Model } from "./model.js";
 import { showConnection, showTrouble, takeToken, useTheme, withToken } from "./page.js";
 import { Player } from "./player.js";
+import { Renewals } from "./renewals.js";
 
 const DRAW_MS = 30; // between two drawings after a change
 const AGE_MS = 100; // between two drawings without one
@@ -26,6 +27,7 @@ const field = new Field(model);
 const player = new Player(model, ask);
 const log = new EventLog(model, get, (moment) => player.seek(moment));
 const changes = new Changes(model);
+const renewals = new Renewals(model, ask);
 const views = [board, machines, field, log, changes];
 let dirty = true;
 let drawn = 0;
@@ -33,6 +35,7 @@ let drawn = 0;
 function take(frame) {
   const changed = model.apply(frame);
   for (const view of views) view.update(changed);
+  if (machines.canControl) renewals.look();
   if ("trouble" in frame) showTrouble(frame.trouble);
   if ("contested" in frame) showContested(frame.contested);
   dirty = true;
@@ -62,6 +65,7 @@ function showLink(state, problem = "", about = null) {
   $("back").hidden = !about.back;
   if (about.back) $("back").href = withToken(about.back, link.token);
   player.use(about.span);
+  machines.title = about.title;
   machines.span = log.span = changes.span = about.span;
   machines.canControl = board.canControl = about.control;
 }

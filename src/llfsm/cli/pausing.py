@@ -8,9 +8,10 @@ from typing import Any, TypeVar, get_args
 
 import click
 
-from llfsm.runtime.debugging.debugger import LEASE_S, Step
+from llfsm.runtime.debugging.debugger import Step
+from llfsm.runtime.debugging.obeying import LEASE_S
 from llfsm.runtime.presence.hosts import find_machine
-from llfsm.runtime.presence.remote import Directory, RemoteMachine
+from llfsm.runtime.presence.remote import SILENT_S, Directory, RemoteMachine, pause_text
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.liveness import identity
 from llfsm.whiteboard.messages.llfsm import MachineRequest, MachineStatus
@@ -22,6 +23,8 @@ from .why import fetch_why
 __all__ = ["continue_", "override", "pause", "step"]
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+_BEFORE_S = 0.5  # how long another request may take to be obeyed
 
 _machine = click.argument("machine", required=False)
 
@@ -57,6 +60,7 @@ def pause(machine: str | None, lease_s: float, board: BoardPlace) -> None:
     with board.open(create=False) as wb:
         status = _debug(wb, _find(wb, machine), MachineRequest("pause", "", lease_s))
         click.echo(f"paused in {status.state} until `llfsm continue`, or for {lease_s:g} s")
+        click.echo(pause_text(status))
 
 
 @click.command()
@@ -157,6 +161,10 @@ def _debug(board: Board, remote: RemoteMachine, request: MachineRequest) -> Mach
 def _carry_out(
     remote: RemoteMachine, request: MachineRequest, is_done: Callable[[MachineStatus], bool]
 ) -> MachineStatus:
+    with suppress(TimeoutError):
+        for _ in remote.statuses(_BEFORE_S):
+            if not remote.is_asked:  # else this request would replace one from elsewhere
+                break
     remote.send(request)
     before = remote.status.obeyed
     return _await(remote, request, lambda status: status.obeyed > before and is_done(status))
@@ -171,6 +179,8 @@ def _await(
                 return status
     except TimeoutError as error:
         does = "it runs on until it does" if request.action == "step" else "see `llfsm ps`"
+        if remote.silent_s > SILENT_S:
+            does = f"its process is silent for {remote.silent_s:.0f} s; is it stopped?"
         raise click.ClickException(f"{remote.name} has not reached that {error}: {does}") from error
     raise click.ClickException(f"{remote.name} has ended in the meantime")
 

@@ -13,7 +13,7 @@ from msgspec.structs import astuple
 
 from llfsm.runtime.presence.commanders import contested_slots, described
 from llfsm.runtime.presence.hosts import FleetReader, HostNames
-from llfsm.runtime.presence.remote import Directory, RemoteMachine
+from llfsm.runtime.presence.remote import Directory, RemoteMachine, pause_text
 from llfsm.runtime.presence.shown import Shown
 from llfsm.whiteboard import Board, BoardNotFoundError, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import Commander, MachineStatus
@@ -99,9 +99,10 @@ def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) ->
         for sensor, left_s in _overrides(machine).items():
             until = "until it is released" if left_s is None else f"for {left_s:.0f} s more"
             click.echo(f"{machine.name}: its sensor {sensor} is overridden, {until}")
-    for pid, why in {(machine.status.pid, machine.status.paused) for _, machine in rows}:
-        if why:
-            click.echo(f"the machines of process {pid} are paused: {why}")
+    for machine in {machine.status.pid: machine for _, machine in rows}.values():
+        if why := machine.status.paused:
+            click.echo(f"the machines of process {machine.status.pid} are paused: {why}")
+            click.echo(f"  {pause_text(machine.status, machine.silent_s)}")
     for listing in found:
         for slot, commanders in listing.contested.items():
             click.echo(described(slot, commanders))
@@ -178,9 +179,13 @@ def _overrides(machine: RemoteMachine) -> dict[str, float | None]:
     """Return the overridden sensors, with the seconds that are left of each."""
     silent_s = machine.silent_s
     return {
-        sensor: None if left_s is None else max(0.0, round(left_s - silent_s, 3))
+        sensor: _left_s(left_s, silent_s)
         for sensor, left_s in map(astuple, machine.status.overridden)
     }
+
+
+def _left_s(left_s: float | None, silent_s: float) -> float | None:
+    return None if left_s is None else max(0.0, round(left_s - silent_s, 3))
 
 
 def _scheduling(status: MachineStatus) -> str:
@@ -205,6 +210,8 @@ def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
         "realtime": status.realtime or None,
         "cpu": None if status.cpu < 0 else status.cpu,
         "paused": status.paused,
+        "paused_left_s": _left_s(status.paused_left_s, silent_s),
+        "clock": status.clock,
         "overridden": _overrides(machine),
         "caller": status.caller,
         "refusal": status.refusal,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +12,7 @@ from playwright.sync_api import expect
 
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import MachineRequest, request_slot
 from waiting import wait_for
 
 from .conftest import Server
@@ -39,6 +41,9 @@ def test_break_see_why_step_and_continue(
     expect(card.locator(".paused")).to_have_text(f"Paused: breakpoint {NAME}:TURN_RIGHT")
     expect(card.locator(".before caption")).to_have_text("seen as it left STRAIGHT")
     expect(card.locator(".before [data-is=true]")).to_have_count(1)
+    expect(card.locator(".before")).to_contain_text(re.compile(r"[0-9.]+ ms > [0-9]+ ms"))
+    ends = "clocks run on. The machines go on 6 s after the last such page is closed."
+    expect(card.locator(".pausing")).to_contain_text(ends)
 
     # Another page sees the same, and steps.
     other = visit(server.address)
@@ -46,7 +51,11 @@ def test_break_see_why_step_and_continue(
     expect(there.locator(".pill")).to_have_text("paused")
     there.locator("[data-debug=round]").click()
     expect(card.locator(".paused")).to_have_text("Paused: step: round")
-    expect(card.locator(".why:not(.before) caption")).to_have_text("transitions of TURN_RIGHT")
+    caption = card.locator(".why:not(.before) caption")
+    expect(caption).to_have_text("transitions of TURN_RIGHT, as they would be now")
+    there.locator("[data-debug=round]").click()
+    evaluated = re.compile("^transitions of TURN_RIGHT, as evaluated .*(now|ago)$")
+    expect(caption).to_have_text(evaluated)
 
     card.locator(".breakpoints button").click()
     expect(card.locator(".breakpoints button")).to_have_count(0)
@@ -84,4 +93,63 @@ def test_without_control_why_is_shown_and_nothing_can_be_done(
     card = seen.page.locator("[data-machine=RosPingPong]")
     expect(card.locator(".why:not(.before) caption")).to_contain_text("transitions of")
     expect(card.locator(".debugging button, .debugging input")).to_have_count(0)
+    assert seen.errors == []
+
+
+def test_a_page_that_draws_nothing_renews_what_it_holds(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    """As a window behind others, or a card that is folded or out of sight."""
+    start("run", "RosPingPong", "-q", "-b", board)
+    server = start(Server, board, "--control")
+    seen = visit(server.address)
+    seen.page.locator("[data-debug=pause]").click()
+    expect(seen.page.locator(".card .pill")).to_have_text("paused")
+    hidden = visit("about:blank")
+    hidden.page.add_init_script("window.requestAnimationFrame = () => 0")
+    hidden.page.goto(server.address)
+    expect(hidden.page.locator("#link")).to_have_text("live")
+    seen.page.close()
+    with Whiteboard(board, create=False) as wb:
+        slot = wb[request_slot("RosPingPong")]
+        for _ in range(2):
+            before = slot.count
+            wait_for(lambda before=before: slot.count > before + 1, "it renews again")
+            assert slot.get() == MachineRequest("renew", lease_s=6.0)
+        assert Directory(wb).find("RosPingPong").condition == "paused"
+
+
+def test_breakpoints_are_kept_in_the_browser(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    """A robot that starts again has none: its page offers them, also one of a renamed state."""
+    running = start("run", NAME, "-q", "-b", board)
+    seen = visit(start(Server, board, "--control").address)
+    card = seen.page.locator(f"[data-machine={NAME}]")
+    breakpoint = card.get_by_label(f"New breakpoint of {NAME}")
+    for text in ("TURN_LEFT", "TURN_RIGHT if False"):
+        breakpoint.fill(text)
+        breakpoint.press("Enter")
+        if text != "TURN_LEFT":  # which is no state
+            expect(card.locator(".breakpoints")).to_contain_text(text)
+    place = f"{board} {NAME}"
+    renamed = json.dumps({place: [f"{NAME}:LEFT", f"{NAME}:TURN_RIGHT if False"]})
+    kept = "localStorage.getItem('llfsm.breakpoints')"
+    assert json.loads(seen.page.evaluate(kept)) == {place: [f"{NAME}:TURN_RIGHT if False"]}
+    running.end()
+    seen.page.evaluate(f"localStorage.setItem('llfsm.breakpoints', {json.dumps(renamed)})")
+    start("run", NAME, "-q", "-b", board)
+    again = card.locator(".again button")
+    left, right = f"{NAME}:LEFT \u21bb", f"{NAME}:TURN_RIGHT if False \u21bb"
+    expect(again).to_have_text([left, "\u00d7", right, "\u00d7"])
+    again.nth(0).click()
+    expect(card.locator(".debugging .refused")).to_contain_text(f"no state of {NAME} 'LEFT'")
+    again.nth(2).click()
+    expect(card.locator(".breakpoints")).to_contain_text("TURN_RIGHT if False \u00d7")
+    expect(again).to_have_text([left, "\u00d7"])
+    again.nth(1).click()
+    expect(again).to_have_count(0)
+    card.locator(".breakpoints button").click()
+    expect(card.locator(".breakpoints button")).to_have_count(0)
+    assert json.loads(seen.page.evaluate(kept)) == {}
     assert seen.errors == []

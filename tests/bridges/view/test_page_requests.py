@@ -13,7 +13,7 @@ from growth import growth_of
 from llfsm.bridges.recording.recorded_source import RecordedPlayer
 from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.live_source import LiveSource
-from llfsm.bridges.view.page_requests import decode, perform
+from llfsm.bridges.view.page_requests import decode, is_early, perform
 from llfsm.runtime import ManualClock
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
@@ -48,9 +48,11 @@ def test_what_a_page_asks_of_a_debugger_reaches_the_machine(tmp_path: Path) -> N
         source, slot = Shown(board), board[request_slot("Stays")]
         perform(decode(ask % ("break", "Stays:a")), source, control=True)
         assert slot.get() == MachineRequest("break", "Stays:a", 6.0)
-        perform(decode(ask % ("renew", "")), source, control=True)  # the other is not obeyed yet
+        assert is_early(decode(ask % ("clear", "Stays:a")), source)  # the other is not obeyed yet
+        perform(decode(ask % ("renew", "")), source, control=True)
         assert slot.count == 1
         board.add_message(status_slot("Stays"), replace(status, obeyed=1))
+        assert not is_early(decode(ask % ("clear", "Stays:a")), source)
         perform(decode(ask % ("renew", "")), source, control=True)
         assert slot.get() == MachineRequest("renew", lease_s=6.0)
         with pytest.raises(RequestError, match="capacity"):

@@ -10,9 +10,11 @@ import pytest
 from llfsm.runtime import Actuator, Arrangement, BreakpointError, Machine, ManualClock, State
 from llfsm.runtime.debugging import Debugger
 from llfsm.runtime.engine import twin
+from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard.messages.llfsm import MachineRequest, status_slot
 from llfsm.whiteboard.messages.std_msgs import Int32
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, wait_for
 
 from .machines import POSE, Counter, Driver, running, stopped_at
 
@@ -153,14 +155,64 @@ class Feeder(Machine):
 
 def test_a_condition_that_cannot_be_evaluated_pauses_and_says_so() -> None:
     found = first_pause("Counter:high if tuns > 3", [Counter], where)
-    assert "its condition: UnseenError: no name 'tuns'" in found[0]
+    assert "its condition cannot be evaluated: no name 'tuns'" in found[0]
     found = first_pause("Counter:high if turns / 0", [Counter], where)
-    assert "its condition: ZeroDivisionError" in found[0]
+    assert "its condition cannot be evaluated: ZeroDivisionError" in found[0]
+
+
+def test_all_that_are_reached_in_a_turn_are_named() -> None:
+    arrangement = Arrangement([Counter], clock=ManualClock())
+    with running(arrangement) as debugger:
+        debugger.break_at("Counter:high", "Counter:low->high if turns > 0", "Counter:high->")
+        debugger.proceed()
+        found = debugger.wait(PATIENCE_S)
+        assert found == "breakpoint Counter:high; breakpoint Counter:low->high if turns > 0"
+        debugger.proceed()
+        assert debugger.wait(PATIENCE_S) == "breakpoint Counter:high->"
+
+
+def test_one_that_stays_goes_on_counting_its_hits() -> None:
+    arrangement = Arrangement([Counter], clock=ManualClock())
+    with running(arrangement) as debugger:
+        debugger.break_at("Counter:high#2", "Counter:high")
+        debugger.proceed()
+        assert debugger.wait(PATIENCE_S) == "breakpoint Counter:high"
+        debugger.break_at("Counter:low->high#9", "Counter:high#2")
+        debugger.proceed()
+        assert debugger.wait(PATIENCE_S) == "breakpoint Counter:high#2"
+        assert arrangement.machine("Counter").turns == 9
+
+
+def test_others_add_and_remove_one_each_with_its_own_lease() -> None:
+    board = Whiteboard.local()
+    arrangement = Arrangement([Counter], clock=ManualClock(), whiteboard=board)
+    with running(arrangement) as debugger:
+        remote, slot = Directory(board).find("Counter"), board[status_slot("Counter")]
+
+        def ask(action: Any, breakpoint: str, lease_s: float = 500.0) -> tuple[str, ...]:
+            before = slot.get().obeyed
+            remote.send(MachineRequest(action, breakpoint, lease_s))
+            wait_for(lambda: slot.get().obeyed > before)
+            return debugger.breakpoints
+
+        debugger.break_at("Counter:low")
+        assert ask("break", "Counter:high") == ("Counter:low", "Counter:high")
+        assert ask("break", "Counter:high") == ("Counter:low", "Counter:high")
+        assert ask("clear", "Counter:lo") == ("Counter:low", "Counter:high")
+        debugger.proceed()
+        assert debugger.wait(PATIENCE_S) == "breakpoint Counter:low"
+        assert debugger.pause_left_s() is None
+        debugger.proceed()
+        assert debugger.wait(PATIENCE_S) == "breakpoint Counter:high"
+        assert 0 < (debugger.pause_left_s() or 0) <= 500
+        wait_for(lambda: slot.get().paused_left_s is not None)
+        assert ask("clear", "Counter:low") == ("Counter:high",)
 
 
 def test_a_condition_has_no_effect() -> None:
     found = first_pause("Counter:high if self.bump()", [Counter], where)
     assert "bump is more than an expression" in found[0]
+    assert "UnseenError" not in found[0]
     assert found[2] == 3
 
 

@@ -82,7 +82,7 @@ def test_a_step_to_a_transition_shows_it() -> None:
     with running(Arrangement([Counts, Fails], clock=ManualClock(), on_error="suspend")) as debugger:
         turn = stopped_at(debugger, until="transition")
         assert (debugger.machine, turn.machine) == ("Counts", "Fails")
-        found = why_of(debugger._arrangement, "Counts", debugger.now_ns)
+        found = why_of(debugger.arrangement, "Counts", debugger.now_ns)
         assert (found.state, found.source, found.failed) == ("high", "low", False)
         assert [(each.value, each.seen) for each in found.before] == [
             (True, "3 == 3 and 3 == 3"),
@@ -114,7 +114,7 @@ def test_at_a_failure_the_operands_of_the_guard_are_shown() -> None:
         debugger.break_at("Fails!")
         debugger.proceed()
         assert debugger.wait(PATIENCE_S) == "breakpoint Fails!"
-        found = why_of(debugger._arrangement, "Fails", debugger.now_ns)
+        found = why_of(debugger.arrangement, "Fails", debugger.now_ns)
         assert (found.state, found.source, found.failed) == ("Suspended", "a", True)
         assert [(each.value, each.seen) for each in found.before] == [
             (False, "0 > 5"),
@@ -122,7 +122,7 @@ def test_at_a_failure_the_operands_of_the_guard_are_shown() -> None:
             (None, "not evaluated"),
         ]
         stopped_at(debugger, until="round")
-        assert why_of(debugger._arrangement, "Fails", debugger.now_ns).source == ""
+        assert why_of(debugger.arrangement, "Fails", debugger.now_ns).source == ""
 
 
 class Looks(Machine):

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import click
 
-from llfsm.runtime.debugging.debugger import LEASE_S, Debugger
+from llfsm.runtime.debugging.debugger import Debugger
+from llfsm.runtime.debugging.obeying import LEASE_S
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.events import Reason
