@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.errors import BreakpointError
 
+from .called_machines import machines_beside, may_call
 from .operands import Operands
 
 if TYPE_CHECKING:
@@ -85,15 +86,19 @@ def check_breakpoints(
 ) -> None:
     """Raise `BreakpointError` for one whose machine, state, transition or slot does not exist.
 
-    `machines` are those that run, and those that they may load, by name; `slots` are what they
-    read.
+    `machines` are those that run, by name; `slots` are what they read. They may call others.
     """
     for each in breakpoints:
         if each.slot:
-            _require(each, "slot that a machine reads", each.slot, slots)
+            called = machines_beside(machines.values()).values()
+            more = (sensor.slot.name for cls in called for sensor in cls.table.sensors.values())
+            _require(each, "slot that a machine reads", each.slot, {*slots, *more})
             continue
-        _require(each, "machine", each.machine, machines)
-        states = {state.name: state for state in machines[each.machine].table.states}
+        cls = machines.get(each.machine) or may_call(machines.values(), each.machine)
+        if cls is None:
+            _require(each, "machine", each.machine, machines)
+            continue
+        states = {state.name: state for state in cls.table.states}
         if each.state and (each.leaves or each.state != "Suspended"):
             _require(each, f"state of {each.machine}", each.state, states)
         if each.target:

@@ -99,7 +99,7 @@ def test_an_editor_breaks_looks_steps_and_ends(board: str) -> None:
         reference = here["pose"]["variablesReference"]
         (field,) = editor.ask("variables", variablesReference=reference)["variables"]
         assert (field["name"], field["value"]) == ("data", "12")
-        assert here["m.pose.data <= 9 -> GO"]["value"] == "False: 12 <= 9"
+        assert here["m.pose.data <= 9 -> GO"]["value"] == "false: 12 <= 9"
         assert shown(3)["bounces"]["scope"] == "Bouncer in STOP"
         assert editor.ask("evaluate", expression="pose.data * 2 + bounces")["result"] == "25"
         assert "no name 'exec'" in editor.refused("evaluate", expression="exec('1')")
@@ -226,7 +226,7 @@ def test_breakpoints_by_their_text_and_in_a_bundle(board: str, tmp_path: Path) -
         ("pause", {}, "no machines were launched yet"),
         ("launch", {"machines": ["Nobody"]}, "Nobody"),
         ("launch", {"machines": []}, "name a machine"),
-        ("launch", {"machines": ["RosPingPong"], "cwd": "/no/such"}, "/no/such"),
+        ("launch", {"machines": ["RosPingPong"], "cwd": "/no/such"}, "`cwd`: /no/such: No such"),
         ("attach", {}, "no request 'attach'"),
         ("continue", {}, "no machines were launched yet"),
         ("setBreakpoints", {}, "no machines were launched yet"),

@@ -17,7 +17,7 @@ from llfsm.whiteboard.messages.llfsm import Viewer
 
 from .options import BoardPlace, board_option
 
-__all__ = ["fetch_why", "why", "why_lines"]
+__all__ = ["cause_value", "fetch_why", "why", "why_lines"]
 
 
 @click.command()
@@ -65,13 +65,17 @@ def why_lines(why: MachineWhy) -> Iterator[str]:
 
 
 def _table(transitions: Iterable[SeenTransition]) -> Iterator[str]:
-    rows = [(_value(each), each.target, each.label, each.seen) for each in transitions]
+    rows = [
+        (cause_value(each.value, each.seen), each.target, each.label, each.seen)
+        for each in transitions
+    ]
     target, label = (max((len(row[i]) for row in rows), default=0) for i in (1, 2))
     for row in rows:
         yield f"  {row[0]:<5}  -> {row[1]:<{target}}  {row[2]:<{label}}  {row[3]}".rstrip()
 
 
-def _value(transition: SeenTransition) -> str:
-    if transition.value is None:
-        return "-" if transition.seen == NOT_EVALUATED else "?"
-    return "true" if transition.value else "false"
+def cause_value(value: bool | None, seen: str) -> str:
+    """Return how the value of a transition is shown."""
+    if value is None:
+        return "-" if seen == NOT_EVALUATED else "?"
+    return "true" if value else "false"

@@ -7,16 +7,20 @@ https://microsoft.github.io/debug-adapter-protocol/specification
 from __future__ import annotations
 
 import os
+import re
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from llfsm.errors import LlfsmError
+from llfsm.runtime.bundles import SUFFIX
+from llfsm.runtime.debugging.called_machines import machines_beside, may_call
 from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
@@ -30,6 +34,7 @@ from .places import breakpoints_at
 
 if TYPE_CHECKING:
     from llfsm.runtime.debugging.debugger import Debugger, Step
+    from llfsm.runtime.engine.machine import Machine
 
 __all__ = ["Adapter"]
 
@@ -166,7 +171,11 @@ class Adapter:
             given = [arguments["program"]] if "program" in arguments else []
         if self._session is not None or not isinstance(given, list):
             raise ProtocolError("launch one arrangement: `machines` is a list of them, or a file")
-        os.chdir(arguments.get("cwd") or ".")
+        folder = str(arguments.get("cwd") or ".")
+        try:
+            os.chdir(folder)
+        except OSError as error:
+            raise ProtocolError(f"`cwd`: {folder}: {error.strerror}") from error
         resolved = parse_arguments([str(each) for each in given], None, (), ())
         plan, board = resolved.plan, arguments.get("board")
         wb = self._stack.enter_context(Whiteboard(board or plan.board or default_name()))
@@ -256,7 +265,9 @@ class Adapter:
 
     def _set_breakpoints(self, arguments: Message) -> Message:
         file = str(arguments.get("source", {}).get("path", ""))
-        machines, texts, answers = self._launched.library, [], []
+        texts, answers = [], []
+        machines = self._launched.library
+        machines = {**machines_beside(machines.values()), **machines, **self._named_by(file)}
         for wanted in arguments.get("breakpoints") or ():
             line = int(wanted.get("line", 0))
             places = breakpoints_at(machines, file, line)
@@ -266,7 +277,7 @@ class Adapter:
                 answer["line"] = places[0].first if places[0].last < line else line
             else:
                 answer["message"] = "no state, section or transition of these machines is here"
-            problem = self._problem(new)
+            problem = _refusal(wanted) or self._problem(new)
             if problem:
                 answer |= {"verified": False, "message": problem}
             else:
@@ -276,11 +287,18 @@ class Adapter:
         self._break()
         return {"breakpoints": answers}
 
+    def _named_by(self, file: str) -> Mapping[str, type[Machine]]:
+        """Return the bundle that a file is of, if it is not launched, but may be called."""
+        folder, library = Path(file).parent, self._launched.library
+        is_new = folder.suffix == SUFFIX and folder.stem not in library
+        found = may_call(library.values(), folder.stem) if is_new else None
+        return {} if found is None else {folder.stem: found}
+
     def _set_function_breakpoints(self, arguments: Message) -> Message:
         self._functions, answers = [], []
         for wanted in arguments.get("breakpoints") or ():
             text = str(wanted.get("name", "")) + _suffix(wanted)
-            problem = self._problem([text])
+            problem = _refusal(wanted) or self._problem([text])
             if not problem:
                 self._functions.append(text)
             answers.append({"verified": not problem, "message": problem or text})
@@ -308,6 +326,14 @@ class Adapter:
         self._launched.break_at(
             *dict.fromkeys([*self._planned, *self._functions, *lines, *self._failures])
         )
+
+
+def _refusal(wanted: Message) -> str:
+    """Return what is wrong with the count of a breakpoint."""
+    count = str(wanted.get("hitCondition") or "1")
+    if re.fullmatch(r"[1-9]\d*", count):
+        return ""
+    return f"{count!r} is no count of hits: write the number of the first one to pause at, as 3"
 
 
 def _suffix(wanted: Message) -> str:

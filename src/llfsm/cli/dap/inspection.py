@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Final
 from msgspec.structs import asdict
 
 from llfsm.runtime.debugging.operands import Operands, parsed
-from llfsm.runtime.debugging.published_causes import why_of
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard import Message as BoardMessage
 
 from ..debug.debug_session import Session
+from ..why import cause_value
 from .framing import Message, ProtocolError
 from .places import section_at, state_at
 
 if TYPE_CHECKING:
+    from llfsm.runtime.debugging.causes import Cause
     from llfsm.runtime.engine.machine import Machine
 
 __all__ = ["Inspection"]
@@ -74,6 +75,10 @@ class Inspection:
                 self._scope("Variables", _variables_of, session.machine),
                 self._scope("Transitions", self._transitions_of, session.machine),
             ]
+            before = session.debugger.sight(session.machine, session.debugger.now_ns).before
+            if before is not None:
+                name = f"Transitions of {before.source}, as it was left"
+                scopes.append(self._scope(name, lambda _: _texts_of(before.causes), before.machine))
         return {"scopes": scopes}
 
     def _scope(
@@ -87,10 +92,7 @@ class Inspection:
         return {"name": name, "variablesReference": reference, "expensive": False}
 
     def _transitions_of(self, machine: Machine) -> Iterator[tuple[str, object]]:
-        arrangement = self._session.arrangement
-        why = why_of(arrangement, machine.name, self._session.debugger.now_ns)
-        for each in why.transitions:
-            yield f"{each.label} -> {each.target}", _Text(f"{each.value}: {each.seen}")
+        return _texts_of(self._session.debugger.why(machine.name))
 
     def _refer(self, shown: Callable[[], Iterable[tuple[str, object]]]) -> int:
         self._referred.append(shown)
@@ -143,6 +145,13 @@ class _Text(str):
 
     __slots__ = ()
     __repr__ = str.__str__
+
+
+def _texts_of(causes: Iterable[Cause]) -> Iterator[tuple[str, object]]:
+    for each in causes:
+        value = cause_value(each.value, each.seen)
+        shown = each.seen if each.value is None and value == "-" else f"{value}: {each.seen}"
+        yield f"{each.label} -> {each.target}", _Text(shown)
 
 
 def _all_of(machine: Machine) -> Iterator[tuple[str, object]]:
