@@ -40,6 +40,7 @@ class Explained:
             return self._travel.difference, {}
         arrangement = self._travel.arrangement
         names = [machine.name for machine in arrangement.machines]
+        now_ns -= self._travel.debugger.behind_ns  # by the machines' clock
         # Breakpoints are none of the recording's.
         whys = {name: replace(why_of(arrangement, name, now_ns), breakpoints=()) for name in names}
         return "", whys

@@ -203,6 +203,10 @@ class Recording:
                 found.append(self._recorded(record))
         return max(found, key=attrgetter("count"), default=None)
 
+    def time_of(self, record: MessageRecord) -> int:
+        """Return when a message or an entry was recorded, on the clock of the whiteboard."""
+        return record.log_ns - self._offset_ns
+
     def backwards(self, journal: RecordedJournal, now_ns: int) -> Iterator[MessageRecord]:
         """Return a journal's entries from a moment back to its beginning, undecoded."""
         return self._index.backwards(journal.channel, now_ns + self._offset_ns)

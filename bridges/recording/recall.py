@@ -38,6 +38,7 @@ class Segment:
         self.answers: deque[Any] = deque()
         self.asked: deque[Entry] = deque()
         self.posts: deque[Entry] = deque()
+        self.behind_ns: int | None = None  # how far the clock is behind the host's, from now on
         self.event: Entry | None = None  # None for the last one, of a recording cut short
         self.lost = False
 
@@ -61,6 +62,8 @@ def segments_of(entries: Iterable[Entry], ends: Container[str]) -> Iterator[Segm
             segment.asked.append(entry)
         elif kind == "Posted":
             segment.posts.append(entry)
+        elif kind == "Behind":
+            segment.behind_ns = entry["behind_ns"]
         elif "reads" in entry:
             segment.reads += [*entry["reads"], entry["time_ns"]]
             in_round = kind == "RoundBegin" or (in_round and kind not in ("RoundEnd", "End"))
@@ -109,11 +112,16 @@ class Memory:
         self.error: RecordingFileError | None = None
         """Why the machines cannot learn what they learnt."""
         self.arrangement: Arrangement | None = None
+        self.behind_ns = 0
+        """How far the clock of the latest event is behind the host's."""
         self._segments = segments_of(entries, ends)
+        self.segment = Segment()
         self.advance(0)
 
     def advance(self, now_ns: int) -> None:
         """Go on to the next segment: the event that ends this one has come, at `now_ns`."""
+        if self.segment.behind_ns is not None:
+            self.behind_ns = self.segment.behind_ns
         self.segment = next(self._segments)
         self.clock.expect(now_ns, self.segment.reads)
 

@@ -41,7 +41,7 @@ def causes_at(recording: Recording, journal: RecordedJournal, now_ns: int) -> di
             if entry["event"] == "Eval":
                 evaluated[machine].append(entry)
             else:
-                evaluated_s = (now_ns - entry["time_ns"]) / 1e9
+                evaluated_s = (now_ns - recording.time_of(record)) / 1e9
                 found[machine] = _why(entry["state"], evaluated[machine][::-1], evaluated_s)
     return found
 

@@ -46,6 +46,7 @@ class _RecordedTrack(Track):
         self.process = 0
         self.latest_ns = 0
         self.fired = "", 0  # the state and number of a transition since the last round
+        self.changed_ns: int | None = None  # when that was; a debugger may have paused the round
         self.failed = False  # whether its code has raised and it was not resumed since
 
     def add(self, change: Change) -> None:
@@ -73,11 +74,13 @@ class _RecordedTrack(Track):
         """Add the state that an event reports."""
         self.latest_ns = max(self.latest_ns, now_ns)
         source, number = self.fired if not suspended else ("", 0)
-        self.fired = "", 0
+        changed_ns = now_ns if self.changed_ns is None else self.changed_ns
+        self.fired, self.changed_ns = ("", 0), None
         self.failed = self.failed and suspended
         last = self.changes[-1] if self.changes else Change(0, "", False)
         if (state, suspended, self.failed) != (last.state, last.suspended, last.failed):
-            self.add(Change(now_ns, state, suspended, source, number, failed=self.failed))
+            stamp_ns = max(changed_ns, last.stamp_ns + 1)
+            self.add(Change(stamp_ns, state, suspended, source, number, failed=self.failed))
 
 
 class RecordedHistory:
@@ -145,11 +148,12 @@ class RecordedHistory:
         match entry:
             case {"event": "Eval", "value": True, "machine": machine}:
                 track = self._of(journal, machine)
-                track.fired = entry["state"], entry["transition"]
+                track.fired, track.changed_ns = (entry["state"], entry["transition"]), now_ns
                 if not track.changes:  # it has left its first state before its first round was over
                     track.add(Change(now_ns, entry["state"], False))
             case {"event": "Failed", "machine": machine}:
-                self._of(journal, machine).failed = True
+                track = self._of(journal, machine)
+                track.failed, track.changed_ns = True, now_ns
             case {"event": "RoundEnd", "machines": machines}:
                 for name, *status in machines:
                     track = self._of(journal, name)

@@ -99,6 +99,11 @@ class Rerun:
         return self._memory.segment.lost
 
     @property
+    def behind_ns(self) -> int:
+        """How far the machines' clock was behind the host's at the latest event."""
+        return self._memory.behind_ns
+
+    @property
     def events(self) -> int:
         """How many events and posted messages were as recorded."""
         return self._number

@@ -47,7 +47,7 @@ class Jump(NamedTuple):
         after_ns = self.after_ns
         if after_ns is None:
             return Goal(self.why, lambda _: debugger.number >= self.moment)
-        return Goal(self.why, lambda turn: turn.time_ns > after_ns)
+        return Goal(self.why, lambda _: debugger.time_ns > after_ns)
 
 
 class Travel:
@@ -90,8 +90,7 @@ class Travel:
     @property
     def now_s(self) -> float:
         """The seconds at this moment."""
-        turn = self.debugger.turn
-        return self._seconds(self.debugger.time_ns if turn is None else turn.time_ns)
+        return self._seconds(self.debugger.time_ns)
 
     def wait(self) -> str:
         """Wait until the machines are paused, and return why; "" at the end.
@@ -148,7 +147,7 @@ class Travel:
         jump, turn = Jump("goto", NEVER, after_ns=time_ns), self.debugger.turn
         if self.debugger.begun_ns > time_ns:
             return self._go_to(jump)
-        if not self.end and (turn is None or turn.time_ns <= time_ns):
+        if not self.end and (turn is None or self.debugger.time_ns <= time_ns):
             return self._go_on_to(jump)
         return self.wait()
 

@@ -47,7 +47,7 @@ class TravelDebugger(Debugger):
         self.passed = 0
         """The last turn before that at which one would have."""
         self.time_ns = 0
-        """Of the latest event."""
+        """Of the latest event, by the recording's clock, which never stood still."""
         self.begun_ns = -1 << 62
         """Of the latest turn that was not only to come."""
         self.rounds = array("q")
@@ -61,6 +61,11 @@ class TravelDebugger(Debugger):
         """Where to open a pdb, once; names that are empty are those of any."""
         self._is_abandoned = False
         rerun.arrangement.attach(self)
+
+    @property
+    def behind_ns(self) -> int:
+        """How far the machines' clock is behind the recording's."""
+        return self._rerun.behind_ns
 
     @property
     def moment(self) -> int:
@@ -102,7 +107,7 @@ class TravelDebugger(Debugger):
 
     def __call__(self, event: Event) -> None:
         """Take an event."""
-        self.time_ns = event.time_ns
+        self.time_ns = event.time_ns + self.behind_ns
         if isinstance(event, Turn):
             if self._is_abandoned or self._rerun.difference is not None:
                 raise Abandoned
@@ -112,7 +117,7 @@ class TravelDebugger(Debugger):
                 self.rounds.append(self.number)
             self._note_states()
             super().__call__(event)
-            self.begun_ns = event.time_ns
+            self.begun_ns = self.time_ns
             return
         super().__call__(event)
         if isinstance(event, Eval) and event.value is True:

@@ -136,7 +136,7 @@ class TravelHost:
     def _moment(self, turn: Turn | None = None) -> Moment:
         debugger = self.travel.debugger
         turn = turn or debugger.turn
-        time_ns = debugger.time_ns if turn is None else turn.time_ns
+        time_ns = debugger.time_ns if turn is None else turn.time_ns + debugger.behind_ns
         if self.travel.over:
             time_ns = NEVER
         return Moment(debugger.moment, time_ns, debugger.breakpoints, self.counts)

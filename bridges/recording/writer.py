@@ -64,6 +64,15 @@ _EVENT_SCHEMA = {
 }
 
 
+class _WrittenJournal:
+    """A journal that is being written: its latest time, by the host's clock, and its entries."""
+
+    def __init__(self, now_ns: int):
+        self.now_ns = now_ns
+        self.behind_ns = 0  # how far the machines' clock is behind
+        self.number = 0
+
+
 class RecordingWriter:
     """Write a recording; leaving the ``with`` block completes the file.
 
@@ -83,7 +92,7 @@ class RecordingWriter:
         self._channels: dict[tuple[str, int, int], int] = {}
         self._codecs: dict[str, Codec] = {}
         self._seen: dict[str, tuple[int, int, int]] = {}  # first count, last count, number
-        self._journals: dict[int, tuple[int, int]] = {}  # latest time, number of entries
+        self._journals: dict[int, _WrittenJournal] = {}
         self.events = 0
         """The number of events of machines that were written."""
         self.lost = 0
@@ -123,15 +132,17 @@ class RecordingWriter:
         """Begin the journal of an arrangement, and return its number for `add_entry`."""
         schema = self._schema("llfsm/Event", msgspec.json.encode(_EVENT_SCHEMA))
         channel = self._writer.register_channel(EVENTS, MessageEncoding.JSON, schema, {**about})
-        self._journals[channel] = self.begin_ns, 0
+        self._journals[channel] = _WrittenJournal(self.begin_ns)
         return channel
 
     def add_entry(self, journal: int, entry: Entry) -> None:
         """Write an entry of a journal."""
-        before_ns, number = self._journals[journal]
-        now_ns = entry.get("time_ns", before_ns)
-        self._journals[journal] = now_ns, number + 1
-        stamp_ns = now_ns + self._offset_ns
+        written = self._journals[journal]
+        written.behind_ns = entry.get("behind_ns", written.behind_ns)
+        if "time_ns" in entry:
+            written.now_ns = entry["time_ns"] + written.behind_ns
+        stamp_ns, number = written.now_ns + self._offset_ns, written.number
+        written.number += 1
         data = msgspec.json.encode(entry)
         self._writer.add_message(journal, stamp_ns, data, stamp_ns, number & (WRAP - 1))
         self.events += "reads" in entry

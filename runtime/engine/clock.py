@@ -71,17 +71,18 @@ class DebugClock:
     """
 
     def __init__(self) -> None:
-        self._behind_ns = 0
+        self.behind_ns = 0
+        """How far it is behind the host's: for so long it was stopped."""
         self._stopped_ns: int | None = None
 
     def now_ns(self) -> int:
         """Return the time."""
         host_ns = time.monotonic_ns() if self._stopped_ns is None else self._stopped_ns
-        return host_ns - self._behind_ns
+        return host_ns - self.behind_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """Return when it is `deadline_ns` or later; it must not be stopped."""
-        _sleep_until_ns(deadline_ns + self._behind_ns)
+        _sleep_until_ns(deadline_ns + self.behind_ns)
 
     @contextmanager
     def stopped(self) -> Iterator[None]:
@@ -90,7 +91,7 @@ class DebugClock:
         try:
             yield
         finally:
-            self._behind_ns += time.monotonic_ns() - self._stopped_ns
+            self.behind_ns += time.monotonic_ns() - self._stopped_ns
             self._stopped_ns = None
 
 

@@ -11,7 +11,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from ..engine.clock import Clock
+from ..engine.clock import Clock, DebugClock
 from ..engine.environment import Attendant, Elsewhere, Environment, Post, Read
 from ..engine.errors import LoadError, UnknownMachineError
 from ..engine.events import Status
@@ -84,6 +84,8 @@ class JournalledEnvironment(Environment):
         with self._inner.paused(), self.journal.asking():
             self._stop_deferred()
             yield
+        if isinstance(clock := self._inner.clock, DebugClock):
+            self.journal.add(("Behind", clock.behind_ns))
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
         """Return a function that keeps each message that is another one than before."""
