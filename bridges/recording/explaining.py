@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from msgspec.structs import replace
 
 from llfsm.errors import LlfsmError
 from llfsm.runtime.debugging.published_causes import why_of
+from llfsm.runtime.presence.description import variables_of
 
 if TYPE_CHECKING:
     from llfsm.whiteboard.messages.debugging import MachineWhy
+    from llfsm.whiteboard.messages.llfsm import MachineVariables
 
     from .kept_travel import Travelled
     from .travel import Travel
 
-__all__ = ["Explained", "Explainer"]
+__all__ = ["Explained", "Explainer", "Explanation"]
 
-_Whys: TypeAlias = "Mapping[str, MachineWhy]"
+_Found: TypeAlias = "Mapping[str, Explanation]"
+
+
+class Explanation(NamedTuple):
+    """A machine at a moment: why it is in its state, and what it knows."""
+
+    why: MachineWhy
+    variables: MachineVariables
 
 
 class Explained:
@@ -28,22 +37,26 @@ class Explained:
     def __init__(self, travel: Travel):
         self._travel = travel
 
-    def past(self, now_ns: int) -> tuple[str, _Whys]:
+    def past(self, now_ns: int) -> tuple[str, _Found]:
         """Go past a moment, and return what `explain` does."""
         self._travel.go_past(now_ns)
         return self.explain(now_ns)
 
-    def explain(self, now_ns: int) -> tuple[str, _Whys]:
-        """Return why there is no such moment, or the machines' reasons then, by their names."""
+    def explain(self, now_ns: int) -> tuple[str, _Found]:
+        """Return why there is no such moment, or the machines then, by their names."""
         self._travel.wait()
         if self._travel.difference:
             return self._travel.difference, {}
         arrangement = self._travel.arrangement
-        names = [machine.name for machine in arrangement.machines]
         now_ns -= self._travel.debugger.behind_ns  # by the machines' clock
         # Breakpoints are none of the recording's.
-        whys = {name: replace(why_of(arrangement, name, now_ns), breakpoints=()) for name in names}
-        return "", whys
+        return "", {
+            machine.name: Explanation(
+                replace(why_of(arrangement, machine.name, now_ns), breakpoints=()),
+                variables_of(machine),
+            )
+            for machine in arrangement.machines
+        }
 
 
 class Explainer:
@@ -60,11 +73,11 @@ class Explainer:
         self._travel = travel
         self._asked = threading.Condition()
         self._wanted: int | None = None
-        self._answer: tuple[int, _Whys] = (-1, {})
+        self._answer: tuple[int, _Found] = (-1, {})
         self._over = False
         self._thread: threading.Thread | None = None  # from the first question on
 
-    def at(self, now_ns: int) -> _Whys:
+    def at(self, now_ns: int) -> _Found:
         """Return the machines at that moment, by name; none as long as they are not there."""
         with self._asked:
             known_ns, found = self._answer
@@ -90,8 +103,8 @@ class Explainer:
         try:
             while (wanted := self._next()) is not None:
                 asked = self._travel.ask("past", wanted, then=("explain", wanted))
-                self.problem, whys = asked
-                self._answer = wanted, whys
+                self.problem, found = asked
+                self._answer = wanted, found
         except LlfsmError as error:
             self.problem = str(error)
 

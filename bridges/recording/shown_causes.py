@@ -1,16 +1,16 @@
-"""Why machines of a recording are in their states, as the messages that a page shows."""
+"""Why machines of a recording are in their states, and their variables, as messages for a page."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from llfsm.whiteboard import Message, Sample
+from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.debugging import MachineWhy, why_slot
-from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
+from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, variables_slot
 from llfsm.whiteboard.slots import legal_name
 
 from .reader import RecordedJournal, Recording
@@ -29,11 +29,15 @@ class ShownCauses:
         self._recording = recording
         self._explainer = explainer
         self._shown: dict[str, Sample[Message]] = {}
-        statuses = {n for n, each in recording.slots.items() if each.slot.type is MachineStatus}
-        whys = [why_slot(name.removeprefix(MACHINES)) for name in statuses]
+        statuses = [n for n, each in recording.slots.items() if each.slot.type is MachineStatus]
+        names = [name.removeprefix(MACHINES) for name in statuses if recording.journals]
+        slots: list[Slot[Any]] = [*map(why_slot, names)]
+        if explainer is not None:
+            known = [variables_slot(name) for name in names]
+            slots += [each for each in known if each.name not in recording.slots]
         self.slots = {
             each.name: SlotInfo(each.name, each.type_name, each.schema, each.capacity)
-            for each in (whys if recording.journals else ())
+            for each in slots
         }
         """Those of the samples."""
 
@@ -52,12 +56,14 @@ class ShownCauses:
         found: dict[str, Sample[Message]] = {}
         for journal in self._recording.journals:
             if journal.process in living.values():
-                for machine, why in self._causes(journal, now_ns):
+                for machine, messages in self._known(journal, now_ns).items():
                     legal = legal_name(machine)
                     for name, process in living.items():
                         is_numbered = name.startswith(f"{legal}.")  # its name was taken
                         if process == journal.process and (name == legal or is_numbered):
-                            found[why_slot(name).name] = self._sample(name, why, now_ns)
+                            for message in messages:
+                                slot = _slot_of(message, name)
+                                found[slot] = self._sample(slot, message, now_ns)
         return found
 
     def close(self) -> None:
@@ -65,19 +71,26 @@ class ShownCauses:
         if self._explainer is not None:
             self._explainer.close()
 
-    def _causes(self, journal: RecordedJournal, now_ns: int) -> Iterator[tuple[str, MachineWhy]]:
-        found, problem = causes_at(self._recording, journal, now_ns), ""
+    def _known(self, journal: RecordedJournal, now_ns: int) -> dict[str, tuple[Message, ...]]:
+        """Return the messages of each machine of a journal, by its name there."""
+        causes, problem = causes_at(self._recording, journal, now_ns), ""
+        found: dict[str, tuple[Message, ...]] = {}
         if self._explainer is not None and self._explainer.process == journal.process:
-            found |= self._explainer.at(now_ns)
+            found = {**self._explainer.at(now_ns)}
             problem = self._explainer.problem
-        for machine, why in found.items():
-            yield machine, replace(why, problem=problem)
+        rest = {name: (replace(why, problem=problem),) for name, why in causes.items()}
+        return rest | found
 
-    def _sample(self, name: str, why: MachineWhy, now_ns: int) -> Sample[Message]:
-        before = self._shown.get(name)
-        if before is not None and before.message == why:
+    def _sample(self, slot: str, message: Message, now_ns: int) -> Sample[Message]:
+        before = self._shown.get(slot)
+        if before is not None and before.message == message:
             return before
         count = 1 if before is None else before.count + 1
-        sample: Sample[Message] = Sample(why, count, now_ns, 0)
-        self._shown[name] = sample
+        sample: Sample[Message] = Sample(message, count, now_ns, 0)
+        self._shown[slot] = sample
         return sample
+
+
+def _slot_of(message: Message, machine: str) -> str:
+    is_why = isinstance(message, MachineWhy)
+    return (why_slot(machine) if is_why else variables_slot(machine)).name

@@ -21,6 +21,7 @@ from llfsm.runtime import ManualClock
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member
 from llfsm.whiteboard.messages.debugging import MachineWhy, why_slot
+from llfsm.whiteboard.messages.llfsm import MachineVariables, variables_slot
 from waiting import wait_for
 
 from .conftest import entries_in
@@ -112,6 +113,13 @@ def test_operands_come_with_the_code_at_each_moment(
 
         wait_for(has_operands, f"the guards' parts when the command was {value}")
         assert not shown(source, now_ns).problem
+        known = source.snapshot().samples[variables_slot("Follower").name].message
+        assert isinstance(known, MachineVariables)
+        assert (known.sensors[0].name, known.sensors[0].value) == (
+            "command",
+            f"Number(value={value})",
+        )
+        assert "posts" in {each.name for each in known.variables}
         counts = {source.snapshot().samples[why_slot("Follower").name].count for _ in range(3)}
         assert len(counts) == 1, "what has not changed is not sent again"
 
