@@ -19,7 +19,7 @@ from .errors import MachinesGoneError, MomentError
 from .hosted_travel import Moment, OtherMoment
 from .kept_points import KeptPoint, KeptPoints
 from .process_link import LinkClosedError, ProcessLink
-from .travel import NO_BREAKPOINT, Jump, Travel
+from .travel import NEVER, NO_BREAKPOINT, Jump, Travel
 from .travel_host import PASSED, Asked, Serve, start_origin
 
 if TYPE_CHECKING:
@@ -191,10 +191,11 @@ class KeptTravel:
 
     def _go_to_breakpoint(self, then: Asked) -> Any:
         """Look for the last one, in the last stretch that can be run alone, then in the others."""
-        end = since = self._at.number
+        end, is_after_end = self._at.number, self._at.time_ns == NEVER
+        since = end
         while end > 1:
             looking = self._jump_to(end, "back")._replace(since=since)
-            host, found, _ = self._woken(looking, (PASSED,))
+            host, found, _ = self._woken(looking, (PASSED, is_after_end))
             self._leave(host)
             if isinstance(found, int) and found:
                 return self._jump(self._jump_to(found, "back"), then)

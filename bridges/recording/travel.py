@@ -184,8 +184,9 @@ class Travel:
         Raise `MomentError` if there is none.
         """
         why, now = self.debugger.paused or "back", self.debugger.moment
+        is_after_end = bool(self.end)
         self._go_to(Jump(why, now, now))  # looking for those that are passed
-        passed = self.debugger.passed
+        passed = self.debugger.last_hit(is_after_end=is_after_end)
         if not passed:
             raise MomentError(NO_BREAKPOINT)
         return self._go_to(Jump("back", passed, passed))

@@ -72,6 +72,14 @@ class TravelDebugger(Debugger):
         """The number of the turn that is to come."""
         return self.number + (self.turn is None)
 
+    def last_hit(self, *, is_after_end: bool) -> int:
+        """Return the last moment before this one at which a breakpoint is reached; 0 if none.
+
+        The failure that has ended all is before the end, though no turn comes after it.
+        """
+        is_at_failure = self.turn is None and bool(self._hits)
+        return self.moment if is_after_end and is_at_failure else self.passed
+
     def before_state(self, machine: str) -> int:
         """Return the last moment at which a machine was not in its state; 0 if there is none."""
         state = self.arrangement.standing(machine).state
@@ -104,6 +112,8 @@ class TravelDebugger(Debugger):
         """Pause at a failure that ends all."""
         if self.number + 1 >= self.since:
             super().failed(seat, error)
+        else:
+            self._probes.test_failures(seat)  # it counts its hits, and can be gone back to
 
     def __call__(self, event: Event) -> None:
         """Take an event."""

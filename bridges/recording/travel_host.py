@@ -32,7 +32,7 @@ __all__ = ["KEEP_S", "PASSED", "Asked", "Serve", "TravelHost", "start_origin"]
 KEEP_S: Final = 0.4
 """How long machines run between two moments that are kept, in seconds of a core."""
 PASSED: Final = "passed"
-"""What is asked for the number of the last moment at which a breakpoint was passed."""
+"""What is asked, with whether this is the end, for the last moment with a breakpoint's hit."""
 Serve: TypeAlias = Callable[[Travel], Any]
 """It makes what is asked; `Asked` names one of its methods."""
 Asked: TypeAlias = tuple[Any, ...]
@@ -129,7 +129,7 @@ class TravelHost:
 
     def _found(self, name: str, *arguments: Any) -> Any:
         if name == PASSED:
-            return self.travel.debugger.passed
+            return self.travel.debugger.last_hit(is_after_end=bool(*arguments))
         found = getattr(self._served, name)(*arguments)
         return [*found] if isinstance(found, Iterator) else found
 

@@ -63,15 +63,13 @@ def fired(
     """Return the transitions of a state of which that of this number has just fired.
 
     Those before it did not hold, and those after it were not evaluated. It has raised if its
-    `value` is None.
+    `value` is None; a number beyond them is none of them.
     """
     found = why(machine, state, elapsed_ns)
-    transitions = _transitions(machine, state)[number + 1 :]
-    return [
-        *(cause._replace(value=False) for cause in found[:number]),
-        *(cause._replace(value=value) for cause in found[number : number + 1]),
-        *map(_unseen, transitions),
-    ]
+    values = [False] * number + [value]
+    seen = [each._replace(value=held) for each, held in zip(found, values, strict=False)]
+    unseen = _transitions(machine, state)[number + 1 :]
+    return [*(seen if number >= 0 else ()), *map(_unseen, unseen)]
 
 
 def _transitions(machine: Machine, state: str) -> list[Transition]:

@@ -279,9 +279,7 @@ class Debugger:
     def failed(self, seat: Seat, error: ExecutionError) -> None:
         """Pause at a breakpoint of the machine's failure: at once, if all others end, too."""
         goal = self._goal
-        for each in self._probes.breakpoints:
-            if each.fails and each.machine == seat.name:
-                self._probes.test(each, seat, seat.machine, "")
+        self._probes.test_failures(seat)
         if self._goal is not goal:
             self.fired = Fired.failed(seat, error, self.arrangement.environment.peek_ns())
         if self._goal is not None and self.arrangement.on_error == "stop":

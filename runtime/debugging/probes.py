@@ -72,6 +72,12 @@ class Probes:
 
         return read_and_test if here else read
 
+    def test_failures(self, seat: Seat) -> None:
+        """Test the breakpoints of a failure of a machine, whose code has raised."""
+        for each in self.breakpoints:
+            if each.fails and each.machine == seat.name:
+                self.test(each, seat, seat.machine, "")
+
     def test(self, breakpoint: Breakpoint, seat: Seat, owner: object, source: str) -> None:
         """Count a hit, if the condition holds; one that cannot be evaluated is one, too."""
         try:

@@ -35,11 +35,10 @@ class Fired(NamedTuple):
     @classmethod
     def failed(cls, seat: Seat, error: ExecutionError, now_ns: int) -> Fired:
         """Return what the transitions of a state had seen in which code has raised."""
-        labels = [
-            f"transition {each.label}"
-            for each in seat.declared(seat.states[error.state]).transitions
-        ]
-        number = labels.index(error.step) if error.step in labels else 0
+        state = seat.states.get(error.state)  # one that is not declared has no transitions
+        transitions = [] if state is None else seat.declared(state).transitions
+        steps = [f"transition {each.label}" for each in transitions] + ["Internal"]
+        number = steps.index(error.step) if error.step in steps else -1  # before all of them
         elapsed_ns = now_ns - seat.entered_ns
         causes = fired(seat.machine, error.state, number, elapsed_ns, value=None)
         return cls(seat.name, error.state, "", causes)

@@ -25,7 +25,8 @@ from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.state import State
 from llfsm.whiteboard.liveness import born
 
-from .journalled_run import Run
+from .journalled_run import JumpingClock, Run
+from .machines import COMMAND, Failing, Number
 from .test_travel import MACHINES, journal, sight
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked")
@@ -339,3 +340,21 @@ def wait_for_end(process: int, since: int) -> None:
             poll.register(number, select.POLLIN)
             assert poll.poll(60_000), "it has not ended"
         os.close(number)
+
+
+def test_from_the_end_the_failure_that_ended_all_is_gone_back_to() -> None:
+    failed = Run([Failing], clock=JumpingClock())
+    with suppress(Exception):
+        for value in (1, 2, 3, 4, 5, 6, 7, 8, 11):
+            failed.board.add_message(COMMAND, Number(value))
+            failed.arrangement.round()
+    failed.arrangement.end("failed")
+    seen = []
+    for kind in (InProcess, KeptTravel):
+        with opened(kind, failed, [Failing]) as travel:
+            do(travel, "break_at", "Failing!")
+            end = do(travel, "goto", 1e9)
+            seen.append((end, do(travel, "back_to_breakpoint"), do(travel, "back_to_breakpoint")))
+    assert seen[0] == seen[1]
+    assert seen[0][1][0].startswith("breakpoint Failing!: machine Failing, state good")
+    assert seen[0][2] == "no breakpoint is reached before this moment"

@@ -38,13 +38,13 @@ def journal(rounds: int, machines: list[Any] = MACHINES, *, seed: int = 1) -> Ru
     return run
 
 
-def travelled(run: Run, machines: list[Any] = MACHINES) -> Travel:
+def travelled(run: Run, machines: list[Any] = MACHINES, **options: Any) -> Travel:
     entries = run.entries
     named = {getattr(each, "recorded", each.__name__): each for each in machines}
 
     def again() -> Rerun:
         rerun = Rerun(entries)
-        arrangement = rerun.arrange()
+        arrangement = rerun.arrange(**options)
         for name, each in named.items():
             arrangement.load(each, name=name)
         return rerun
@@ -243,6 +243,25 @@ def test_a_failure_that_ends_all_is_a_moment() -> None:
         assert travel.arrangement.machine("Failing").command == Number(3)
         travel.goto(1e9)
         assert travel.end
+        assert "11 is too much" in travel.back_to_breakpoint()
+
+
+def test_a_failure_that_others_outlive_is_gone_back_to() -> None:
+    run = Run([Failing, Keeper], clock=JumpingClock(), on_error="suspend")
+    for value in (1, 8, 11, 16, 8):
+        run.board.add_message(COMMAND, Number(value))
+        run.arrangement.round()
+    run.arrangement.end()
+    with travelled(run, [Failing, Keeper], on_error="suspend") as travel:
+        travel.wait()
+        travel.break_at("Failing!")
+        travel.goto(1e9)
+        assert travel.back_to_breakpoint() == "breakpoint Failing!"
+        assert travel.arrangement.machine("Failing").command == Number(11)
+        (cause,) = why_of(travel.arrangement, "Failing", travel.debugger.now_ns).before
+        assert (cause.value, cause.seen) == (False, "False")
+        with pytest.raises(MomentError, match="no breakpoint is reached before"):
+            travel.back_to_breakpoint()
 
 
 @pytest.mark.parametrize(
