@@ -31,11 +31,15 @@ _LOADING = frozenset({"call_machine", "load", "load_suspended"})
 
 
 def check_arrangement(
-    file: Path, plan: Plan, classes: Mapping[str, type[Machine]]
+    file: Path,
+    plan: Plan,
+    classes: Mapping[str, type[Machine]],
+    called: Mapping[str, type[Machine]] | None = None,
 ) -> list[Finding]:
     """Return what is wrong with the machines of an arrangement file together.
 
-    `classes` are the machines' classes by name, in the plan's order. What is wrong with each of
+    `classes` are the machines' classes by name, in the plan's order; `called` are others that they
+    may load, of which there may be breakpoints. What is wrong with each of
     them alone is not found here.
     """
     subjects = {cls: _subject(cls) for cls in classes.values()}
@@ -56,7 +60,7 @@ def check_arrangement(
     }
     for text in plan.breakpoints:
         try:
-            check_breakpoints([Breakpoint.parse(text)], classes, slots)
+            check_breakpoints([Breakpoint.parse(text)], {**(called or {}), **classes}, slots)
         except BreakpointError as error:
             found.add(Finding(str(file), 1, "error", str(error)))
     return sorted(found)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.errors import BreakpointError
 
-from .called_machines import machines_beside, may_call
+from .called_machines import machines_beside
 from .operands import Operands
 
 if TYPE_CHECKING:
@@ -86,15 +86,17 @@ def check_breakpoints(
 ) -> None:
     """Raise `BreakpointError` for one whose machine, state, transition or slot does not exist.
 
-    `machines` are those that run, by name; `slots` are what they read. They may call others.
+    `machines` are those that run, and others that they may load, by name: those beside them in
+    their modules are known, too. `slots` are what they read.
     """
+    known = {**machines_beside(machines.values()), **machines}
     for each in breakpoints:
         if each.slot:
-            called = machines_beside(machines.values()).values()
-            more = (sensor.slot.name for cls in called for sensor in cls.table.sensors.values())
-            _require(each, "slot that a machine reads", each.slot, {*slots, *more})
+            sensors = (port for cls in known.values() for port in cls.table.sensors.values())
+            read = {*slots, *(sensor.slot.name for sensor in sensors)}
+            _require(each, "slot that a machine reads", each.slot, read)
             continue
-        cls = machines.get(each.machine) or may_call(machines.values(), each.machine)
+        cls = known.get(each.machine)
         if cls is None:
             _require(each, "machine", each.machine, machines)
             continue

@@ -199,13 +199,13 @@ class Debugger:
     def break_at(self, *texts: str, library: Mapping[str, type[Machine]] | None = None) -> None:
         """Replace all breakpoints by these; raise `BreakpointError`, and then replace none.
 
-        Each is of a machine that is loaded, or one of the `library`, by the name that it will have,
-        or of a slot that a loaded one reads; what is set already stays, even if a machine that was
-        reloaded has it no more. :mod:`.breakpoints` describes the texts.
+        Each is of a machine that is loaded or was, or one of the `library`, by the name that it
+        will have, or of a slot that a loaded one reads; what is set already stays, even if a
+        machine that was reloaded has it no more. :mod:`.breakpoints` describes the texts.
         """
         found = [Breakpoint.parse(text) for text in texts]
         new = [each for each in found if each.text not in self.breakpoints]
-        machines = {**(library or {})}
+        machines = {**self.arrangement.classes, **(library or {})}
         machines.update((each.name, type(each)) for each in self.arrangement.machines)
         check_breakpoints(new, machines, self.arrangement.slots_read)
         self._equip(found)

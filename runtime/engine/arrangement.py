@@ -153,6 +153,11 @@ class Arrangement(Rotation, Observed, Control):
         seat.suspend()
         return seat.index
 
+    @property
+    def classes(self) -> dict[str, type[Machine]]:
+        """The machine classes that were loaded so far, by name."""
+        return {**self._loader.classes}
+
     def call_machine(
         self, machine: type[M] | M | str, caller: Seat | None = None, **how: Unpack[LoadOptions]
     ) -> Submachine[M]:

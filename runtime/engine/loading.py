@@ -47,7 +47,8 @@ class Loader:
         self._arrangement = arrangement
         self._roster = roster
         self._library = {} if library is None else library
-        self._classes: dict[str, Factory] = {}  # of the machines loaded so far
+        self.classes: dict[str, type[Machine]] = {}
+        """Of the machines loaded so far, by name."""
         self._reloaded: dict[str, type[Machine]] = {}  # the latest of each path
 
     def load(
@@ -79,7 +80,7 @@ class Loader:
         seat.connect(self._arrangement.environment)
         seat.claim(self._arrangement.environment)
         machine._seat = seat
-        self._classes[cls.__name__] = cls
+        self.classes[cls.__name__] = cls
         self._arrangement.bind(seat)
         roster.add(seat)
         machine.stopping = self._arrangement.stopping  # last, as any thread may stop all
@@ -93,7 +94,7 @@ class Loader:
         machine = cls(**seat.variables)
         seat.reload(machine)
         machine._seat = seat
-        self._classes[cls.__name__] = self._reloaded[cls.table.path] = cls
+        self.classes[cls.__name__] = self._reloaded[cls.table.path] = cls
         for slot in held:  # nobody knows whether the override still makes sense
             arrangement.environment.release(seat.name, slot)
             seat.read_again(slot.name)
@@ -122,7 +123,7 @@ class Loader:
             factory, known = self._library.get(name), set(self._library)
         else:
             factory, known = self._library(name), set()
-        factory = factory or self._classes.get(name)
+        factory = factory or self.classes.get(name)
         if factory is None:
-            raise UnknownMachineError(name, sorted(known | set(self._classes)), "loadable")
+            raise UnknownMachineError(name, sorted(known | set(self.classes)), "loadable")
         return factory

@@ -132,7 +132,7 @@ def test_a_pause_says_that_the_clocks_stand_still(llfsm: Llfsm, board: str) -> N
 def test_a_process_that_is_stopped_is_named(
     llfsm: Llfsm, board: str, running: subprocess.Popen[str], monkeypatch
 ) -> None:
-    monkeypatch.setattr("llfsm.cli.pausing._PATIENCE_S", 0.1)
+    monkeypatch.setattr("llfsm.runtime.presence.remote.PATIENCE_S", 0.1)
     running.send_signal(signal.SIGSTOP)
     try:
         wait_for(lambda: rows(llfsm, "-b", board)["Stays"]["status"] == "silent")

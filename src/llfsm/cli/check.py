@@ -24,6 +24,7 @@ from llfsm.runtime.plans.plan import Plan, Verification, assemble, read_plan
 from llfsm.runtime.plans.toml_files import line_of
 from llfsm.whiteboard import Whiteboard
 
+from .called_bundles import with_called_bundles
 from .machine_names import MachineImportError, find_bundle, find_machine, search_modules_in
 from .run.arguments import parse_arguments
 
@@ -76,7 +77,8 @@ def _check_file(file: Path) -> list[Finding]:
     except FsmError as error:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
     found += _check_verification(file, resolved.plan)
-    return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes)
+    called = with_called_bundles(resolved.classes) if resolved.plan.breakpoints else {}
+    return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes, called)
 
 
 def _check_verification(file: Path, plan: Plan) -> list[Finding]:

@@ -18,6 +18,7 @@ from llfsm.bridges.recording.travel_host import Serve
 from llfsm.runtime.plans.dispatch import DispatchTable
 from llfsm.runtime.plans.plan import Plan, PlannedMachine, assemble
 
+from .called_bundles import with_called_bundles
 from .run.arguments import ResolvedPlan, parse_arguments
 
 __all__ = ["plan_of_one", "plans_to_rerun", "travel_through"]
@@ -70,7 +71,8 @@ def travel_through(
         assemble(plan, resolved.classes, rerun.environment, library=library)
         return rerun
 
-    return travelling(again, resolved.classes, recording.span_ns[0], serve, read_line)
+    library = with_called_bundles(resolved.classes)
+    return travelling(again, library, recording.span_ns[0], serve, read_line)
 
 
 def _resolve(

@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from llfsm.runtime import Arrangement, BreakpointError, Machine, ManualClock, Sensor, State
-from llfsm.runtime.bundles import (
-    Bundle,
-    BundleState,
-    BundleTransition,
-    Fragment,
-    load_bundle,
-    write_bundle,
-)
 from llfsm.runtime.debugging import Debugger
 from llfsm.runtime.engine.submachine import Submachine
 from llfsm.whiteboard import Slot, Whiteboard
@@ -80,24 +70,26 @@ def test_of_a_class_beside_the_one_that_calls_it() -> None:
             debugger.break_at(text)
 
 
-def test_of_the_bundle_beside_the_one_that_calls_it(tmp_path: Path) -> None:
-    a, b = BundleState("A"), BundleState("B")
-    always = (BundleTransition("B", Fragment("True\n")),)
-    for name, code in (("Helper", "pass\n"), ("Caller", 'call_machine("Helper")\n')):
-        entry = {"OnEntry": Fragment(code)}
-        write_bundle(
-            Bundle(name, (BundleState("A", entry, always), b)), tmp_path / f"{name}.machine"
-        )
-    write_bundle(Bundle("Other", (a,)), tmp_path / "Other.machine")
-    caller = load_bundle(tmp_path / "Caller.machine")
-    helper = {"Helper": load_bundle(tmp_path / "Helper.machine")}
-    arrangement = Arrangement([caller], clock=ManualClock(), library=helper)
+def test_of_one_that_has_run() -> None:
+    called = define_child()
+    arrangement = Arrangement([Parent], clock=ManualClock(), whiteboard=Whiteboard.local())
     with running(arrangement) as debugger:
-        with pytest.raises(BreakpointError, match="no machine 'Other'"):
-            debugger.break_at("Other:A")
-        debugger.break_at("Helper:B")
-        debugger.proceed()
-        assert debugger.wait(PATIENCE_S) == "breakpoint Helper:B"
+        with pytest.raises(BreakpointError, match="no machine 'Elsewhere'"):
+            debugger.break_at("Elsewhere:over")
+        arrangement.load(called)
+        arrangement.unload("Elsewhere")
+        debugger.break_at("Elsewhere:over")
+
+
+def define_child() -> type[Machine]:
+    """Return a machine that no module has."""
+
+    class Elsewhere(Machine):
+        begun = State()
+        over = State()
+        begun.to(over)
+
+    return Elsewhere
 
 
 def test_a_machine_without_others_has_none() -> None:

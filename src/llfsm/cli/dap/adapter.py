@@ -13,14 +13,12 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from llfsm.errors import LlfsmError
-from llfsm.runtime.bundles import SUFFIX
-from llfsm.runtime.debugging.called_machines import machines_beside, may_call
+from llfsm.runtime.debugging.called_machines import machines_beside
 from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
@@ -266,8 +264,7 @@ class Adapter:
     def _set_breakpoints(self, arguments: Message) -> Message:
         file = str(arguments.get("source", {}).get("path", ""))
         texts, answers = [], []
-        machines = self._launched.library
-        machines = {**machines_beside(machines.values()), **machines, **self._named_by(file)}
+        machines = self._machines
         for wanted in arguments.get("breakpoints") or ():
             line = int(wanted.get("line", 0))
             places = breakpoints_at(machines, file, line)
@@ -287,12 +284,11 @@ class Adapter:
         self._break()
         return {"breakpoints": answers}
 
-    def _named_by(self, file: str) -> Mapping[str, type[Machine]]:
-        """Return the bundle that a file is of, if it is not launched, but may be called."""
-        folder, library = Path(file).parent, self._launched.library
-        is_new = folder.suffix == SUFFIX and folder.stem not in library
-        found = may_call(library.values(), folder.stem) if is_new else None
-        return {} if found is None else {folder.stem: found}
+    @property
+    def _machines(self) -> Mapping[str, type[Machine]]:
+        """The machines, and those that they may call, by name."""
+        library = self._launched.library
+        return {**machines_beside(library.values()), **library}
 
     def _set_function_breakpoints(self, arguments: Message) -> Message:
         self._functions, answers = [], []
@@ -307,7 +303,7 @@ class Adapter:
 
     def _set_exception_breakpoints(self, arguments: Message) -> None:
         wanted = _FAILURES in (arguments.get("filters") or ())
-        self._failures = [f"{machine}!" for machine in self._launched.library] if wanted else []
+        self._failures = [f"{machine}!" for machine in self._machines] if wanted else []
         self._break()
 
     def _problem(self, texts: list[str]) -> str:

@@ -134,7 +134,7 @@ def _debug_recording(
 
 def _converse(prompt: _Prompt, lines: Iterable[str] = ()) -> None:
     """Carry out `lines`, then those that are entered, until there is nothing more to do."""
-    console = Console(markup=False, soft_wrap=True)
+    console = Console(markup=False, emoji=False, soft_wrap=True)
     with _editing(prompt):
         _print(console, prompt.where())
         for line in lines:

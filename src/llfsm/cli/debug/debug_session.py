@@ -11,6 +11,7 @@ from llfsm.runtime.engine.clock import Clock, DebugClock
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
 from llfsm.runtime.plans.plan import Plan, assemble
 
+from ..called_bundles import with_called_bundles
 from ..run.arguments import ResolvedPlan
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Session:
         self.arrangement: Arrangement = assemble(
             plan, resolved.classes, environment, library=resolved.library
         )
-        self.library: Mapping[str, type[Machine]] = resolved.classes
+        self.library: Mapping[str, type[Machine]] = with_called_bundles(resolved.classes)
         self.debugger = Debugger(self.arrangement, on_pause=plan.on_pause)
         self.break_at(*plan.breakpoints)
         self.error: Exception | None = None

@@ -15,6 +15,7 @@ from llfsm.runtime.engine.events import Reason
 from llfsm.runtime.engine.watchdog import running_call
 from llfsm.runtime.plans.plan import Plan, assemble
 
+from ..called_bundles import with_called_bundles
 from ..ending import SIGNALS, ending_once
 from .arguments import ResolvedPlan
 from .report import StateReport, SuspensionReport, conditions, latency_drawing, timing_table
@@ -39,7 +40,8 @@ def load_machines(
     )
     if plan.on_pause != "keep" or plan.breakpoints:
         debugger = Debugger(arrangement, on_pause=plan.on_pause, lease_s=LEASE_S)
-        debugger.break_at(*plan.breakpoints, library=resolved.classes)
+        library = with_called_bundles(resolved.classes) if plan.breakpoints else {}
+        debugger.break_at(*plan.breakpoints, library=library)
     if reports.verbose:
         with_path = reports.verbose > 1
         arrangement.attach(StateReport(arrangement, with_path=with_path, with_times=reports.timed))
