@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -71,12 +72,33 @@ def view(browser: Browser, folder: str) -> None:
         page.screenshot(path=DOCS / "view.png")
 
 
+def debug(browser: Browser, folder: str) -> None:
+    """Pause the same demo where the turtle has met a wall, with what it saw then."""
+    board = ("-b", "demo", "--directory", folder)
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "llfsm.cli", "demo", "wall", *board],
+        cwd=folder, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    command = ("view", *board, "--control", "--no-open", "--port", "0")
+    try:
+        with opened(browser, folder, *command, width=1440, height=980) as page:
+            breakpoint = page.get_by_label(f"New breakpoint of {MACHINE}")
+            breakpoint.fill("BACK")
+            breakpoint.press("Enter")
+            page.locator(".why.before caption").wait_for()
+            page.wait_for_timeout(1000)
+            page.screenshot(path=DOCS / "debug.png")
+    finally:
+        demo.send_signal(signal.SIGINT)
+        demo.wait()
+
+
 def main() -> None:
     """Take all of them."""
     with sync_playwright() as playwright:
         path = os.environ.get("CHROMIUM") or shutil.which("chromium")
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        for take in (edit, view):
+        for take in (edit, view, debug):
             with tempfile.TemporaryDirectory() as folder:
                 take(browser, folder)
         browser.close()

@@ -37,6 +37,31 @@ def test_why_a_machine_has_left(llfsm: Llfsm, board: str) -> None:
     assert process.wait() == 0
 
 
+def test_a_breakpoint_in_code_pauses_where_there_is_no_terminal(
+    llfsm: Llfsm, board: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "halts.py"
+    file.write_text(
+        "from llfsm.runtime import Machine, State\n"
+        "class Halts(Machine):\n"
+        "    a = State()\n"
+        "    b = State()\n"
+        "    @a.on_entry\n"
+        "    def _(self) -> None:\n"
+        "        print('halts', flush=True)\n"
+        "        breakpoint()\n"
+        "    a.to(b, when=lambda m: m.stopping)\n"
+    )
+    process = llfsm.start("run", f"{file}:Halts", "-q", "-b", board)
+    wait_for_line(process, "halts")
+    why = "breakpoint() in halts.py:8"
+    wait_for(lambda: rows(llfsm, "-b", board)["Halts"]["paused"] == why)
+    assert rows(llfsm, "-b", board)["Halts"]["paused_left_s"] > 0
+    llfsm.run("continue", "-b", board)
+    assert llfsm.run("stop", "Halts", "-b", board).returncode == 0
+    assert process.wait() == 0
+
+
 def test_a_wrong_breakpoint_runs_nothing(llfsm: Llfsm, board: str) -> None:
     done = llfsm.run("run", f"{MACHINES}:Stays", "-q", "-b", board, "--break", "Stays:C")
     assert done.returncode == 1

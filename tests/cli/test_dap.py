@@ -292,7 +292,7 @@ def test_code_that_reads_gets_no_message_of_the_editor(
         editor.begin(board, "asks.py:Asks", cwd=str(tmp_path))
         editor.ask("configurationDone")
         stopped = editor.event("stopped")
-        assert (stopped["reason"], stopped["text"]) == ("breakpoint", "breakpoint in asks.py:13")
+        assert (stopped["reason"], stopped["text"]) == ("breakpoint", "breakpoint() in asks.py:13")
         assert editor.ask("evaluate", expression="turns")["result"] == "2"
         editor.ask("continue", threadId=1)
         assert "EOFError" in editor.event("output")["output"]

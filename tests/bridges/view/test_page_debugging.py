@@ -153,3 +153,17 @@ def test_breakpoints_are_kept_in_the_browser(
     expect(card.locator(".breakpoints button")).to_have_count(0)
     assert json.loads(seen.page.evaluate(kept)) == {}
     assert seen.errors == []
+
+
+def test_all_of_a_card_can_be_reached_however_much_is_shown(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    start("run", "RosWallTurttleBot", "-q", "-b", board)
+    seen = visit(start(Server, board, "--control").address)
+    seen.page.set_viewport_size({"width": 1280, "height": 600})
+    card = seen.page.locator(".card")
+    card.locator("[data-debug=pause]").click()
+    expect(card.locator(".pausing")).to_be_visible()
+    card.get_by_text("Fit", exact=True).click()
+    card.locator("[data-action=stop]").click(trial=True)
+    expect(card.locator("[data-state=END]")).to_be_in_viewport()

@@ -25,6 +25,7 @@ from llfsm.whiteboard.board_files import default_name
 
 from ..debug.debug_session import Session, clock_of
 from ..run.arguments import parse_arguments
+from ..run.code_breakpoints import place_of_call
 from ..run.recorder_process import recorded
 from .framing import Message, MessageStream, ProtocolError
 from .inspection import Inspection
@@ -40,6 +41,12 @@ _THREAD: Final = 1
 _LOOK_S: Final = 0.02  # between two looks whether a pause is over
 _FAILURES: Final = "failures"
 _STEPS: Final[dict[str, Step]] = {"next": "turn", "stepIn": "round", "stepOut": "transition"}
+_REASONS: Final = {
+    "start": "entry",
+    "breakpoint": "breakpoint",
+    "breakpoint()": "breakpoint",
+    "step": "step",
+}
 _ASIDE: Final = frozenset({"evaluate", "scopes", "stackTrace", "threads", "variables"})
 """Requests of an editor on its own, as for a word under the mouse: no error of theirs pops up."""
 _CAPABILITIES: Final = {
@@ -106,9 +113,7 @@ class Adapter:
     def break_in_code(self, *given: object, **options: object) -> None:
         """Pause before the next turn: a machine's code calls `breakpoint()`."""
         if self._has_breakpoints and self._session is not None:
-            frame = sys._getframe(1)
-            name = os.path.basename(frame.f_code.co_filename)
-            self._session.debugger.pause(f"breakpoint in {name}:{frame.f_lineno}")
+            self._session.debugger.pause(place_of_call(sys._getframe(1)))
 
     def _answer(self, request: Message) -> None:
         command, arguments = str(request.get("command")), request.get("arguments") or {}
@@ -237,7 +242,7 @@ class Adapter:
 
     def _stopped(self, why: str) -> None:
         kind = why.partition(":")[0].partition(" ")[0]
-        reason = {"start": "entry", "breakpoint": "breakpoint", "step": "step"}.get(kind, "pause")
+        reason = _REASONS.get(kind, "pause")
         if self._failures and any(f"breakpoint {each}" in why for each in self._failures):
             reason = "exception"
         self._event(

@@ -18,6 +18,7 @@ from llfsm.runtime.plans.plan import Plan, assemble
 from ..called_bundles import with_called_bundles
 from ..ending import SIGNALS, ending_once
 from .arguments import ResolvedPlan
+from .code_breakpoints import pausing_at_breakpoints
 from .report import StateReport, SuspensionReport, conditions, latency_drawing, timing_table
 
 __all__ = ["Reports", "load_machines", "run_machines"]
@@ -63,7 +64,8 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
         return running_call(threading.get_ident()) is not None
 
     try:
-        ending_once(arrangement.run, is_ending, is_in_a_section)
+        with pausing_at_breakpoints(arrangement):
+            ending_once(arrangement.run, is_ending, is_in_a_section)
     finally:
         if timed:
             found = arrangement.statistics()
