@@ -98,6 +98,11 @@ class RemoteMachine:
         self.send(MachineRequest(action))
         return Status.SUSPENDED if self.suspended else Status.RUNNING
 
+    def again(self) -> RemoteMachine:
+        """Return the machine as of the latest status now."""
+        sample = self._board[status_slot(self.name)].sample()
+        return RemoteMachine(self._board, self.name, sample or self._sample, self._host)
+
     def statuses(self, patience_s: float | None = None) -> Iterator[MachineStatus]:
         """Yield its latest status and those that it publishes, until it has ended.
 
@@ -108,7 +113,6 @@ class RemoteMachine:
         slot = self._board[status_slot(self.name)]
         sample = slot.sample()
         while sample is not None and is_live(sample, self._host):
-            self._sample = sample
             yield sample.message
             left_s = until - time.monotonic()
             if left_s <= 0:

@@ -163,6 +163,7 @@ def _carry_out(
 ) -> MachineStatus:
     with suppress(TimeoutError):
         for _ in remote.statuses(_BEFORE_S):
+            remote = remote.again()
             if not remote.is_asked:  # else this request would replace one from elsewhere
                 break
     remote.send(request)
@@ -179,8 +180,8 @@ def _await(
                 return status
     except TimeoutError as error:
         does = "it runs on until it does" if request.action == "step" else "see `llfsm ps`"
-        if remote.silent_s > SILENT_S:
-            does = f"its process is silent for {remote.silent_s:.0f} s; is it stopped?"
+        if (silent_s := remote.again().silent_s) > SILENT_S:
+            does = f"its process is silent for {silent_s:.0f} s; is it stopped?"
         raise click.ClickException(f"{remote.name} has not reached that {error}: {does}") from error
     raise click.ClickException(f"{remote.name} has ended in the meantime")
 
