@@ -28,6 +28,7 @@ from .batches import (
     encode,
 )
 from .groups import EVERY_GROUP, group_of
+from .interest import Interest
 from .merge import Version
 from .packets import EVERY_HOST, Packet, Query
 from .peers import Peers, Source
@@ -80,8 +81,7 @@ class Exchange:
         self._born = wall_ns()
         self._numbers: Counter[str] = Counter()  # of the latest batch, by group
         self._announced_ns = 0  # until when all groups are announced
-        self._interest: set[str] = set()
-        self._asked: set[str] = set()  # groups to ask all hosts for
+        self._interest = Interest(settings.eager, now_ns())
         self._changed: dict[str, Route] = {}  # in the order of the changes
         self._traffic = Traffic(now_ns())
         self._peers = Peers()
@@ -218,19 +218,18 @@ class Exchange:
             routes = self._routes.of(group)
             self._changed.update((name, route) for name, route in routes if route.leaves)
 
-    def connect(self) -> None:
-        """Announce all, and ask for what is read here again, as hosts have just connected."""
+    def connect(self, *, to_router: bool = False) -> None:
+        """Announce all, and ask for what is received here, as hosts have just connected."""
         with self._lock:
             self._announced_ns = self._now_ns() + _ANNOUNCE_NS
-            self._asked |= self._interest
+            self._interest.connect(to_router)
 
     def read(self, slots: Iterable[str]) -> set[str]:
         """Return the groups to receive, as these slots are read on this board."""
         with self._lock:
             entering = map(self._routes.naming.wire, filter(self._routes.enters, slots))
             groups = self._routes.own | {group_of(wire) for wire in entering if wire is not None}
-            self._asked = (self._asked | (groups - self._interest)) & groups
-            self._interest = groups
+            self._peers.restart(self._interest.change(groups))
             return groups
 
     def queries(self) -> list[Query]:
@@ -239,9 +238,8 @@ class Exchange:
             if self._settings.read_only or not self._settings.enter:
                 return []
             now_ns = self._now_ns()
-            asked, self._asked = self._asked, set()
             found = [Query(EVERY_HOST._replace(group=group), 0, self._query(group)[0])
-                     for group in sorted(asked)]  # fmt: skip
+                     for group in self._interest.take(now_ns)]  # fmt: skip
             for peer in self._peers.to_query(now_ns, self._wall_ns()):
                 data, known = self._query(peer.source.group)
                 # who pretends to lose messages is not queried all the time

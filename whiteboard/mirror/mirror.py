@@ -220,10 +220,10 @@ class Mirror:
 
     # ---- In the network's threads -----------------------------------------------------------
 
-    def receive_link(self) -> None:
+    def receive_link(self, to_router: bool) -> None:
         """Announce this host to one that has just connected, so that it queries this one."""
         self._stop.wait(_SETTLE_S)
-        self._exchange.connect()
+        self._exchange.connect(to_router=to_router)
         self._hello_s = _HEARTBEAT_S
         self._network.send_hello()
         self._send_heartbeats()

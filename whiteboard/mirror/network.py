@@ -44,7 +44,7 @@ _log = logging.getLogger("llfsm.mirror")
 class Receiver(Protocol):
     """Receives what arrives from a network, in Zenoh's threads."""
 
-    def receive_link(self) -> None:
+    def receive_link(self, to_router: bool) -> None:
         """Handle a new connection."""
 
     def receive_foreigner(self) -> None:
@@ -352,7 +352,7 @@ class Network:
             name = event.link.auth_identifier
             if self._access and name not in self._access:
                 self._receiver.refuse("a connection", f"`access` does not list {name!r}")
-            self._receiver.receive_link()
+            self._receiver.receive_link(event.link.zid in self._session.info.routers_zid())
 
     def close(self) -> None:
         """Leave the network; nothing is received any more.

@@ -180,6 +180,12 @@ class Peers:
             peer.missed_at_ns = min(at_ns, peer.missed_at_ns or at_ns)
             self._missing[source] = None
 
+    def restart(self, groups: set[str]) -> None:
+        """Record that groups are received from now on: what was sent before was not lost."""
+        for peer in self if groups else ():
+            if peer.source.group in groups:
+                peer.born = -1
+
     def end_reply(self, source: Source, gaps: int) -> None:
         """Record that a host has replied in full to a query sent after `gaps` gaps.
 

@@ -79,7 +79,7 @@ class Host:
         self.received: set[str] = set()
         if self.settings.eager:
             self.receive({EVERY_GROUP})
-        self.world.connect()
+        self.world.connect(self)
 
     def kill(self) -> None:
         """Kill its daemon; messages on their way to it are lost."""
@@ -201,8 +201,8 @@ class World:
         """Return the hosts that receive a group."""
         return self.readers[group] | self.readers[EVERY_GROUP]
 
-    def connect(self) -> None:
-        """Let all hosts know that some have connected."""
+    def connect(self, started: Host | None = None) -> None:
+        """Let all hosts know that some have connected: one that has started, or after a cut."""
         for host in self.hosts:
             if host.version_log is not None:
                 host.exchange.connect()

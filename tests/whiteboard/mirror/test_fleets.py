@@ -36,3 +36,20 @@ def test_a_site_that_is_cut_off_goes_on_alone_and_agrees_afterwards(tmp_path: Pa
         fleet.join()
         fleet.run(200)
         assert fleet.agrees()
+
+
+def test_what_a_dead_host_has_added_reaches_another_site_that_was_cut_off(tmp_path: Path) -> None:
+    """One of its site has it, and no host notices that routers have found each other."""
+    with closing(Fleet(2 * SITE, tmp_path)) as fleet:
+        fleet.add(SITE, (SITE, 0))
+        fleet.run(300)
+        fleet.cut(0)
+        fleet.add(SITE, (SITE, 0))
+        fleet.run(300)
+        fleet.hosts[SITE].kill()
+        fleet.join()
+        fleet.run(300)
+        assert not fleet.agrees()
+        fleet.now_ns += 60_000_000_000
+        fleet.run(300)
+        assert fleet.agrees()

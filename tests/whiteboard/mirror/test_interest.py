@@ -16,6 +16,7 @@ from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.mirror.batches import Batch, Heartbeat, StateQuery, decoder
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.groups import group_of
+from llfsm.whiteboard.mirror.packets import EVERY_HOST
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.simulation import World, fleet
 from llfsm.whiteboard.mirror.store import Store
@@ -291,6 +292,43 @@ def test_each_group_that_is_read_first_is_asked_for_once_and_again_at_a_connecti
     part.exchange.read({POSE.name})
     part.exchange.read(set())
     assert part.exchange.queries() == []
+
+
+def test_an_eager_host_asks_for_all_behind_a_router_as_not_all_report_to_it_there() -> None:
+    part = Part()
+    part.exchange.connect()
+    assert part.exchange.queries() == []
+    part.exchange.connect(to_router=True)
+    assert [query.source for query in part.exchange.queries()] == [EVERY_HOST]
+
+
+def test_what_is_received_is_asked_for_once_a_minute() -> None:
+    """Routers that find each other again report it to nobody."""
+    eager, lazy = Part(), Lazy()
+    lazy.exchange.read({ARM.name})
+    lazy.exchange.queries()
+    for part, group in ((eager, EVERY_HOST.group), (lazy, group_of(ARM.name))):
+        for _ in range(2):
+            part.now_ns += 59 * 10**9
+            assert part.exchange.queries() == []
+            part.now_ns += 10**9
+            assert [query.source for query in part.exchange.queries()] == [
+                EVERY_HOST._replace(group=group)
+            ]
+
+
+def test_what_was_sent_while_nobody_read_it_here_was_not_lost() -> None:
+    part = Lazy()
+    group = group_of(ARM.name)
+    for number in (1, 2, 9, 11):
+        if number == 9:
+            part.exchange.read(set())
+        part.exchange.read({ARM.name})
+        part.exchange.receive_batch(batch(number, ARM), group=group)
+        for query in part.exchange.queries():
+            part.exchange.end_reply(query)
+    (peer,) = part.exchange.status().peers
+    assert (peer.received, peer.lost) == (4, 1)
 
 
 @pytest.mark.parametrize("chosen", [{"read_only": True}, {"enter": ()}])

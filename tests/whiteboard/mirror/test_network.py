@@ -33,7 +33,8 @@ class Asker:
         self.ends: queue.Queue[bool] = queue.Queue()
         self.linked = False
 
-    def receive_link(self) -> None:
+    def receive_link(self, to_router: bool) -> None:
+        assert not to_router
         self.linked = True
 
     def receive_reply(self, data: bytes, *_: str) -> None:

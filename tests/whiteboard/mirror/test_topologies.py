@@ -103,6 +103,26 @@ def test_routers_in_the_middle(make_host: MakeHost, written: Written) -> None:
         agree(hosts, STATUS[1], 3)
 
 
+def test_behind_a_router_a_late_host_gets_what_only_a_reader_has(
+    make_host: MakeHost, written: Written
+) -> None:
+    """An eager one, too, to which a host that is not connected to it announces nothing."""
+    writer, reader, late = (make_host(name, "") for name in ("writer", "reader", "late"))
+    with router() as port:
+        options = written("host.toml", connect=f"tcp/127.0.0.1:{port}")
+        writer.start(*options)
+        reader.start(*options)
+        writer.add(1, STATUS[1])
+        agree([writer, reader], STATUS[1], 1)
+        wait_for(lambda: reader.status()["peers"], "the reader has had a heartbeat")
+        writer.send(9)
+        wait_for(lambda: reader.status()["peers"][0]["silent_s"] > 2, "it announces no more")
+        settings = Path(options[1])
+        settings.write_text(settings.read_text().replace("eager = false", "eager = true"))
+        late.start(*options)
+        agree([late], STATUS[1], 1)
+
+
 def test_robots_on_cellular_links(make_host: MakeHost, written: Written) -> None:
     depot, operator = make_host("depot"), make_host("operator", "")
     robots = [make_host(f"robot{number}", "") for number in (7, 8)]

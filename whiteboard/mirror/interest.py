@@ -1,0 +1,48 @@
+"""Which groups of slots this host receives, and when it asks all other hosts for them.
+
+A host that is connected directly reports itself, and one that adds to a slot reports by heartbeats
+what was missed. Neither is seen of a host that only has what another one has added which is gone
+since, if routers are between them. So what is received is asked for after each connection to a
+router, and once a minute, as routers may have lost and found each other.
+"""
+
+from __future__ import annotations
+
+from .groups import EVERY_GROUP
+
+__all__ = ["Interest"]
+
+_ASK_AGAIN_NS = 60_000_000_000
+
+
+class Interest:
+    """The groups that a host receives: all if it is eager, else those that are read there."""
+
+    def __init__(self, eager: bool, now_ns: int) -> None:
+        self._is_eager = eager
+        self._groups = {EVERY_GROUP} if eager else set[str]()
+        self._asked: set[str] = set()
+        self._again_ns = now_ns + _ASK_AGAIN_NS
+
+    def change(self, groups: set[str]) -> set[str]:
+        """Receive these groups from now on; return the new ones, which are asked for."""
+        new = groups - self._groups
+        self._asked = (self._asked | new) & groups
+        self._groups = groups
+        return new
+
+    def connect(self, to_router: bool) -> None:
+        """Ask again, as hosts have just connected: an eager host, only if they are behind a router.
+
+        All others report to it all that they have, and it asks each for what it misses.
+        """
+        if to_router or not self._is_eager:
+            self._asked |= self._groups
+
+    def take(self, now_ns: int) -> list[str]:
+        """Return the groups to ask all hosts for now."""
+        if now_ns >= self._again_ns:
+            self._again_ns = now_ns + _ASK_AGAIN_NS
+            self._asked |= self._groups
+        asked, self._asked = sorted(self._asked), set()
+        return asked
