@@ -60,6 +60,7 @@ __all__ = [
 
 
 _OWN = "llfsm/"  # slots in which llfsm's processes find each other
+_KEEPS_READ = "/."  # of `messages.fleet`, which cannot be imported here
 
 
 class WhiteboardError(LlfsmError):
@@ -121,7 +122,7 @@ class SlotNotFoundError(SlotError):
     """The board has no slot of that name; the message lists those it has, without llfsm's own."""
 
     def __init__(self, board: str, name: str, slots: Iterable[str]):
-        known = [each for each in slots if not each.startswith(_OWN)]
+        known = [s for s in slots if not s.startswith(_OWN) and not s.endswith(_KEEPS_READ)]
         super().__init__(
             f"board {board!r} has no slot {name!r}; its slots: {', '.join(known) or 'none'}"
             f"{did_you_mean(name, known)}"
