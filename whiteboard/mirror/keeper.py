@@ -14,12 +14,19 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
+from stat import S_ISREG
 from typing import NamedTuple, TypeAlias
 from zlib import crc32
 
 import msgspec
 
-from ..errors import BoardCorruptError, BoardError, BoardMirroredError, WhiteboardError
+from ..errors import (
+    BoardCorruptError,
+    BoardError,
+    BoardMirroredError,
+    BoardPermissionError,
+    WhiteboardError,
+)
 from .batches import Declaration, Value
 from .refusals import Refused
 from .settings import KeepSettings, matcher
@@ -59,8 +66,9 @@ class Keeper:
         board: the board's name.
 
     Raise :class:`.BoardCorruptError` for a damaged file, :class:`.BoardMirroredError` if another
-    daemon keeps messages in it, and another :class:`.BoardError` if it cannot be read or written,
-    or belongs to another board.
+    daemon keeps messages in it, :class:`.BoardPermissionError` if it belongs to another user, or is
+    another kind of file, and another :class:`.BoardError` if it cannot be read or written, or
+    belongs to another board.
 
     """
 
@@ -76,14 +84,16 @@ class Keeper:
         try:
             self._open()
         except OSError as error:
-            raise BoardError(f"{self._path}: {error.strerror}; messages cannot be kept") from error
+            is_there = error.filename and os.path.lexists(error.filename)
+            which = error.filename if is_there else self._path
+            raise BoardError(f"{which}: {error.strerror}; messages cannot be kept") from error
         self._writer = ThreadPoolExecutor(1, "keeper")
         self._writing: Future[None] | None = None
 
     def _open(self) -> None:
         """Lock the file and read it; make one if there is none."""
         try:
-            self._file = os.open(self._path, os.O_RDWR)
+            self._file = _open_own(self._path)
         except FileNotFoundError:
             self._replace()
             return
@@ -176,7 +186,7 @@ class Keeper:
         """Write the file, and put it in place of the previous one."""
         packed = msgspec.msgpack.encode(_Content(self._board, tuple(self._slots.values())))
         new = self._path.with_name(f"{self._path.name}.new")
-        file = os.open(new, os.O_RDWR | os.O_CREAT, 0o644)
+        file = _open_own(new, os.O_CREAT)
         try:
             self._lock(file)
             os.truncate(file, 0)
@@ -213,6 +223,19 @@ class Keeper:
         """Release the file."""
         self._writer.shutdown()
         os.close(self._file)
+
+
+def _open_own(path: Path, flags: int = 0) -> int:
+    """Open a file of this user: whoever owns it could put messages on the board."""
+    file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, 0o644)
+    status = os.fstat(file)
+    if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
+        os.close(file)
+        raise BoardPermissionError(
+            f"{path}: belongs to another user, or is not a regular file; messages cannot be kept: "
+            f"remove it, or choose another file"
+        )
+    return file
 
 
 def _checksum(packed: bytes) -> bytes:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from calling import call
 from llfsm.whiteboard import BoardError, Slot
 from llfsm.whiteboard.board_files import remove_board
-from llfsm.whiteboard.errors import BoardCorruptError, BoardMirroredError
+from llfsm.whiteboard.errors import BoardCorruptError, BoardMirroredError, BoardPermissionError
 from llfsm.whiteboard.mirror.keeper import Keeper
 from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import KeepSettings
@@ -205,6 +205,35 @@ def test_the_file_of_another_board_is_refused(kept: Kept) -> None:
 def test_a_folder_that_is_missing_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(BoardError, match=r"none/depot\.kept: No such file or directory"):
         Kept(tmp_path / "none").open()
+
+
+@pytest.mark.parametrize("name", ["depot.kept", "depot.kept.new"])
+@pytest.mark.parametrize(
+    "make",
+    [os.mkfifo, lambda path: path.touch() or os.chown(path, 12345, -1)],
+    ids=["pipe", "of another user"],
+)
+def test_what_is_no_file_of_this_user_is_refused(
+    tmp_path: Path, name: str, make: Callable[[Path], object]
+) -> None:
+    """Before anything is read: a pipe would be waited for."""
+    kept = Kept(tmp_path)
+    try:
+        make(tmp_path / name)
+    except PermissionError as error:
+        pytest.skip(f"only root can give a file away: {error}")
+    with pytest.raises(BoardPermissionError, match=rf"{name}: belongs to another user, or is not"):
+        kept.open()
+
+
+def test_a_link_in_place_of_the_new_file_is_not_followed(tmp_path: Path) -> None:
+    """In a folder that others may write, it may lead to any file."""
+    kept, other = Kept(tmp_path), tmp_path / "other"
+    other.write_text("precious")
+    (tmp_path / "depot.kept.new").symlink_to(other)
+    with pytest.raises(BoardError, match=r"depot.kept.new: .*; messages cannot be kept"):
+        kept.open()
+    assert other.read_text() == "precious"
 
 
 def test_a_write_that_fails_is_reported_and_tried_again(kept: Kept) -> None:
