@@ -179,6 +179,34 @@ static PyObject *board_slots(Board *self, PyObject *unused)
     return list;
 }
 
+/* find(name): returns the record of that slot as slots() does, or None. */
+static PyObject *board_find(Board *self, PyObject *text)
+{
+    if (!is_open(self, self->path))
+        return NULL;
+    union lwb_name name = LWB_ZERO;
+    PyObject *encoded = PyUnicode_AsEncodedString(text, "utf-8", "surrogateescape");
+    Py_ssize_t length = encoded ? PyBytes_Size(encoded) : 0;
+    bool possible = length > 0 && length <= LWB_MAX_NAME;
+    if (possible)
+        memcpy(name.text, PyBytes_AsString(encoded), (size_t)length);
+    Py_XDECREF(encoded);
+    if (!encoded && !PyErr_ExceptionMatches(PyExc_UnicodeEncodeError))
+        return NULL;
+    PyErr_Clear();
+    struct lwb_record *r = NULL;
+    int index, status = LWB_MISSING;
+    uint64_t offset, life;
+    if (possible && strlen(name.text) == (size_t)length)
+        r = lwb_look_up(&self->board, &name, &index, &offset, &life, &status);
+    if (!r)
+        return status == LWB_MISSING ? Py_NewRef(Py_None) : fail(status, self->path, NULL);
+    self->users++; /* as in slots() */
+    PyObject *item = board_record(r, &name, false);
+    board_leave(self);
+    return item;
+}
+
 /* Append the name of a slot to a list, unless it has none now. Return whether that worked. */
 static bool append_name(Board *self, PyObject *list, int index)
 {
@@ -317,6 +345,7 @@ static PyMethodDef board_methods[] = {
     {"linked", (PyCFunction)board_linked, METH_NOARGS, NULL},
     {"shared", (PyCFunction)board_shared, METH_NOARGS, NULL},
     {"slots", (PyCFunction)board_slots, METH_NOARGS, NULL},
+    {"find", (PyCFunction)board_find, METH_O, NULL},
     {"readings", (PyCFunction)board_readings, METH_NOARGS, NULL},
     {"read", (PyCFunction)board_read, METH_NOARGS, NULL},
     {"vacate", (PyCFunction)board_vacate, METH_O, NULL},

@@ -123,11 +123,13 @@ class Whiteboard(Board):
         For tools that do not have the slot's own class. Raise :class:`.SlotNotFoundError`, or
         :class:`.MessageTypeError` if its schema is invalid.
         """
-        slots = self.slots()
-        for info in slots:
-            if info.name == name:
-                return info.slot()
-        raise SlotNotFoundError(self.name, name, [info.name for info in slots])
+        record = self._core.find(name)
+        if record is not None:
+            return _info(*record).slot()
+        slots = {info.name: info for info in self.slots()}
+        if name in slots:  # as it is listed: its name is damaged
+            return slots[name].slot()
+        raise SlotNotFoundError(self.name, name, slots)
 
     def watcher(self) -> Callable[[float], list[str]]:
         """Return a function that waits until any slot has a new message."""

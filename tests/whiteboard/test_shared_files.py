@@ -18,6 +18,7 @@ from llfsm.whiteboard import (
     SlotNotFoundError,
     Whiteboard,
 )
+from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.board_files import default_name, remove_board
 from llfsm.whiteboard.messages.fleet import KEEPS_READ
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
@@ -153,6 +154,38 @@ def test_a_tool_finds_a_slot_without_its_class(wb: Whiteboard) -> None:
     _ = wb[Slot("arm" + KEEPS_READ, Twist)]  # as who shows another host has it
     with pytest.raises(SlotNotFoundError, match=r"board 'board' has no slot 'x'; its slots: cmd$"):
         wb.find("x")
+
+
+@pytest.mark.parametrize(
+    "name", ["", "cmd\0", "c" * 256, "c" * 100_000, "\udcff", chr(0xD800), "é"]
+)
+def test_a_name_that_no_slot_has_is_not_found(wb: Whiteboard, name: str) -> None:
+    wb.add_message(Slot("cmd", Twist), Twist())
+    with pytest.raises(SlotNotFoundError, match="its slots: cmd"):
+        wb.find(name)
+
+
+def test_a_slot_is_found_until_its_name_is_given_up_to_another(wb: Whiteboard) -> None:
+    before = "none"
+    for name in ("é", "a.b/c", "c" * 255):
+        wb.add_message(Slot(name, Twist), Twist())
+        assert wb.find(name).name == name
+        with pytest.raises(SlotNotFoundError):
+            wb.find(before)
+        wb.vacate(Slot(name, Twist))
+        before = name
+
+
+def test_finding_a_slot_does_not_list_all(tmp_path: Path) -> None:
+    """A daemon finds each of up to 4096 when it starts."""
+
+    class Unlisted(Whiteboard):
+        def slots(self) -> list[SlotInfo]:
+            raise AssertionError
+
+    with Unlisted("board", directory=tmp_path) as wb:
+        wb.add_message(Slot("cmd", Twist), Twist())
+        assert wb.find("cmd").name == "cmd"
 
 
 class Twice(Message, type_name="std_msgs/msg/Int64"):
