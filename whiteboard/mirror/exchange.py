@@ -27,7 +27,7 @@ from .batches import (
     divide,
     encode,
 )
-from .groups import EVERY_GROUP, group_of
+from .groups import EVERY_GROUP
 from .interest import Interest
 from .merge import Version
 from .packets import EVERY_HOST, Packet, Query
@@ -81,7 +81,7 @@ class Exchange:
         self._born = wall_ns()
         self._numbers: Counter[str] = Counter()  # of the latest batch, by group
         self._announced_ns = 0  # until when all groups are announced
-        self._interest = Interest(settings.eager, now_ns())
+        self.interest = Interest(settings.eager, now_ns())
         self._changed: dict[str, Route] = {}  # in the order of the changes
         self._traffic = Traffic(now_ns())
         self._peers = Peers()
@@ -149,12 +149,12 @@ class Exchange:
         """Record what has changed, `slots` perhaps among it."""
         changed, routes, news = self._changed, self._routes, self._store.news
         for name in slots:
-            route = routes.usable(name)
+            route = routes.offered_by(name)
             if route is not None and route.leaves and route.cell.has_news():
                 changed[name] = route
         for name in news:
-            route = routes.get(name)
-            if route.leaves:
+            route = routes.offered_by(name)
+            if route is not None and route.leaves:
                 changed[name] = route
         news.clear()
 
@@ -185,10 +185,10 @@ class Exchange:
         return packed
 
     def groups(self, slots: Iterable[str] = ()) -> list[str]:
-        """Return the groups of which this host has slots that may leave; `slots` may be new."""
+        """Return the groups of which this host has messages that may leave; `slots` have some."""
         with self._lock:
             for slot in slots:
-                self._routes.usable(slot)
+                self._routes.offered_by(slot)
             return self._routes.in_order(self._routes.offered)
 
     def heartbeats(self) -> list[Packet]:
@@ -222,15 +222,13 @@ class Exchange:
         """Announce all, and ask for what is received here, as hosts have just connected."""
         with self._lock:
             self._announced_ns = self._now_ns() + _ANNOUNCE_NS
-            self._interest.connect(to_router)
+            self.interest.connect(to_router)
 
     def read(self, slots: Iterable[str]) -> set[str]:
-        """Return the groups to receive, as these slots are read on this board."""
+        """Return the groups to receive, as these slots are read here; see `Interest.change`."""
         with self._lock:
-            entering = map(self._routes.naming.wire, filter(self._routes.enters, slots))
-            groups = self._routes.own | {group_of(wire) for wire in entering if wire is not None}
-            self._peers.restart(self._interest.change(groups))
-            return groups
+            self._peers.restart(self.interest.change(self._routes.to_receive(slots)))
+            return self.interest.groups
 
     def queries(self) -> list[Query]:
         """Return the queries to send now."""
@@ -239,7 +237,7 @@ class Exchange:
                 return []
             now_ns = self._now_ns()
             found = [Query(EVERY_HOST._replace(group=group), 0, self._query(group)[0])
-                     for group in self._interest.take(now_ns)]  # fmt: skip
+                     for group in self.interest.take(now_ns)]  # fmt: skip
             for peer in self._peers.to_query(now_ns, self._wall_ns()):
                 data, known = self._query(peer.source.group)
                 # who pretends to lose messages is not queried all the time

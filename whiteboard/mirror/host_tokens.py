@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from .keys import Keys, name_in
+from .keys import Keys, host_in
+from .settings import Settings
 
 if TYPE_CHECKING:
     import zenoh
@@ -14,14 +16,27 @@ __all__ = ["HostTokens"]
 
 
 class HostTokens:
-    """The tokens of the hosts of a board, which are received while somebody looks for them."""
+    """The tokens of the hosts of a board, which are received while somebody looks for them.
 
-    def __init__(self, liveliness: Any, keys: Keys) -> None:
+    Args:
+        liveliness: that of a Zenoh session.
+        keys: of this host.
+        settings: of the daemon. As many tokens are looked at as a host may make slots, as those who
+            show the hosts have slots for each: of each certificate if these are known, else of all.
+
+    """
+
+    def __init__(self, liveliness: Any, keys: Keys, settings: Settings) -> None:
         self._liveliness = liveliness
         self._keys = keys
+        self._most = settings.quota.slots
+        self._access = settings.access
         self._declared: list[Any] = []
         self._subscriber: Any = None
-        self._names: dict[str, str] = {}  # by token
+        self._tokens = defaultdict[str, set[str]](set)
+        self._names: tuple[str, ...] = ()
+        self._has_changed = True  # since `_names` was made
+        self._has_ignored = False
 
     def declare(self, name: str, refuse: Callable[[str, str], None]) -> None:
         """Let other hosts know the name of this one, and report those that have it, too."""
@@ -40,28 +55,43 @@ class HostTokens:
         ]
 
     def look(self, wanted: bool) -> None:
-        """Keep `names` up to date from now on, or no more."""
-        if wanted and self._subscriber is None:
-            import zenoh
-
-            self._names = names = dict[str, str]()
-
-            def receive(sample: zenoh.Sample) -> None:
-                token = str(sample.key_expr)
-                if sample.kind == zenoh.SampleKind.PUT:
-                    names[token] = name_in(token)
-                else:
-                    names.pop(token, None)
-
-            self._subscriber = self._subscribe(self._keys.named("*"), receive)
-        elif not wanted and self._subscriber is not None:
+        """Keep `names` up to date from now on, or no more; call it about once a second."""
+        has_room = self._has_ignored and min(map(len, [*self._tokens.values()])) < self._most
+        if self._subscriber is not None and (has_room or not wanted):
             self._subscriber.undeclare()
             self._subscriber = None
+        if wanted and self._subscriber is None:
+            self._receive_tokens()
+
+    def _receive_tokens(self) -> None:
+        import zenoh
+
+        self._tokens = tokens = defaultdict[str, set[str]](set)
+        self._has_changed, self._has_ignored = True, False
+
+        def receive(sample: zenoh.Sample) -> None:
+            token = str(sample.key_expr)
+            of_one = tokens[host_in(token)[0] if self._access else ""]
+            if sample.kind != zenoh.SampleKind.PUT:
+                of_one.discard(token)
+            elif len(of_one) < self._most:
+                of_one.add(token)
+            else:
+                self._has_ignored = True
+            self._has_changed = True
+
+        self._subscriber = self._subscribe(self._keys.named("*"), receive)
 
     @property
     def names(self) -> tuple[str, ...] | None:
         """The names of the hosts that can be reached; None while nobody looks for them."""
-        return None if self._subscriber is None else tuple(sorted({*self._names.copy().values()}))
+        if self._subscriber is None:
+            return None
+        if self._has_changed:
+            self._has_changed = False
+            tokens = [token for of_one in [*self._tokens.values()] for token in of_one.copy()]
+            self._names = tuple(sorted({host_in(token)[1] for token in tokens}))
+        return self._names
 
     def close(self) -> None:
         """Withdraw this host's token, and receive no more."""

@@ -13,6 +13,7 @@ from .groups import EVERY_GROUP
 __all__ = ["Interest"]
 
 _ASK_AGAIN_NS = 60_000_000_000
+_NEW_AT_ONCE = 16  # groups: a process that reads thousands must not stop this host from sending
 
 
 class Interest:
@@ -20,15 +21,21 @@ class Interest:
 
     def __init__(self, eager: bool, now_ns: int) -> None:
         self._is_eager = eager
-        self._groups = {EVERY_GROUP} if eager else set[str]()
+        self.groups = {EVERY_GROUP} if eager else set[str]()
+        self.is_complete = True
+        """Whether these are all that are wanted."""
         self._asked: set[str] = set()
         self._again_ns = now_ns + _ASK_AGAIN_NS
 
-    def change(self, groups: set[str]) -> set[str]:
-        """Receive these groups from now on; return the new ones, which are asked for."""
-        new = groups - self._groups
-        self._asked = (self._asked | new) & groups
-        self._groups = groups
+    def change(self, wanted: set[str]) -> set[str]:
+        """Receive these groups from now on; return the new ones, which are asked for.
+
+        These are a few at a time, as each takes a while: call it again for the others.
+        """
+        new = set(sorted(wanted - self.groups)[:_NEW_AT_ONCE])
+        self.groups = (self.groups & wanted) | new
+        self.is_complete = self.groups == wanted
+        self._asked = (self._asked | new) & wanted
         return new
 
     def connect(self, to_router: bool) -> None:
@@ -37,12 +44,12 @@ class Interest:
         All others report to it all that they have, and it asks each for what it misses.
         """
         if to_router or not self._is_eager:
-            self._asked |= self._groups
+            self._asked |= self.groups
 
     def take(self, now_ns: int) -> list[str]:
         """Return the groups to ask all hosts for now."""
         if now_ns >= self._again_ns:
             self._again_ns = now_ns + _ASK_AGAIN_NS
-            self._asked |= self._groups
+            self._asked |= self.groups
         asked, self._asked = sorted(self._asked), set()
         return asked

@@ -35,7 +35,7 @@ __all__ = [
     "access_control",
     "asked_in",
     "board_in",
-    "name_in",
+    "host_in",
     "sender_in",
     "usable_name",
     "version_in",
@@ -108,9 +108,10 @@ class Keys:
         return f"{self._root}/state/{self._me}/{asked.group or _ALL}/{asked.asker}/{asked.asker_id}"
 
 
-def name_in(token: str) -> str:
-    """Return what the host of a token is called."""
-    return token.rsplit("/", 2)[1]
+def host_in(token: str) -> tuple[str, str]:
+    """Return the name in the certificate of a token's host, and what it is called."""
+    _, name, called, _ = token.rsplit("/", 3)
+    return name, called
 
 
 def version_in(key: str) -> str:

@@ -101,7 +101,8 @@ class Mirror:
                 status = now + _STATUS_S
                 publish(self._exchange.status())
             self._exchange.enter_held()
-            changed = self._watch(self._until_due(max(0, heartbeat - time.monotonic())))
+            next_s = min(heartbeat, max(self._look_s, now + _TICK_S)) - time.monotonic()
+            changed = self._watch(self._until_due(max(0, next_s)))
             while self._begun:
                 self._exchange.begin_sending(self._begun.popitem()[0])
             if not self._offered.issuperset(changed):
@@ -160,10 +161,10 @@ class Mirror:
             slots = self._board.read_slots()
             self._network.hosts.look(HOSTS.name in slots)
             if not self._eager:
-                if self._naming.host:  # it reads its own slots, also those without messages
-                    self._exchange.groups(info.name for info in self._board.slots())
                 self._network.receive(self._exchange.read(slots))
                 self._send_queries()
+                if not self._exchange.interest.is_complete:
+                    self._look_s = now
 
     def _publish_hosts(self) -> None:
         """Publish which hosts there are, while a process reads that."""

@@ -159,7 +159,7 @@ class Network:
             "allowed_destination": zenoh.Locality.REMOTE,
         }
         self._hello = self._session.declare_publisher(self._keys.hello, **self._outgoing)
-        self.hosts = HostTokens(self._session.liveliness(), self._keys)
+        self.hosts = HostTokens(self._session.liveliness(), self._keys, settings)
         """The names of hosts, this one's among them."""
         self._name = settings.as_
         self._batches: dict[str, Any] = {}  # publishers, by group

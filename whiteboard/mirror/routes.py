@@ -75,9 +75,17 @@ class Routes:
         self._routes: dict[str, Route] = {}
         self._groups: dict[str, list[tuple[str, Route]]] = {}
         self.offered: dict[str, bool] = {}
-        """The groups of slots that may leave, and which of them are about machines."""
-        self.own: set[str] = set()
-        """The groups of a named host's own slots that may enter: only what is for it arrives."""
+        """The groups that have messages which may leave, and which of them are about machines."""
+    def to_receive(self, read: Iterable[str]) -> set[str]:
+        """Return the groups of slots that are read and may enter, and of a named host's own.
+
+        What is for it arrives, also in slots that have no message yet.
+        """
+        if self.naming.host:
+            names = (info.name for info in self._store.board.slots())
+            read = {*read, *filter(self.naming.is_own, names)}
+        wires = map(self.naming.wire, filter(self.enters, read))
+        return {group_of(wire) for wire in wires if wire is not None}
 
     def known(self, name: str) -> Route | None:
         """Return the route of a slot that was asked for before."""
@@ -96,10 +104,6 @@ class Routes:
             cell, period = self._store.cell(name), self._period_ns(name)
             route = self._routes[name] = Route(cell, wire, leaves, enters, period)
             self._groups.setdefault(route.group, []).append((name, route))
-            if leaves:
-                self.offered[route.group] = name.startswith(_OURS)
-            if enters and self.naming.host and self.naming.is_own(name):
-                self.own.add(route.group)
         return route
 
     def usable(self, name: str) -> Route | None:
@@ -109,6 +113,13 @@ class Routes:
         except Refused as refused:
             self._refusals.add(f"unusable: {name}", str(refused))
             return None
+
+    def offered_by(self, name: str) -> Route | None:
+        """Return the route of a slot with a message, whose group is offered if it may leave."""
+        route = self._routes.get(name) or self.usable(name)
+        if route is not None and route.leaves:
+            self.offered[route.group] = name.startswith(_OURS)
+        return route
 
     def in_order(self, groups: Iterable[str]) -> list[str]:
         """Return groups with those first that are about machines.

@@ -331,6 +331,31 @@ def test_what_was_sent_while_nobody_read_it_here_was_not_lost() -> None:
     assert (peer.received, peer.lost) == (4, 1)
 
 
+def test_of_many_groups_that_are_read_first_a_few_are_asked_for_at_a_time() -> None:
+    part = Lazy()
+    slots = {f"folder{number}/x" for number in range(40)}
+    asked: list[str] = []
+    while not asked or not part.exchange.interest.is_complete:
+        received = len(part.exchange.read(slots))
+        asked += [query.source.group for query in part.exchange.queries()]
+        assert received == len(asked)
+        assert received % 16 == 0 or received == 40
+    assert sorted(asked) == sorted(map(group_of, slots))
+    assert part.exchange.read(set()) == set()
+    assert part.exchange.interest.is_complete
+
+
+def test_a_group_is_offered_when_it_has_a_message() -> None:
+    part = Part()
+    part.board[ARM].get()
+    part.collect()
+    assert part.exchange.status().slots == 1
+    assert part.exchange.groups() == []
+    part.board.add_message(ARM, Number(1))
+    part.collect()
+    assert part.exchange.groups() == [group_of(ARM.name)]
+
+
 @pytest.mark.parametrize("chosen", [{"read_only": True}, {"enter": ()}])
 def test_a_host_that_lets_nothing_enter_asks_for_nothing(chosen: dict[str, object]) -> None:
     part = Lazy(**chosen)

@@ -9,9 +9,21 @@ import pytest
 
 from free_ports import free_endpoint
 from llfsm.whiteboard import NetworkError, Whiteboard
+from llfsm.whiteboard.messages.fleet import HOSTS
+from llfsm.whiteboard.mirror.batches import VERSION
 from waiting import wait_for
 
-from .conftest import LLFSM, NAME, NUMBER, Certify, Host, MakeHost, Number, number_slot
+from .conftest import (
+    LLFSM,
+    NAME,
+    NUMBER,
+    Certify,
+    Host,
+    MakeHost,
+    Number,
+    number_slot,
+    plain_session,
+)
 from .test_access import refused
 
 CMD, POSE = number_slot("cmd"), number_slot("pose")
@@ -83,3 +95,27 @@ def test_what_cannot_be_a_hosts_name_is_an_error(tmp_path: Path) -> None:
     assert "'robot/7' cannot be the name of a host (`as`): use 1 to 64 letters" in done.stderr
     with pytest.raises(NetworkError, match="'llfsm' cannot be the name of a host"):
         Whiteboard.connect("tcp/127.0.0.1:1", NAME, as_="llfsm")
+
+
+def test_hosts_that_another_one_makes_up_hide_no_other_for_long(make_host: MakeHost) -> None:
+    """As many are looked at as it may make slots, and others again when these are gone."""
+    operator, robot = make_host("operator"), make_host("robot")
+    settings = operator.directory / "settings.toml"
+    settings.write_text('as = "operator"\nfleet = ["*"]\n[quota]\nslots = 3\n')
+    operator.start("--config", str(settings))
+
+    def names() -> tuple[str, ...]:
+        hosts = operator.board[HOSTS].get()
+        return () if hosts is None else hosts.names
+
+    with plain_session(operator) as session:
+        root = f"llfsm/{VERSION}/{NAME}/hosts/-"
+        tokens = [session.liveliness().declare_token(f"{root}/x{n}/{n}") for n in range(20)]
+        wait_for(lambda: len(names()) == 3, "some of them")
+        robot.start("--as", "robot7", connect=[operator])
+        robot.add(1, POSE)
+        wait_for(lambda: operator.get(THEIR_POSE) == 1)
+        assert len(names()) == 3
+        assert "robot7" not in names()
+        tokens.clear()
+    wait_for(lambda: names() == ("operator", "robot7"), "those that are there")
