@@ -46,6 +46,7 @@ class _Known:
 
     def __init__(self) -> None:
         self.is_there = True
+        self.begun_ns = time.monotonic_ns()  # before, it may have travelled to nobody here
         self.sample: Sample[HostSummary] | None = None
         self._leads_s: deque[float] = deque(maxlen=_LEADS)
 
@@ -128,7 +129,9 @@ class FleetTable:
     def _row(self, name: str, known: _Known, now_ns: int) -> HostRow:
         sample, lead_s = known.sample, known.lead_s
         trouble: Trouble = ""
-        is_silent = sample is not None and now_ns - sample.stamp_ns > self._silent_ns
+        is_silent = (
+            sample is not None and now_ns - max(sample.stamp_ns, known.begun_ns) > self._silent_ns
+        )
         if not known.is_there or is_silent:
             trouble = "lost"
         elif sample is not None and sample.message.troubled:

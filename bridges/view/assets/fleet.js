@@ -78,7 +78,7 @@ function drawRow({ row, own, there, contact, lead, trouble: worst, summary }, ti
   set("contact", contact === null ? NONE : age(Math.max(0, time - contact)));
   showTraffic(row.querySelector(".out"), summary?.sent_rate, summary?.leave_rate);
   showTraffic(row.querySelector(".in"), summary?.received_rate, summary?.enter_rate);
-  set("clock", own || lead === null ? NONE : `${lead < 0 ? "−" : "+"}${duration(Math.abs(lead))}`);
+  set("clock", own || lead === null ? NONE : signed(lead));
   set("machines", summary ? counted(summary) : NONE);
   showTroubles(row.querySelector(".troubles"), summary);
 }
@@ -86,6 +86,11 @@ function drawRow({ row, own, there, contact, lead, trouble: worst, summary }, ti
 // Not in milliseconds: a host reports once a second.
 function age(seconds) {
   return seconds < 9.95 ? `${seconds.toFixed(1)} s` : duration(seconds);
+}
+
+function signed(lead) {
+  const size = duration(Math.abs(lead));
+  return size === duration(0) ? size : `${lead < 0 ? "−" : "+"}${size}`;
 }
 
 function showTraffic(cell, bytes, messages) {

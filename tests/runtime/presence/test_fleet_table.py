@@ -10,8 +10,11 @@ import pytest
 from llfsm.runtime.presence.fleet_table import FleetTable, HostRow
 from llfsm.runtime.presence.hosts import NO_DAEMON
 from llfsm.whiteboard import Board, Whiteboard
+from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.fleet import HOSTS, Hosts, HostSummary, summary_slot
 from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
+
+HOUR_NS = 3_600_000_000_000
 
 
 @pytest.fixture
@@ -70,6 +73,21 @@ def test_a_host_that_is_silent_is_lost(board: Board) -> None:
     with FleetTable(board, silent_s=0) as table:
         assert rows(table)["robot7"].trouble == "lost"
         assert rows(table)["robot8"].trouble == "", "it may be older than summaries"
+
+
+def test_a_host_is_not_silent_because_nobody_has_read_it() -> None:
+    past_ns = HOUR_NS
+    board = LocalBoard("operators", now_ns=lambda: time.monotonic_ns() - past_ns)
+    publish(board, "robot7")
+    past_ns = 0
+    board.add_message(MIRROR, MirrorStatus(name="operator", fleet=("robot*",)))
+    board.add_message(HOSTS, Hosts(("operator", "robot7")))
+    with FleetTable(board) as table, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fleet_table, "_SILENT_NS", HOUR_NS // 2)
+        row = rows(table)["robot7"]
+    assert row.trouble == ""
+    assert row.contact_ns is not None
+    assert time.monotonic_ns() - row.contact_ns >= HOUR_NS
 
 
 def test_the_lead_of_a_clock_is_that_of_the_fastest_message(board: Board) -> None:
