@@ -82,8 +82,7 @@ def test_a_host_is_not_silent_because_nobody_has_read_it() -> None:
     past_ns = 0
     board.add_message(MIRROR, MirrorStatus(name="operator", fleet=("robot*",)))
     board.add_message(HOSTS, Hosts(("operator", "robot7")))
-    with FleetTable(board) as table, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fleet_table, "_SILENT_NS", HOUR_NS // 2)
+    with FleetTable(board, silent_s=HOUR_NS // 2 / 1e9) as table:
         row = rows(table)["robot7"]
     assert row.trouble == ""
     assert row.contact_ns is not None
