@@ -60,7 +60,7 @@ def test_a_slot_for_each_message_needs_no_memory(board: Board) -> None:
 
     assert board[Slot("robot/point", Point)] is board[POINT]
     use(50)
-    assert growth_of(lambda: use(300)) < 60_000  # a slot takes more than 200 bytes
+    assert growth_of(lambda: use(300)) < 150
 
 
 def test_reserving_adds_nothing(board: Board) -> None:

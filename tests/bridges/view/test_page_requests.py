@@ -80,5 +80,5 @@ def test_posts_need_no_memory(tmp_path: Path) -> None:
                 perform(request, source, control=True)
 
         use(50)
-        assert growth_of(lambda: use(300)) < 20_000
-        assert board[Slot("lamp", Bool)].count == 351
+        assert growth_of(lambda: use(300)) < 150
+        assert board[Slot("lamp", Bool)].count > 350
