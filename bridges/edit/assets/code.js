@@ -123,6 +123,8 @@ export class Code {
   }
 
   changed(update) {
+    // Completions that come when the focus has gone would stay.
+    if (selectedCompletion(update.state) && !update.view.hasFocus) closeCompletion(update.view);
     if (update.docChanged) this.shown = null; // findings have moved with what was typed
     if (!update.docChanged || update.transactions.some((each) => each.annotation(fromServer))) return;
     clearTimeout(this.timer);
@@ -132,9 +134,14 @@ export class Code {
   // Writes what was typed; returns when the server has it.
   async send() {
     clearTimeout(this.timer);
-    if (this.isSending || !(this.isUnsent || this.includes.length)) return;
+    if (!(this.isUnsent || this.includes.length)) return;
+    if (this.isSending) {
+      this.isWanted = true; // what refuses the one on its way may be over
+      return;
+    }
     const { text, was, includes } = this;
     this.includes = [];
+    this.isWanted = false;
     this.isSending = true;
     try {
       await this.write(this.place, text, was, includes);
@@ -145,12 +152,11 @@ export class Code {
       this.includes.unshift(...includes);
       this.problem = message;
       this.machine.drafts.set(this.place, { text, was, includes, problem: message });
-      return;
     } finally {
       this.isSending = false;
       this.explain();
     }
-    if (this.isUnsent) this.send();
+    if (this.isWanted || !this.problem) this.send();
   }
 
   // Shows why a text is not written, and what others have written in its place.

@@ -39,7 +39,7 @@ export function listen(actions) {
     const act = actions[key];
     const isAnywhere = ["Ctrl+z", "Ctrl+Shift+z", "Ctrl+y", "Ctrl+Enter", "Ctrl+Shift+Enter", "Escape"].includes(key);
     if (!act || (isField && !isAnywhere && !key.startsWith("Alt+Arrow"))) return;
-    if (key === "Escape" && document.querySelector(".cm-tooltip-autocomplete")) return;
+    if (key === "Escape" && event.target.closest(".cm-editor")?.querySelector(".cm-tooltip-autocomplete")) return;
     if (act(event) === false) return;
     event.preventDefault();
     event.stopPropagation();

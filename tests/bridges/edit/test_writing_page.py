@@ -217,6 +217,22 @@ def test_what_is_typed_without_a_server_is_written_when_there_is_one(
     again.end()
 
 
+def test_completions_that_come_late_do_not_stay(page: Page) -> None:
+    state(page, "A").click()
+    clear(page, "A|OnExit")
+    clear(page, "A|OnEntry")
+    page.keyboard.type("cou")
+    page.keyboard.press("Control+Enter")  # to the next text
+    page.keyboard.type("pas")
+    lists = page.locator(".cm-tooltip-autocomplete")
+    expect(page.locator("[data-place='A|OnExit'] .cm-tooltip-autocomplete")).to_be_visible()
+    expect(lists).to_have_count(1)
+    page.keyboard.press("Escape")
+    expect(lists).to_have_count(0)
+    page.keyboard.press("Escape")
+    expect(page.locator("[data-place='A|OnExit'] .cm-content")).not_to_be_focused()
+
+
 def test_what_cannot_be_written_is_kept_until_it_can(page: Page, bundle: Path) -> None:
     state(page, "A").click()
     editor(page, "A|OnEntry")
