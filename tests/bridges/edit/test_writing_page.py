@@ -111,8 +111,8 @@ def test_types_of_ros_and_of_the_board_are_included(page: Page, bundle: Path) ->
         expect(page.locator("[data-place='|Variables']")).to_contain_text(f'"{name}", {called}))')
         page.keyboard.press("End")
         page.keyboard.press("Enter")
-    wait_for(lambda: "there" in (bundle / "M_Variables.py").read_text(), "it is written")
-    wait_for(lambda: "GeometryMsgsPose" in (bundle / "M_Includes.py").read_text(), "included")
+    for file in ("Variables", "Includes"):
+        wait_for(lambda: "GeometryMsgsPose" in (bundle / f"M_{file}.py").read_text(), "written")  # noqa: B023
     names = {slot.type.__type_name__ for slot in types().values()}
     assert {"turtlesim/msg/Pose", "geometry_msgs/msg/Pose"} < names
 
