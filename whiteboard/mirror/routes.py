@@ -76,6 +76,7 @@ class Routes:
         self._groups: dict[str, list[tuple[str, Route]]] = {}
         self.offered: dict[str, bool] = {}
         """The groups that have messages which may leave, and which of them are about machines."""
+
     def to_receive(self, read: Iterable[str]) -> set[str]:
         """Return the groups of slots that are read and may enter, and of a named host's own.
 
