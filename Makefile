@@ -70,12 +70,12 @@ fleet: $(VENV)/.ready-setup
 	@mkdir -p out
 	@$(BIN)/python examples/fleet/start.py out/fleet.svg
 
-# Without other plugins: a sourced ROS 2 environment brings some of its own. Three workers a
-# processor, as tests wait more than half their time; each takes whole files, so that what a file's tests share
+# Without other plugins: a sourced ROS 2 environment brings some of its own. More than two workers a
+# processor, as tests wait half their time; each takes whole files, so that what a file's tests share
 # is made once.
 PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin \
     -p xdist -p pytest_timeout
-TEST := $(PYTEST) -n $$((3 * $$(getconf _NPROCESSORS_ONLN))) --dist loadfile --no-loadscope-reorder
+TEST := $(PYTEST) -n $$((2 * $$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadfile --no-loadscope-reorder
 test: $(VENV)/.ready-test
 	$(TEST)
 
