@@ -21,7 +21,7 @@ export class Debugging {
     this.name = name;
     this.ask = ask;
     this.breakpoints = [];
-    this.typed = ""; // the breakpoint that was typed last: it is kept once it is set
+    this.typed = new Set(); // breakpoints that were typed: they are kept once they are set
     this.kept = new Kept(board, name);
     this.overridden = "";
     this.paused = make("p", { class: "paused", role: "status", hidden: true });
@@ -80,8 +80,10 @@ export class Debugging {
 
   add(text) {
     const isWhole = text.startsWith("@") || /^[^\s:]+(:|!)/.test(text);
-    this.typed = isWhole ? text : `${this.name}:${text}`;
-    this.send("break", this.typed);
+    const whole = isWhole ? text : `${this.name}:${text}`;
+    this.typed.add(whole);
+    this.keep(); // also one that is set already
+    this.send("break", whole);
   }
 
   draw(machine, model, span) {
@@ -119,8 +121,12 @@ export class Debugging {
     setText(this.problem, problem);
     if (breakpoints.join("\n") === this.breakpoints.join("\n")) return;
     this.breakpoints = breakpoints;
-    if (breakpoints.includes(this.typed)) this.kept.add(this.typed);
+    this.keep();
     this.drawChips();
+  }
+
+  keep() {
+    for (const text of this.breakpoints) if (this.typed.delete(text)) this.kept.add(text);
   }
 
   drawChips() {

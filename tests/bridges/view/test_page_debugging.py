@@ -155,6 +155,26 @@ def test_breakpoints_are_kept_in_the_browser(
     assert seen.errors == []
 
 
+def test_all_breakpoints_that_are_typed_are_kept(
+    board: str, start: Callable[..., Any], visit: Callable[..., Any]
+) -> None:
+    """Also one after the other without a wait, and one that a command has set before."""
+    start("run", NAME, "-q", "-b", board, "--break", f"{NAME}:END")
+    seen = visit(start(Server, board, "--control").address)
+    card = seen.page.locator(f"[data-machine={NAME}]")
+    expect(card.locator(".breakpoints")).to_have_text(f"{NAME}:END \u00d7")
+    typed = ["TURN_RIGHT if False", "END", "INITIAL if False"]
+    breakpoint = card.get_by_label(f"New breakpoint of {NAME}")
+    for text in typed:
+        breakpoint.fill(text)
+        breakpoint.press("Enter")
+    expect(card.locator(".breakpoints button")).to_have_count(3)
+    kept = "localStorage.getItem('llfsm.breakpoints')"
+    whole = sorted(f"{NAME}:{text}" for text in typed)
+    assert sorted(json.loads(seen.page.evaluate(kept))[f"{board} {NAME}"]) == whole
+    assert seen.errors == []
+
+
 def test_all_of_a_card_can_be_reached_however_much_is_shown(
     board: str, start: Callable[..., Any], visit: Callable[..., Any]
 ) -> None:
