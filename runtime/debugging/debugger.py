@@ -35,7 +35,7 @@ from .breakpoints import Breakpoint, check_breakpoints
 from .last_turns import LastTurns
 from .leases import OverrideLeases
 from .probes import Probes
-from .sight import Fired, Sight, sight_of
+from .sight import Fired, Sight, raised_at, sight_of
 
 __all__ = ["Debugger", "Goal", "Step"]
 
@@ -278,10 +278,12 @@ class Debugger:
 
     def failed(self, seat: Seat, error: ExecutionError) -> None:
         """Pause at a breakpoint of the machine's failure: at once, if all others end, too."""
-        goal = self._goal
+        goal, now_ns = self._goal, self.arrangement.environment.peek_ns()
+        if error.step.startswith("transition "):
+            self.turns.take_failure(seat, error.state, raised_at(seat, error), now_ns)
         self._probes.test_failures(seat)
         if self._goal is not goal:
-            self.fired = Fired.failed(seat, error, self.arrangement.environment.peek_ns())
+            self.fired = Fired.failed(seat, error, now_ns)
         if self._goal is not None and self.arrangement.on_error == "stop":
             self._wait(f"{self._goal.why}: {error}", None)
 

@@ -21,7 +21,8 @@ _LONG: Final = 1000  # a longer one is shown as it is now
 class Evaluated(NamedTuple):
     """The value of a transition, and for how long the machine was in its state then."""
 
-    value: bool
+    value: bool | None
+    """None if it has raised."""
     elapsed_ns: int
 
 
@@ -71,6 +72,13 @@ class LastTurns:
         seats = [self._arrangement.seat(each.name) for each in self._arrangement.machines]
         self._sampled = [_Sampled(self, seat) for seat in seats if seat.current.transitions]
 
+    def take_failure(self, seat: Seat, state: str, number: int, now_ns: int) -> None:
+        """Take that a transition has raised: those before it did not hold."""
+        self._turns.pop(seat.name, None)
+        for each in range(number):
+            self._take(seat, state, each, False, now_ns)
+        self._take(seat, state, number, None, now_ns)
+
     def forget(self, machine: str = "") -> None:
         """Forget the turn of a machine, or of all: there will be others that are not seen."""
         if machine:
@@ -82,7 +90,7 @@ class LastTurns:
         """Return the last turn of a machine; None if it is not known."""
         return self._turns.get(machine)
 
-    def _take(self, seat: Seat, state: str, number: int, value: bool, now_ns: int) -> None:
+    def _take(self, seat: Seat, state: str, number: int, value: bool | None, now_ns: int) -> None:
         turn = self._turns.get(seat.name)
         if turn is None:
             seen = vars(seat.machine).items()

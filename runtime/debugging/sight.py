@@ -13,7 +13,18 @@ if TYPE_CHECKING:
 
     from .last_turns import LastTurns
 
-__all__ = ["Fired", "Sight", "sight_of"]
+__all__ = ["Fired", "Sight", "raised_at", "sight_of"]
+
+
+def raised_at(seat: Seat, error: ExecutionError) -> int:
+    """Return the number of the transition that has raised.
+
+    It is -1 if code before the transitions has, and their number if that after them has.
+    """
+    state = seat.states.get(error.state)  # one that is not declared has no transitions
+    transitions = [] if state is None else seat.declared(state).transitions
+    steps = [f"transition {each.label}" for each in transitions] + ["Internal"]
+    return steps.index(error.step) if error.step in steps else -1
 
 
 class Fired(NamedTuple):
@@ -35,10 +46,7 @@ class Fired(NamedTuple):
     @classmethod
     def failed(cls, seat: Seat, error: ExecutionError, now_ns: int) -> Fired:
         """Return what the transitions of a state had seen in which code has raised."""
-        state = seat.states.get(error.state)  # one that is not declared has no transitions
-        transitions = [] if state is None else seat.declared(state).transitions
-        steps = [f"transition {each.label}" for each in transitions] + ["Internal"]
-        number = steps.index(error.step) if error.step in steps else -1  # before all of them
+        number = raised_at(seat, error)
         elapsed_ns = now_ns - seat.entered_ns
         causes = fired(seat.machine, error.state, number, elapsed_ns, value=None)
         return cls(seat.name, error.state, "", causes)

@@ -9,6 +9,7 @@ import pytest
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.debugging import Debugger
 from llfsm.runtime.debugging.published_causes import why_of
+from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.runtime.journal.entries import Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
@@ -123,6 +124,42 @@ def test_at_a_failure_the_operands_of_the_guard_are_shown() -> None:
         ]
         stopped_at(debugger, until="round")
         assert why_of(debugger.arrangement, "Fails", debugger.now_ns).source == ""
+
+
+class FailsLater(Machine):
+    """Raise in the first guard, in the second turn."""
+
+    n: int = 1
+
+    a = State()
+    b = State()
+    a.to(b, when=lambda m: 1 / m.n > 5)
+    a.to(b, when=lambda m: m.n < 0)
+
+    @a.internal
+    def _(self) -> None:
+        self.n -= 1
+
+
+@pytest.mark.parametrize(
+    ("machine", "found"),
+    [
+        (Fails, [(False, "0 > 5"), (None, "1 / 0 > 5"), (None, "not evaluated")]),
+        (FailsLater, [(None, "1 / 0 > 5"), (None, "not evaluated")]),
+    ],
+)
+def test_a_guard_that_has_ended_all_was_evaluated(
+    machine: type[Machine], found: list[tuple[object, str]]
+) -> None:
+    """Also where no breakpoint is at failures, and the turn before is known."""
+    arrangement = Arrangement([machine], clock=ManualClock())
+    debugger = Debugger(arrangement)
+    arrangement.attach(debugger)
+    with pytest.raises(ExecutionError):
+        arrangement.run()
+    sight = debugger.sight(machine.__name__, debugger.now_ns)
+    assert sight.evaluated_ns is not None
+    assert [(cause.value, cause.seen) for cause in sight.causes] == found
 
 
 class Looks(Machine):
