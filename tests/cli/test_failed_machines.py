@@ -57,6 +57,8 @@ def test_ps_shows_a_failed_machine_with_its_error(
         ["Stubborn", "A", "running"],
     ]
     assert lines[2:] == [f"Fragile failed: {error}"]
+    why = llfsm.run("why", "Fragile", "-b", board).stdout
+    assert why == f"it is in Suspended\nit has failed: {error}\n"
     first = rows(llfsm, "-b", board)
     assert (first["Fragile"]["status"], first["Fragile"]["error"]) == ("failed", error)
     assert first["Fragile"]["error_state"] == "B"

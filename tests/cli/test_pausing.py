@@ -34,8 +34,11 @@ class Driver(Machine):
 def test_pause_step_and_continue(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
     done = llfsm.run("pause", "-b", board, "--for", "900")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "until `llfsm continue`, or for 900 s" in done.stdout
+    assert "until `llfsm continue`\n" in done.stdout
     assert "the states' clocks run on; the machines go on in 900 s" in done.stdout
+    done = llfsm.run("pause", "-b", board, "--for", "2")  # which does not shorten it
+    assert re.search("the machines go on in [89].. s", done.stdout)
+    assert " 2 s" not in done.stdout
     found = rows(llfsm, "-b", board)
     assert {row["status"] for row in found.values()} == {"paused"}
     ringlets = found["Stubborn"]["ringlets"]

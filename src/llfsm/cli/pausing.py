@@ -59,7 +59,7 @@ def pause(machine: str | None, lease_s: float, board: BoardPlace) -> None:
     """
     with board.open(create=False) as wb:
         status = _debug(wb, _find(wb, machine), MachineRequest("pause", "", lease_s))
-        click.echo(f"paused in {status.state} until `llfsm continue`, or for {lease_s:g} s")
+        click.echo(f"paused in {status.state} until `llfsm continue`")
         click.echo(pause_text(status))
 
 

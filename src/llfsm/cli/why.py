@@ -27,14 +27,18 @@ def why(machine: str, board: BoardPlace) -> None:
     """Show why MACHINE is still in its state: each transition, with the values that it saw.
 
     Those are of its last turn, if that is known; else they are as they would be now: a `?` is then
-    a guard whose value cannot be known without a call that may have an effect.
+    a guard whose value cannot be known without a call that may have an effect, or before the state
+    is entered.
 
     \b
     llfsm why Wall
     """
     with board.open(create=False) as wb:
-        for line in why_lines(fetch_why(wb, find_machine(wb, machine).name)):
+        found = find_machine(wb, machine)
+        for line in why_lines(fetch_why(wb, found.name)):
             click.echo(line)
+        if found.status.failed:
+            click.echo(f"it has failed: {found.status.error}")
 
 
 def fetch_why(board: Board, machine: str) -> MachineWhy:
