@@ -35,6 +35,8 @@ class Fired(NamedTuple):
     target: str
     """"" if none has fired: code of the machine has raised in the state `source`."""
     causes: list[Cause]
+    error: ExecutionError | None = None
+    """What that code has raised."""
 
     @classmethod
     def of(cls, seat: Seat, source: str, now_ns: int) -> Fired:
@@ -49,7 +51,7 @@ class Fired(NamedTuple):
         number = raised_at(seat, error)
         elapsed_ns = now_ns - seat.entered_ns
         causes = fired(seat.machine, error.state, number, elapsed_ns, value=None)
-        return cls(seat.name, error.state, "", causes)
+        return cls(seat.name, error.state, "", causes, error)
 
 
 class Sight(NamedTuple):

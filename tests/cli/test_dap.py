@@ -185,6 +185,12 @@ def test_a_failure_is_an_exception_and_ends(board: str) -> None:
         stopped = editor.event("stopped")
         assert stopped["reason"] == "exception"
         assert "ValueError: behind" in stopped["text"]
+        code, state, *_ = editor.ask("stackTrace", threadId=1)["stackFrames"]
+        assert (code["name"], state["name"]) == ("Internal of GO", "state GO")
+        lines = Path(code["source"]["path"]).read_text().splitlines()
+        assert lines[code["line"] - 1].strip() == 'raise ValueError("behind")'
+        scopes = editor.ask("scopes", frameId=code["id"])["scopes"]
+        assert scopes[-1]["name"] == "Transitions of GO, as it failed"
         editor.ask("continue", threadId=1)
         assert "ValueError: behind" in editor.event("output")["output"]
         assert editor.event("exited") == {"exitCode": 1}

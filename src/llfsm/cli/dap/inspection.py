@@ -19,6 +19,7 @@ from .places import section_at, state_at
 
 if TYPE_CHECKING:
     from llfsm.runtime.debugging.causes import Cause
+    from llfsm.runtime.engine.errors import ExecutionError
     from llfsm.runtime.engine.machine import Machine
 
 __all__ = ["Inspection"]
@@ -29,8 +30,8 @@ _texts: Final = ValueText(1000)
 class Inspection:
     """Answer what an editor asks of one pause of a session, by requests of the protocol.
 
-    The stack is what is to come: a section, in a state, of a machine, in the arrangement. At a
-    breakpoint it is the machine of that, else the one whose turn is to come.
+    The stack is what is to come, or has raised: a section, in a state, of a machine, in the
+    arrangement. At a breakpoint it is the machine of that, else the one whose turn is to come.
     """
 
     def __init__(self, session: Session):
@@ -38,7 +39,7 @@ class Inspection:
         self._referred: list[Callable[[], Iterable[tuple[str, object]]]] = []
 
     def stack_trace(self, arguments: Message) -> Message:
-        """Return what is to come, innermost first."""
+        """Return what is to come, or has raised, innermost first."""
         session = self._session
         name, arrangement = session.debugger.machine, session.arrangement
         frames: list[Message] = []
@@ -46,11 +47,15 @@ class Inspection:
             cls, state = type(arrangement.machine(name)), arrangement.state_name_of(name)
             enters = arrangement.arrival(name).entered_ns is None
             section = "OnEntry" if enters else "transitions"
-            here = state_at(cls, state)
+            here, error = state_at(cls, state), self._error_of(name)
+            code = section_at(cls, state, section) or here
+            if error is not None and error.filename is not None and error.line is not None:
+                section, state = error.step, error.state
+                here, code = state_at(cls, state), (error.filename, error.line)
             path = cls.table.path
             path = path.rpartition(":")[0] or Path(path).name
             frames = [
-                _frame(1, f"{section} of {state}", section_at(cls, state, section) or here),
+                _frame(1, f"{section} of {state}", code),
                 _frame(2, f"state {state}", here),
                 _frame(3, f"machine {name} ({path})", here),
             ]
@@ -58,6 +63,10 @@ class Inspection:
         first = int(arguments.get("startFrame") or 0)
         end = first + int(arguments.get("levels") or len(frames))
         return {"stackFrames": frames[first:end], "totalFrames": len(frames)}
+
+    def _error_of(self, machine: str) -> ExecutionError | None:
+        fired = self._session.debugger.fired
+        return fired.error if fired is not None and fired.machine == machine else None
 
     def scopes(self, arguments: Message) -> Message:
         """Return what there is of a frame's machine; of the arrangement's, all machines."""
@@ -77,7 +86,8 @@ class Inspection:
             ]
             before = session.debugger.sight(session.machine, session.debugger.now_ns).before
             if before is not None:
-                name = f"Transitions of {before.source}, as it was left"
+                how = "was left" if before.target else "failed"
+                name = f"Transitions of {before.source}, as it {how}"
                 scopes.append(self._scope(name, lambda _: _texts_of(before.causes), before.machine))
         return {"scopes": scopes}
 
