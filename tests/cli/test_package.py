@@ -47,7 +47,6 @@ def run_entry(
         cwd="/",
         text=True,
         capture_output=True,
-        timeout=60,
         check=False,
     )
 

@@ -70,7 +70,6 @@ def test_a_user_who_knows_nothing_of_us_is_served(start, transport, router):
          router.rpartition(":")[2], str(DOMAIN), str(HASHES)],
         stdout=subprocess.PIPE,
         check=True,
-        timeout=60,
     )  # fmt: skip
     seen = json.loads(peer.stdout)
     feedback = seen.pop("feedback")

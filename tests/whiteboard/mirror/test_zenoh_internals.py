@@ -76,9 +76,7 @@ def in_threads(how: str) -> dict[str, Any]:
     """Receive messages in a process of its own; return its threads, and the calls of each."""
     environment = {key: value for key, value in os.environ.items() if key != "ZENOH_RUNTIME"}
     command = [sys.executable, "-c", THREADS, free_endpoint(), how]
-    done = subprocess.run(
-        command, text=True, capture_output=True, timeout=60, check=False, env=environment
-    )
+    done = subprocess.run(command, text=True, capture_output=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     return dict(json.loads(done.stdout))
 
