@@ -26,7 +26,7 @@ from llfsm.whiteboard.messages.llfsm import (
 from llfsm.whiteboard.mirror.naming import Naming
 
 from ..engine.errors import UnknownMachineError
-from .remote import PATIENCE_S, Directory, RemoteMachine
+from .remote import PATIENCE_S, SILENT_S, Directory, RemoteMachine
 
 __all__ = ["NO_DAEMON", "FleetReader", "HostNames", "find_machine", "keep_read"]
 
@@ -152,7 +152,11 @@ class FleetReader:
         return f"no host {host!r} can be reached; there are: {there}{did_you_mean(host, hosts)}"
 
     def settle(self) -> None:
-        """Wait until machines of the hosts are there, for a few seconds at most."""
+        """Wait until the machines of the hosts are there, for a few seconds at most.
+
+        Their statuses are those of now: one that was read before is only the latest if no other
+        arrives for a second.
+        """
         begun = changed = time.monotonic()
         known: tuple[object, ...] = ()
         while self.names.is_mirrored and time.monotonic() < begun + PATIENCE_S:
@@ -163,14 +167,24 @@ class FleetReader:
             wanted = {*hosts} & {self._host} if self._host else {*hosts}
             quiet_s = 0.0 if self._host in hosts else _QUIET_S
             has_answered = answers != self._before and time.monotonic() >= changed + quiet_s
-            if has_answered and self._is_there(wanted):
+            since = begun if time.monotonic() < changed + SILENT_S else 0.0
+            if has_answered and self._is_there(wanted, round(since * 1e9)):
                 return
             time.sleep(_POLL_S)  # several slots at once, and a host that may never answer
 
-    def _is_there(self, hosts: set[str]) -> bool:
-        """Return whether one machine of each host that has any is there."""
-        seen = {self.names.of_machine(each.name) for each in Directory(self._board).machines()}
-        for host in hosts - seen - {self.names.own}:
+    def _is_there(self, hosts: set[str], since_ns: int) -> bool:
+        """Return whether statuses of each host with machines have arrived since then.
+
+        Of those that were loaded, all have to; of a host with none, one.
+        """
+        arrived, missing = set[str](), set[str]()
+        for name, sample in Directory(self._board).statuses():
+            host = self.names.of_machine(name)
+            if sample.stamp_ns >= since_ns:
+                arrived.add(host)
+            elif sample.message.loaded:
+                missing.add(host)
+        for host in hosts - (arrived - missing) - {self.names.own}:
             folders = self._announced(host)
             if not folders or MACHINES + host in folders:
                 return False

@@ -169,15 +169,20 @@ class Directory:
 
     def machines(self) -> list[RemoteMachine]:
         """Return all of them."""
+        return [
+            RemoteMachine(self._board, name, sample, self._host)
+            for name, sample in self.statuses()
+            if is_live(sample, self._host)
+        ]
+
+    def statuses(self) -> Iterator[tuple[str, Sample[MachineStatus]]]:
+        """Yield the name and the latest status of each machine, also of those that are gone."""
         self._look()
-        found = []
         for slot, bound in self._slots.items():
             with suppress(MessageUnreadableError):
                 sample = bound.sample()
-                if sample is not None and is_live(sample, self._host):
-                    name = slot.removeprefix(MACHINES)
-                    found.append(RemoteMachine(self._board, name, sample, self._host))
-        return found
+                if sample is not None:
+                    yield slot.removeprefix(MACHINES), sample
 
     def _look(self) -> None:
         listed = [slot.name for slot in self._board.slots() if slot.name.startswith(MACHINES)]

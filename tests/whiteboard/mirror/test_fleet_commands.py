@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -60,7 +62,8 @@ def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands wait for a busy machine, whose machines are slow, not silent."""
     for module in (hosts, remote, why):
         monkeypatch.setattr(module, "PATIENCE_S", PATIENCE_S)
-    monkeypatch.setattr(remote, "SILENT_S", PATIENCE_S)
+    for module in (hosts, remote):
+        monkeypatch.setattr(module, "SILENT_S", PATIENCE_S)
 
 
 @pytest.fixture
@@ -108,6 +111,29 @@ def test_the_machines_of_a_fleet_are_listed_and_controlled(fleet: Fleet) -> None
     assert fleet.run("ps", "--host", "robot8").returncode == 1
     done = fleet.run("ps", "--host", "yard")
     assert "the `fleet` of this host does not list 'yard'" in done.stderr
+
+
+def test_a_status_that_was_read_before_is_waited_for_anew(fleet: Fleet) -> None:
+    board = fleet.operator.board
+    for _ in range(3):
+        begun_ns = time.monotonic_ns()
+        with FleetReader(board, "robot7", machines=True) as reader:
+            reader.settle()
+            sample = board[status_slot("robot7/Counts")].sample()
+            assert sample is not None and sample.stamp_ns >= begun_ns
+
+
+def test_machines_that_have_ended_are_not_waited_for(
+    fleet: Fleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For longer than a living one may take to publish its status."""
+    assert fleet.run("stop", "robot7/Counts").stdout == "robot7/Counts has ended\n"
+    monkeypatch.setattr(hosts, "SILENT_S", 0.1)
+    monkeypatch.setattr(hosts, "PATIENCE_S", math.inf)
+    for host in "robot7", "":
+        with FleetReader(fleet.operator.board, host, machines=True) as reader:
+            reader.settle()
+    assert list(fleet.ps("--fleet")) == ["Counts"]
 
 
 def test_what_one_host_has_is_shown(fleet: Fleet) -> None:
