@@ -137,6 +137,18 @@ def test_machines_that_have_ended_are_not_waited_for(
     assert list(fleet.ps("--fleet")) == ["Counts"]
 
 
+@pytest.mark.parametrize("command", ["get", "watch"])
+def test_a_slot_of_another_host_that_is_not_read_here_is_an_error(
+    fleet: Fleet, command: str
+) -> None:
+    fleet.robot.add(1, number_slot("arm/angle"))
+    done = fleet.run("whiteboard", command, "robot7/arm/angle")
+    assert done.returncode == 1
+    assert "of host robot7, only what is read here arrives: see `llfsm top" in done.stderr
+    for name in "arm/angle", "yard/angle":
+        assert "only what is read" not in fleet.run("whiteboard", command, name).stderr
+
+
 def test_what_one_host_has_is_shown(fleet: Fleet) -> None:
     """With its variables, and why its states are kept, which a viewer asks for."""
     pose, theirs = number_slot("arm/angle"), number_slot("robot7/arm/angle")

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from llfsm.runtime.presence.commanders import contested_slots, described
+from llfsm.runtime.presence.hosts import HostNames
 from llfsm.whiteboard import BoardError, Message, Sample, Slot, SlotNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.message_text import message_class, parse_message
@@ -54,7 +55,7 @@ def list_(board: str | None, named: str | None, directory: str) -> None:
 def get(slot: str, board: BoardPlace) -> None:
     """Print the latest message of SLOT as JSON."""
     with board.open(create=False) as wb:
-        message = wb.get_message(wb.find(slot))
+        message = wb.get_message(_find(wb, slot))
         if message is None:
             raise click.ClickException(f"nothing was added to {slot!r} yet")
         click.echo(_json(message))
@@ -103,7 +104,7 @@ def watch(slots: tuple[str, ...], changes: int | None, board: BoardPlace) -> Non
 
 def _changes(wb: Whiteboard, names: tuple[str, ...]) -> Iterator[tuple[str, Sample[Message]]]:
     for name in names:
-        wb.find(name)
+        _find(wb, name)
     poller = BoardPoller(wb, wants=frozenset(names).__contains__ if names else None)
     unreadable: set[str] = set()
     while wb.alive:
@@ -129,6 +130,18 @@ def rm(names: tuple[str, ...], force: bool, directory: str) -> None:
                 f"the whiteboard {name!r} is in use; end its processes, or use --force"
             )
         remove_board(name, directory)
+
+
+def _find(wb: Whiteboard, name: str) -> Slot[Any]:
+    try:
+        return wb.find(name)
+    except SlotNotFoundError as error:
+        names = HostNames(wb)
+        host = names.of_slot(name)
+        if host in ("", names.own) or not names.is_mirrored:
+            raise
+        why = f"of host {host}, only what is read here arrives: see `llfsm top --host {host}`"
+        raise click.ClickException(f"{error}; {why}") from error
 
 
 def _age(sample: Sample[Any] | None) -> str:
