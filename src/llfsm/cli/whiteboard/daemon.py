@@ -157,11 +157,11 @@ def _text(board: str, latest: MirrorStatus) -> str:
         f"held back  {latest.held_back}",
     ]
     for peer in latest.peers:
-        silent = f", silent for {peer.silent_s:.1f} s" if peer.silent_s > 1 else ""
+        last = f", the last {peer.silent_s:.1f} s ago" if peer.silent_s > 1 else ""
         certified = f", certificate {peer.certificate}" if peer.certificate else ""
         lines.append(
             f"peer       {peer.host} {peer.name}{certified}: lag {peer.lag_ms:.1f} ms, "
-            f"{peer.received} batches, {peer.lost} lost{silent}"
+            f"{peer.received} batches{last}, {peer.lost} lost"
         )
     for quota in latest.quotas:
         lines.append(
