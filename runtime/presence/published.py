@@ -21,7 +21,7 @@ from llfsm.whiteboard.messages.llfsm import (
     will_slot,
 )
 
-from ..engine.failure import logger
+from ..engine.failure import logger, one_line
 from ..engine.machine import Machine
 from .description import definition_of, variables_of
 from .remote import is_live
@@ -187,13 +187,19 @@ class PublishedMachine:
         self.obeyed = sample.count
         return sample.message
 
-    def leave(self) -> None:
-        """Post that the machine is gone, and give up its name."""
+    def leave(self, failure: Failure | None = None) -> None:
+        """Post that the machine is gone, and give up its name; the status of a failure stays."""
         if self._will is not None:
             self._will.withdraw()
-        if self.published is not None and self._slot.count == self._count:
-            self._slot.add(MachineStatus(self.published.state, loaded=False))
+        if self.published is None or self._slot.count != self._count:
+            return
+        status = MachineStatus(self.published.state, loaded=False)
+        if failure is None:
+            self._slot.add(status)
             _vacate(self._board, self.published_name)
+        else:  # who looks once a second, as a host's daemon, finds it as one that has died
+            error = one_line(failure.error)
+            self._slot.add(msgspec.structs.replace(status, failed=True, error=error))
 
 
 def vacate_dead(board: Board, *, after_s: float = 60.0) -> None:

@@ -195,8 +195,9 @@ class Presence:
     def end(self) -> None:
         """Post that the machines are gone."""
         with self._tolerating_the_board:
-            for entry in self._entries.values():
-                entry.leave()
+            failed = self._arrangement.failed_machines
+            for name, entry in self._entries.items():
+                entry.leave(self._arrangement.failure(name) if name in failed else None)
         self._entries.clear()
 
     @contextmanager

@@ -28,8 +28,8 @@ _TROUBLE = ("failed", "hung", "silent")
 def summary_publisher(board: Board, *, died_s: float = 3600.0) -> Callable[[MirrorStatus], None]:
     """Return a function that publishes the summary of a named host, to be called once a second.
 
-    It takes the status of the host's daemon. A machine that has died is reported for `died_s`
-    seconds, or until it runs again.
+    It takes the status of the host's daemon. A machine that has died, or whose failure has ended
+    its process, is reported for `died_s` seconds, or until it runs again.
     """
     slots: dict[str, Slot[MachineStatus]] = {}
 
@@ -78,17 +78,22 @@ def _samples(
     for name, slot in slots.items():
         with suppress(WhiteboardError):  # not a machine's status, whatever its name
             sample = board[slot].sample()
-            if sample is not None and sample.message.loaded and not _has_died(sample, died_s):
+            if sample is None or not (sample.message.loaded or sample.message.failed):
+                continue
+            if not _is_over(sample, died_s):
                 yield name.removeprefix(MACHINES), sample
 
 
-def _has_died(sample: Sample[MachineStatus], before_s: float) -> bool:
-    """Return whether a machine has died, and published nothing for so long."""
+def _is_over(sample: Sample[MachineStatus], before_s: float) -> bool:
+    """Return whether a machine has died or failed, and published nothing for so long."""
     return time.monotonic_ns() - sample.stamp_ns > before_s * 1e9 and not is_live(sample)
 
 
 def _troubles(machine: str, sample: Sample[MachineStatus]) -> Iterator[MachineTrouble]:
     status = sample.message
+    if not status.loaded:
+        yield MachineTrouble(machine, "failed", status.error[:_LONGEST])
+        return
     if not is_live(sample):
         yield MachineTrouble(machine, "died", f"its process {status.pid} has not ended it")
         return

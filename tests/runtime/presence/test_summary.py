@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from llfsm.runtime import Arrangement, ExecutionError, Machine, State
 from llfsm.runtime.presence.summary import summary_publisher
 from llfsm.whiteboard import Board, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
@@ -85,3 +86,25 @@ def test_what_is_no_status_is_left_out(board: Board, summarize: Callable[..., Ho
 def test_a_host_without_a_name_has_none(board: Board) -> None:
     summary_publisher(board)(MirrorStatus())
     assert board.get_message(summary_slot()) is None
+
+
+class Doomed(Machine):
+    only = State()
+
+    @only.on_entry
+    def _(self) -> None:
+        raise ValueError("no power")
+
+
+def test_a_machine_whose_failure_has_ended_the_run_is_named(
+    board: Board, summarize: Callable[..., HostSummary]
+) -> None:
+    arrangement = Arrangement([Doomed()], whiteboard=board)
+    with pytest.raises(ExecutionError):
+        arrangement.run()
+    (trouble,) = summarize().troubles
+    assert (trouble.machine, trouble.condition) == ("Doomed", "failed")
+    assert "no power" in trouble.error
+    assert summarize(died_s=0).troubles == ()
+    run(board, "Doomed")
+    assert summarize().troubles == ()
