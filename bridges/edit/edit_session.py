@@ -215,9 +215,9 @@ class EditSession:
     async def next(self, serial: int) -> tuple[int, dict[str, Any]]:
         """Wait for data newer than number `serial`, but not for long; return it and its number."""
         async with self._changed:
-            waiting = self._changed.wait_for(lambda: self._serial > serial)
             with suppress(TimeoutError):
-                await asyncio.wait_for(waiting, _BEAT_S)
+                async with asyncio.timeout(_BEAT_S):
+                    await self._changed.wait_for(lambda: self._serial > serial)
             return self._serial, self._data
 
 

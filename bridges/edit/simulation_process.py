@@ -79,7 +79,9 @@ class SimulationProcess:
     async def _answer(self, patience_s: float) -> dict[str, Any]:
         assert self._process.stdout is not None
         try:
-            line = await asyncio.wait_for(self._process.stdout.readline(), patience_s)
+            # `wait_for` of Python 3.11 may return an answer and forget that it was cancelled.
+            async with asyncio.timeout(patience_s):
+                line = await self._process.stdout.readline()
         except TimeoutError:
             self._kill()
             raise RequestError(

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -104,6 +105,27 @@ def test_code_that_does_not_return_ends_the_simulation(lamp: Path) -> None:
         return process.has_ended
 
     assert asyncio.run(simulate())
+
+
+@pytest.mark.parametrize("steps", range(5))
+def test_who_is_cancelled_as_an_answer_comes_takes_none(steps: int) -> None:
+    """Else a server that ends would wait for a simulation that goes on."""
+
+    async def cancel() -> None:
+        reader, process = asyncio.StreamReader(), Mock()
+        process.stdout = reader
+        asking = asyncio.create_task(SimulationProcess(process, patience_s=60).ask("advance", 0))
+        while not process.stdin.write.called:
+            await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        reader.feed_data(b"{}\n")
+        for _ in range(steps):
+            await asyncio.sleep(0)
+        if asking.cancel():  # else it has ended already
+            with pytest.raises(asyncio.CancelledError):
+                await asking
+
+    asyncio.run(cancel())
 
 
 def test_windows_share_a_simulation_whose_code_cannot_harm_them(windows: Open, lamp: Path) -> None:
