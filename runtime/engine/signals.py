@@ -72,14 +72,14 @@ def stop_on_signals(
     """Call `stop` with the signal's name at the first SIGINT or SIGTERM.
 
     The second one comes to the handlers that were there, so that a second Ctrl-C interrupts; inside
-    a block of `critical` it is ignored. They come back at the end, too. Only the main thread can
-    handle signals: elsewhere nothing is done.
+    a block of `critical`, and until `stop` has returned, it is ignored. They come back at the end,
+    too. Only the main thread can handle signals: elsewhere nothing is done.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     before = {number: signal.getsignal(number) for number in _SIGNALS}
-    asked = False
+    asked = has_stopped = False
 
     def restore() -> None:
         for number, handler in before.items():
@@ -87,11 +87,12 @@ def stop_on_signals(
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     def on_signal(number: int, _: FrameType | None) -> None:
-        nonlocal asked
+        nonlocal asked, has_stopped
         if not asked:
             asked = True
             stop(signal.Signals(number).name)
-        elif critical is None or not critical.depth:
+            has_stopped = True
+        elif has_stopped and (critical is None or not critical.depth):
             restore()
             signal.raise_signal(number)
 

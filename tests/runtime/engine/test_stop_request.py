@@ -60,6 +60,21 @@ def test_a_signal_ends_the_wait_that_it_does_not_interrupt() -> None:
         other.join()
 
 
+def test_signals_that_come_at_once_are_one() -> None:
+    """`ros2 launch` and a terminal each send one for the same Ctrl-C."""
+    signals = []
+
+    def stop(name: str) -> None:
+        signal.raise_signal(signal.SIGINT)  # before anything knows of the first one
+        signals.append(name)
+
+    with stop_on_signals(stop):
+        signal.raise_signal(signal.SIGINT)
+        assert signals == ["SIGINT"]
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
 def lines_of(call: Any) -> int:
     """Return how many lines of Python a call runs."""
     number = 0
