@@ -30,7 +30,7 @@ UnreachableStateWarning      a state that no chain of transitions reaches
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -167,6 +167,7 @@ class ExecutionError(FsmError):
     def __init__(
         self, what: str, machine: str, state: str, step: str, filename: str | None, line: int | None
     ):
+        self._made_of = (what, machine, state, step, filename, line)
         self.machine = machine
         self.state = state
         self.step = step
@@ -174,6 +175,10 @@ class ExecutionError(FsmError):
         self.line = line
         where = "" if filename is None else f" ({filename}:{line})"
         super().__init__(f"machine {machine}, state {state}, {step}: {what}{where}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let another process have it, without the cause."""
+        return type(self), self._made_of
 
 
 class GuardResultError(ExecutionError):
