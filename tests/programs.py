@@ -13,8 +13,8 @@ import pytest
 
 __all__ = ["program", "search_path"]
 
-_PROGRAMS = {  # by package of Debian and Ubuntu: the names it may have
-    "chromium": ("chromium", "chromium-browser"),
+_PROGRAMS = {  # by package of Debian and Ubuntu: the names it may have, the cheapest first
+    "chromium": ("chromium-headless-shell", "chromium", "chromium-browser"),
     "openssl": ("openssl",),
     "iproute2": ("ip",),
     "spin": ("spin",),
