@@ -11,7 +11,6 @@ what a host sends and receives and a router forwards, and how soon all agree aft
 from __future__ import annotations
 
 import itertools
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -20,7 +19,7 @@ from typing import NamedTuple
 
 from .packets import Packet
 from .settings import Settings
-from .simulation import MS, TICK_NS, Host, World
+from .simulation import MS, TICK_NS, Host, World, sizes
 
 __all__ = ["Fleet", "Row", "measure", "table"]
 
@@ -177,4 +176,4 @@ def table(sizes: Iterable[int]) -> str:
 
 
 if __name__ == "__main__":
-    print(table(map(int, sys.argv[1:] or ("2", "10", "100", "1000"))))
+    print(table(sizes() or (2, 10, 100, 1000)))

@@ -57,6 +57,7 @@ class Mirror:
         mode: str = "peer",
     ) -> None:
         host = secrets.randbits(63) if host is None else host
+        self._naming = Naming(settings.as_, settings.fleet)
         self._board = board
         self._watch = board.watcher()
         ahead_ns = settings.ahead_ns
@@ -75,7 +76,6 @@ class Mirror:
         self._replied = threading.Event()
         self._readings = -1  # of the board, when it was looked what is read
         self._look_s = 0.0  # when to look again
-        self._naming = Naming(settings.as_, settings.fleet)
         self._leaves = matcher(settings.leave)
         self._hosts: tuple[str, ...] | None = None  # as published
         self._offered: set[str] = set()  # slots whose groups were offered when they changed first

@@ -25,6 +25,7 @@ from typing import TypeVar
 import msgspec
 from msgspec.structs import replace
 
+from ..errors import NetworkError
 from ..messages.llfsm import WILLS, LastWill
 from .batches import Declaration, Value
 
@@ -54,9 +55,14 @@ class Naming:
         host: its name; empty if it has none.
         fleet: globs of the other hosts' names.
 
+    Raise :class:`.NetworkError` for a fleet without a name, which would have no effect.
+
     """
 
     def __init__(self, host: str = "", fleet: tuple[str, ...] = ()) -> None:
+        if fleet and not host:
+            what = "fleet: a host that has others in its fleet needs a name: `as`"
+            raise NetworkError(what, ("fleet",))
         self.host = host
         self._is_other = re.compile("|".join(map(translate, fleet)) or r"(?!)").match
         self.wire = lru_cache(maxsize=8192)(self._wire)

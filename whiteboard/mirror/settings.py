@@ -44,6 +44,10 @@ class KeepSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     slots: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Globs of the slots whose latest messages are kept; none of `llfsm/` is."""
 
+    def __post_init__(self) -> None:
+        if ours := [glob for glob in self.slots if glob.startswith("llfsm/")]:
+            raise ValueError(f"slots: {ours[0]!r} keeps nothing, as no slot of llfsm/ is kept")
+
 
 class QuotaSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What each other host may take of this one."""
@@ -58,7 +62,9 @@ class QuotaSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Bytes per second."""
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Settings(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """Which slots are mirrored, with which hosts, and how often."""
 
     listen: tuple[str, ...] | None = None
@@ -66,7 +72,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     connect: tuple[str, ...] | None = None
     multicast: bool = False
     """Discover other hosts by multicast."""
-    as_: str = msgspec.field(default="", name="as")
+    as_: Annotated[str, Meta(min_length=1)] = msgspec.field(default="", name="as")
     """This host's name: others have its own slots in a folder of that name. Empty: in none. All
     globs below are for the names of slots on this host's board."""
     fleet: tuple[str, ...] = ()

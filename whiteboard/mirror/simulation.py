@@ -11,10 +11,10 @@ and with numbers of hosts, how it does not if hosts read only what a few others 
 
 from __future__ import annotations
 
+import argparse
 import heapq
 import itertools
 import random
-import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -32,7 +32,7 @@ from .settings import Settings
 from .store import Store
 from .version_log import FileVersionLog
 
-__all__ = ["Host", "World", "table"]
+__all__ = ["Host", "World", "sizes", "table"]
 
 MS = 1_000_000
 TICK_NS = 5 * MS
@@ -320,16 +320,9 @@ def traffic(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> str:
         world = World(1, hosts, Path(folder))
         adds = list(itertools.product(range(hosts), range(slots)))
         messages, size = _measure(world, adds, rate, seconds)
-    values = hosts * slots * rate
-    return _LINE.format(
-        hosts,
-        slots,
-        rate,
-        values,
-        f"{messages / hosts / (hosts - 1):.0f}",
-        f"{messages / hosts:.0f}",
-        f"{size / hosts / 1000:.0f}",
-    )
+    messages, size = messages / hosts, size / hosts
+    values = f"{messages / (hosts - 1):.0f}", f"{messages:.0f}", f"{size / 1000:.0f}"
+    return _LINE.format(hosts, slots, rate, hosts * slots * rate, *values)
 
 
 def fleet(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> tuple[float, float]:
@@ -389,6 +382,16 @@ def fleet_table(sizes: Iterable[int]) -> str:
     return "\n".join(lines)
 
 
+def sizes() -> list[int]:
+    """Return the numbers of hosts that the command line lists."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("hosts", type=int, nargs="*")
+    hosts: list[int] = parser.parse_args().hosts
+    if min(hosts, default=2) < 2:
+        parser.error("a fleet has at least 2 hosts")
+    return hosts
+
+
 if __name__ == "__main__":
-    sizes = [int(size) for size in sys.argv[1:]]
-    print(fleet_table(sizes) if sizes else table())
+    hosts = sizes()
+    print(fleet_table(hosts) if hosts else table())

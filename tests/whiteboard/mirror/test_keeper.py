@@ -117,7 +117,7 @@ def test_what_is_older_on_the_board_is_replaced(kept: Kept) -> None:
 
 
 def test_only_chosen_slots_are_kept_and_none_about_processes(tmp_path: Path) -> None:
-    kept = Kept(tmp_path, "map/*", "llfsm/*")
+    kept = Kept(tmp_path, "map/*", "*/Wall")
     part = Part()
     for name in ("map/tiles", "cmd_vel", "llfsm/machine/Wall"):
         added(part, 1, Slot(name, Number))

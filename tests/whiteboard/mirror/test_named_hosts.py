@@ -95,6 +95,39 @@ def test_what_cannot_be_a_hosts_name_is_an_error(tmp_path: Path) -> None:
     assert "'robot/7' cannot be the name of a host (`as`): use 1 to 64 letters" in done.stderr
     with pytest.raises(NetworkError, match="'llfsm' cannot be the name of a host"):
         Whiteboard.connect("tcp/127.0.0.1:1", NAME, as_="llfsm")
+    with pytest.raises(NetworkError, match="fleet: a host that has others in its fleet needs a n"):
+        Whiteboard.connect("tcp/127.0.0.1:1", NAME, fleet=["robot*"])
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ('as = ""\n', "settings.toml:1: as: Expected `str` of length >= 1"),
+        ('\nfleet = ["robot*"]\n', "settings.toml:2: fleet: a host that has others in its fleet"),
+        (
+            '[keep]\nfile = "kept"\nslots = ["map/*", "llfsm/*"]\n',
+            "settings.toml:1: keep: slots: 'llfsm/*' keeps nothing",
+        ),
+    ],
+)
+def test_a_setting_without_an_effect_is_an_error(tmp_path: Path, text: str, what: str) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text(text)
+    done = run_daemon(tmp_path, "--config", str(settings))
+    assert done.returncode in (1, 2)
+    assert what in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("flags", "what"),
+    [(["--as", ""], "as: Expected `str` of length >= 1"), (["--rate", "0"], "rate: Expected")],
+)
+def test_a_flag_with_an_impossible_value_is_an_error(
+    tmp_path: Path, flags: list[str], what: str
+) -> None:
+    done = run_daemon(tmp_path, *flags)
+    assert done.returncode == 2
+    assert what in done.stderr
 
 
 def test_hosts_that_another_one_makes_up_hide_no_other_for_long(make_host: MakeHost) -> None:

@@ -31,9 +31,9 @@ names = st.lists(part, min_size=1, max_size=5).map("/".join).filter(bool)
 long_names = st.integers(230, 255).map(lambda size: "n" * size)
 namings = st.builds(
     Naming,
-    st.sampled_from(["", *HOSTS, "machine"]),
+    st.sampled_from([*HOSTS, "machine"]),
     st.sampled_from([(), FLEET, ("*",), ("robot8", "a/b")]),
-)
+) | st.builds(Naming)
 
 
 @settings(max_examples=examples(120), deadline=None)
@@ -81,7 +81,7 @@ def test_what_no_host_of_the_fleet_has_has_no_name_here(wire: str) -> None:
 
 
 def test_a_host_without_a_name_has_the_names_that_travel() -> None:
-    naming = Naming("", FLEET)
+    naming = Naming()
     assert naming.wire("robot7/pose") == naming.local("robot7/pose") == "robot7/pose"
 
 

@@ -98,7 +98,11 @@ def _settings(config: Path | None, flags: dict[str, object]) -> Settings:
     if config is not None and settings.keep is not None:
         keep = msgspec.structs.replace(settings.keep, file=str(config.parent / settings.keep.file))
         settings = msgspec.structs.replace(settings, keep=keep)
-    given = {name.removesuffix("_"): value for name, value in flags.items() if value}
+    given = {
+        name.removesuffix("_"): value
+        for name, value in flags.items()
+        if value is not None and value is not False and value != ()
+    }
     try:
         return msgspec.convert({**msgspec.to_builtins(settings), **given}, Settings)
     except msgspec.ValidationError as error:
