@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agreement import DOMAINS
 from llfsm.runtime import Arrangement, ExecutionError
-from llfsm.runtime.counterexamples.replaying import view_of
+from llfsm.runtime.counterexamples.replaying import situation_of
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
 from llfsm.runtime.testing.scripted import ScriptedEnvironment
 from llfsm.runtime.verification import Space, UnsupportedError, explore
@@ -90,7 +90,7 @@ class _Live:
             unload_accepting=unload_accepting,
             observers=[self.look],
         )
-        self.search = space._search
+        self.search = space.search
         self.nodes = {(0, self.search.tables.initial())}
         self.period_ms = happened.period_ms
         self.coming = iter(happened.boundaries)
@@ -109,7 +109,9 @@ class _Live:
                 self.follow(self.turn, lambda state: state & tables.failed.mask)
                 return
             if arrangement.finished:
-                if arrangement.stopping or not self.machines["A"]._seat.suspended:  # or as if held
+                standings = filter(None, arrangement.standings())
+                asleep = any(each.machine == "A" and each.suspended for each in standings)
+                if arrangement.stopping or not asleep:  # else it goes on, as if held
                     assert any(tables.may_end(*node) for node in self.nodes)
                 return
 
@@ -122,7 +124,7 @@ class _Live:
         if not isinstance(event, Turn | RoundEnd):
             return
         if self.turn:
-            live = self.observed(view_of(self.environment)._situation)
+            live = self.observed(situation_of(self.environment))
             self.follow(self.turn, lambda state: self.observed(self.explored(state)) == live)
         self.turn = event.machine if isinstance(event, Turn) else ""
         self.happen()

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 from llfsm.runtime import Arrangement
 from llfsm.runtime.engine import ringlet, rotation, timing, twin
+from llfsm.runtime.engine.loading import Loadable
 from llfsm.runtime.engine.statistics import Stopwatch
 
 __all__ = ["BUILT", "Defined"]
@@ -23,13 +27,12 @@ class DefinedStopwatch(Stopwatch):
 class Defined(Arrangement):
     """An arrangement whose ringlets, rotation and timing are those in Python."""
 
-    _give_turns = rotation.Rotation._give_turns
-    _give_round = rotation.Rotation._give_round
-    _rest = rotation.Rotation._rest
+    unobserved = staticmethod(ringlet.ringlet)
+    give_turns = rotation.Rotation.give_turns
+    give_round = rotation.Rotation.give_round
+    give_rounds = rotation.Rotation.give_rounds
 
-    def _bind_all(self) -> None:
-        super()._bind_all()
-        if self._turn is twin.ringlet:
-            self._turn = ringlet.ringlet
-        if self._stopwatch is not None:
-            self._stopwatch.__class__ = DefinedStopwatch
+    def __init__(self, machines: Iterable[Loadable] = (), **how: Any):
+        super().__init__(machines, **how)
+        if self.stopwatch is not None:
+            self.stopwatch.__class__ = DefinedStopwatch

@@ -160,7 +160,7 @@ class _Failing(Defined):
 
     error = ""
 
-    def _fail(self, seat: Seat, error: ExecutionError) -> None:
+    def fail(self, seat: Seat, error: ExecutionError) -> None:
         self.error = str(error)
 
 
@@ -180,7 +180,7 @@ class _Naive:
         self.arrangement = _Failing(
             machines, environment=self.world, unload_accepting=unload_accepting
         )
-        self.seats = [seat for seat in self.arrangement._roster.seats if seat is not None]
+        self.seats = list(self.arrangement.roster)
         self.periods_ns = periods_ns
         self.domains = {slot.name: list(messages) for slot, messages in domains.items()}
         shared = self.world.posted & self.world.read_by.keys()
@@ -233,7 +233,7 @@ class _Naive:
     def restore(self, state: Any) -> None:
         _, machines, cells, stopping, self.arrangement.error = state
         self.arrangement.stopping = stopping
-        now, roster = self.clock.now_ns(), self.arrangement._roster
+        now, roster = self.clock.now_ns(), self.arrangement.roster
         for seat, saved in zip(self.seats, machines, strict=True):
             current, previous, remembered, request, accepted, taken, begun, elapsed, data = saved
             found = seat.states | {seat.suspension.name: seat.suspension}
@@ -287,7 +287,7 @@ class _Naive:
                 seat.schedule(request)
             if stop:
                 self.arrangement.stop()
-            self.arrangement._give_turns([seat])
+            self.arrangement.give_turns([seat])
             after = self._next(turn + 1) or 0
             if self.may.by_rounds and after == 0:
                 self.world.cells.update((n, None) for n in self.domains if n not in self.kept)

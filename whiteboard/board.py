@@ -241,7 +241,7 @@ class Board(ABC):
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._bound = _Bound(self._bind)
+        self._bound = _Bound(self.publisher)
 
     def __getitem__(self, slot: Slot[M]) -> BoundSlot[M]:
         """Bind a slot; make it if the board does not have it.
@@ -249,10 +249,6 @@ class Board(ABC):
         Raise :class:`.SlotTypeError` if it has another type on the board.
         """
         return self._bound[slot]
-
-    def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
-        """Bind a slot as ``board[slot]`` does, but to a new handle, which can be retired."""
-        return self._bind(slot)
 
     def add_message(self, slot: Slot[M], message: M) -> int:
         """Make ``message`` the slot's latest; see :meth:`BoundSlot.add`."""
@@ -289,7 +285,8 @@ class Board(ABC):
         return board_html(self)
 
     @abstractmethod
-    def _bind(self, slot: Slot[M]) -> BoundSlot[M]: ...
+    def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
+        """Bind a slot as ``board[slot]`` does, but to a new handle, which can be retired."""
 
     @abstractmethod
     def slots(self) -> list[SlotInfo]:

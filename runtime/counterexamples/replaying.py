@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..verification.space import Space
     from ..verification.witness import Witness
 
-__all__ = ["replay", "view_of"]
+__all__ = ["LiveSituation", "replay", "situation_of", "view_of"]
 
 
 def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()) -> list[View]:
@@ -49,6 +49,11 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
 
 def view_of(environment: ScriptedEnvironment) -> View:
     """Return a view of the state in which machines are now."""
+    return View(situation_of(environment))
+
+
+def situation_of(environment: ScriptedEnvironment) -> LiveSituation:
+    """Return the state in which machines are now, those that have left included."""
     seats = {name: machine._seat for name, machine in environment.machines.items()}
     contents: dict[str, Any] = {}
     for seat in seats.values():
@@ -56,7 +61,7 @@ def view_of(environment: ScriptedEnvironment) -> View:
         ports: list[Any] = [*table.sensors.values(), *table.actuators.values()]
         for slot in map(seat.slot_of, ports):
             contents[slot.name] = environment.content(slot)
-    return View(LiveSituation(seats, contents, defaults_of(seats.values())))
+    return LiveSituation(seats, contents, defaults_of(seats.values()))
 
 
 class LiveSituation:

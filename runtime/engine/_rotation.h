@@ -14,13 +14,13 @@ static bool give_turn(Record *self, PyObject *seat, bool *any)
     PyObject *fired = self->_turn == plain_turn ? ringlet(NULL, seat) : call(self->_turn, seat);
     bool done = is_done(fired);
     *any |= fired == Py_True;
-    if (self->_stopwatch != Py_None)
-        done = take(self->_stopwatch, seat, fired == Py_True) && done;
+    if (self->stopwatch != Py_None)
+        done = take(self->stopwatch, seat, fired == Py_True) && done;
     if (done && fired == Py_False && is_accepting(seat))
         done = is_done(PyObject_CallMethod(rotation, "_accept", "O", seat));
     if (!done && PyErr_ExceptionMatches(execution_error)) {
         PyObject *error = take_error();
-        done = is_done(PyObject_CallMethod(rotation, "_fail", "OO", seat, error));
+        done = is_done(PyObject_CallMethod(rotation, "fail", "OO", seat, error));
         Py_DECREF(error);
     }
     if (done && self->_leaving && PyList_Size(self->_leaving))
@@ -94,7 +94,7 @@ static int give_round(Record *self, PyObject *turns)
     return is_done(fired) ? fired == Py_True : -1;
 }
 
-static PyObject *rest(PyObject *object, PyObject *arguments)
+static PyObject *give_rounds(PyObject *object, PyObject *arguments)
 {
     Record *self = (Record *)object;
     PyObject *turns, *sleep, *slept;
@@ -116,9 +116,9 @@ static PyObject *rest(PyObject *object, PyObject *arguments)
     return PyErr_Occurred() ? NULL : PyBool_FromLong(fired == 1);
 }
 
-static PyMethodDef rotation_methods[] = {{"_give_turns", give_turns, METH_O, NULL},
-                                         {"_give_round", give_plain_round, METH_O, NULL},
-                                         {"_rest", rest, METH_VARARGS, NULL},
+static PyMethodDef rotation_methods[] = {{"give_turns", give_turns, METH_O, NULL},
+                                         {"give_round", give_plain_round, METH_O, NULL},
+                                         {"give_rounds", give_rounds, METH_VARARGS, NULL},
                                          {NULL, NULL, 0, NULL}};
 static struct kind rotations = {.name = "llfsm.runtime.engine._ringlet.Rotation",
                                 .fields = rotation_fields,

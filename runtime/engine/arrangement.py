@@ -113,25 +113,26 @@ class Arrangement(Rotation, Observed, Control):
         self.realtime, self.cpu = realtime, cpu
         self.reason: Reason | None = None
         self.stop_cause: str | None = None
-        self._loader = Loader(self, self._roster, library)
+        self._loader = Loader(self, self.roster, library)
         self._leaving = []
         self._outer: list[Seat] = []  # those inside whose ringlet another one is nested
         self.observers = Observers()  # changed by `attach` and `detach`
         self.instrument: Instrument | None = None  # changed by `equip`
         self.emit = self.observers.emit
         self._execution: Execution | None = None
-        self._stopwatch: Stopwatch | None = None
-        self._pacer: Pacer | None = None
+        self.stopwatch: Stopwatch | None = None
+        self.pacer: Pacer | None = None
+        """What waits until rounds are due; None if they begin when they are asked for."""
         self._gate = None
         self._critical = Critical()  # while safe values are posted
         cycle_us = period_us if timetable is None else timetable.cycle_us
         if timed or cycle_us:
-            self._stopwatch = watch = Stopwatch(self.clock)
+            self.stopwatch = watch = Stopwatch(self.clock)
             self._gate = watch.begin
             if cycle_us:
                 slots = () if timetable is None else timetable.slots
-                self._pacer = Pacer(cycle_us, self.clock, watch, self._wait_for_turn, slots)
-                self._gate = self._pacer.wait_for_round
+                self.pacer = Pacer(cycle_us, self.clock, watch, self._wait_for_turn, slots)
+                self._gate = self.pacer.wait_for_round
         self._bind_all()
         environment.enter(self)
         for observer in observers:
@@ -172,11 +173,11 @@ class Arrangement(Rotation, Observed, Control):
         `VariableError` or what a whiteboard raises, and leave the one that runs.
         """
         self.environment.requested("reload", name)
-        self._loader.reload(self._roster.find(name), cls)
+        self._loader.reload(self.roster.find(name), cls)
 
     def unload(self, name: str, caller: Seat | None = None) -> bool:
         """Unload a machine and return True: at once, or at the end of its ringlet if in one."""
-        seat = self._roster.find(name)
+        seat = self.roster.find(name)
         if seat is caller or seat in self._outer:
             self._leaving.append(seat)
         else:
@@ -186,7 +187,7 @@ class Arrangement(Rotation, Observed, Control):
     def abandon(self, name: str, caller: Seat | None = None) -> bool:
         """Suspend a machine now, run its suspended ringlet inside this call and return True."""
         self.environment.requested("abandon", name)
-        seat = self._roster.find(name)
+        seat = self.roster.find(name)
         first_round = seat.first_round
         if caller is not None:
             self._outer.append(caller)
@@ -196,12 +197,12 @@ class Arrangement(Rotation, Observed, Control):
         seat.nested += 1
         seat.suspend()
         turn: Callable[[Seat], bool] = defined_ringlet  # which a watchdog finds on the stack
-        if self._stopwatch is not None:
-            turn = partial(self._stopwatch.time_nested, turn)
+        if self.stopwatch is not None:
+            turn = partial(self.stopwatch.time_nested, turn)
         try:
             turn(seat)
         except ExecutionError as error:
-            self._fail(seat, error)
+            self.fail(seat, error)
         finally:
             if not first_round:  # those that rounds give it are still to come
                 seat.first_round = self.rounds + (caller is None or caller.index > seat.index)
@@ -227,26 +228,26 @@ class Arrangement(Rotation, Observed, Control):
         With a period or a timetable, wait until they are due.
         """
         if self._gate is None and not self.observers:
-            fired = self._give_round(self._roster.seats)  # which grow and get holes on the way
+            fired = self.give_round(self.roster.seats)  # which grow and get holes on the way
         else:
             if self._gate is not None and not self._gate():
                 return False
             self.rounds += 1
             if self.observers:
                 self.emit(RoundBegin(*self.stamp()))
-            seats: Iterable[Seat | None] = self._roster.seats
-            if self.timetable is not None and self._pacer is not None:
-                seats = self._pacer.turns(self._roster.named)
-            fired = self._give_turns(seats)
+            seats: Iterable[Seat | None] = self.roster.seats
+            if self.timetable is not None and self.pacer is not None:
+                seats = self.pacer.turns(self.roster.named)
+            fired = self.give_turns(seats)
         if self.observers:
             self.emit(RoundEnd(*self.stamp(), fired, self.finished, self.standings()))
         return fired
 
     def rest(self, sleep: Callable[[], bool]) -> bool:
-        """Give rounds as `_rest` says; only one with observers, or at the times of a timetable."""
+        """Do as `give_rounds`; with observers or a timetable, give only one round."""
         if self.observers or self.timetable is not None:
             return self.round()
-        return self._rest(self._roster.seats, sleep)
+        return self.give_rounds(self.roster.seats, sleep)
 
     def run(self, *, grace_s: float = 1.0, max_rounds: int | None = None) -> Reason:
         """Run rounds until every machine accepts or is suspended; return why it ended.
@@ -277,7 +278,7 @@ class Arrangement(Rotation, Observed, Control):
         if not self.stopping and self.reason is None and self.environment.may_stop(cause):
             self.stop_cause = cause
             self.stopping = True
-            for seat in self._roster:
+            for seat in self.roster:
                 seat.machine.stopping = True
             self.environment.wake()
 
@@ -302,12 +303,12 @@ class Arrangement(Rotation, Observed, Control):
         self._critical.depth += 1
         self.reason = reason
         self._gate = self._refuse
-        for seat in self._roster:
+        for seat in self.roster:
             seat.finish()
         if self._execution is not None:
             self._execution.end()
-        if self._stopwatch is not None:
-            self._stopwatch.end()
+        if self.stopwatch is not None:
+            self.stopwatch.end()
         self.emit(End(*self.stamp(), reason))
 
     @property
@@ -318,12 +319,12 @@ class Arrangement(Rotation, Observed, Control):
     @property
     def paced(self) -> bool:
         """Whether rounds have a time at which they begin."""
-        return self._pacer is not None
+        return self.pacer is not None
 
     @property
     def due_ns(self) -> int | None:
         """When the next round begins; None if it begins when it is asked for."""
-        return None if self._pacer is None else self._pacer.next_ns
+        return None if self.pacer is None else self.pacer.next_ns
 
     def _refuse(self) -> bool:
         raise ArrangementEndedError(f"this arrangement has ended: {self.reason}")
@@ -348,7 +349,7 @@ class Arrangement(Rotation, Observed, Control):
         if self.observers:
             self.emit(Accepting(*self.stamp(), seat.index, seat.name, action))
 
-    def _fail(self, seat: Seat, error: ExecutionError) -> None:
+    def fail(self, seat: Seat, error: ExecutionError) -> None:
         """Apply `on_error` to a machine whose code raised."""
         with self._critical:
             seat.fail(Failure(error, self.clock.now_ns()))
@@ -375,7 +376,7 @@ class Arrangement(Rotation, Observed, Control):
     def _vacate(self, seat: Seat) -> None:
         self.environment.requested("unload", seat.name)
         with self._critical:
-            if self._roster.remove(seat):
+            if self.roster.remove(seat):
                 seat.finish()
-        if self._stopwatch is not None:
-            self._stopwatch.rest(seat.name)
+        if self.stopwatch is not None:
+            self.stopwatch.rest(seat.name)

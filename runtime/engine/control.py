@@ -35,12 +35,13 @@ class Control:
     realtime: int | None
     cpu: int | None
     instrument: Instrument | None
-    _stopwatch: Stopwatch | None
+    stopwatch: Stopwatch | None
     """What times the turns, if anything does."""
 
     def __init__(self, environment: Environment):
         self.environment = environment
-        self._roster = Roster()
+        self.roster = Roster()
+        """Who is loaded: the seats by index and by name."""
         self._stopped: list[tuple[int, Seat]] = []  # asked to stop alone, and when
         self.rounds = 0
         self.stopping = False
@@ -76,13 +77,13 @@ class Control:
     def hold(self, name: str) -> None:
         """Have a machine suspended from outside: until it is resumed the execution goes on."""
         self.environment.requested("hold", name)
-        seat = self._roster.find(name)
+        seat = self.roster.find(name)
         seat.held = True
         self._schedule(seat, Request.SUSPEND)
 
     def suspend_all(self, caller: Seat | None = None) -> None:
         """Have every machine suspended but the one in seat `caller`."""
-        for seat in self._roster.named.values():
+        for seat in self.roster.named.values():
             if seat is not caller:
                 self.environment.requested("suspend", seat.name)
                 self._schedule(seat, Request.SUSPEND)
@@ -90,7 +91,7 @@ class Control:
     def stop_machine(self, name: str) -> None:
         """Ask one machine to reach an accepting state; `run` unloads it after the grace period."""
         self.environment.requested("stop_machine", name)
-        seat = self._roster.find(name)
+        seat = self.roster.find(name)
         if not seat.stopping:
             seat.stopping = seat.machine.stopping = True
             self._stopped.append((self.clock.now_ns(), seat))
@@ -112,7 +113,7 @@ class Control:
     def post_safe(self, name: str) -> None:
         """Post what a machine posts when it is suspended, though it is not."""
         self.environment.requested("post_safe", name)
-        self._roster.find(name).post_safe("at_suspend")
+        self.roster.find(name).post_safe("at_suspend")
 
     def override(self, name: str, sensor: str, message: Message | None) -> None:
         """Let a machine read `message` instead of what is in the sensor's slot, until `release`.
@@ -136,7 +137,7 @@ class Control:
 
     def read_again(self, slot: str) -> None:
         """Connect the sensors of a slot anew, of which an instrument wants to know."""
-        for seat in self._roster:
+        for seat in self.roster:
             seat.read_again(slot)
 
     # Questions
@@ -151,7 +152,7 @@ class Control:
 
         One that was suspended from another process keeps it going until a stop is asked for.
         """
-        for seat in self._roster.seats:
+        for seat in self.roster.seats:
             if seat is not None and (not seat.settled or (seat.held and not self.stopping)):
                 return False
         return True
@@ -162,9 +163,9 @@ class Control:
 
     def is_suspended(self, name: str) -> bool:
         """Return whether a machine is in its suspend state."""
-        seat = self._roster.named.get(name)
+        seat = self.roster.named.get(name)
         if seat is None:
-            return self.environment.elsewhere(name, self._roster.named).suspended
+            return self.environment.elsewhere(name, self.roster.named).suspended
         return seat.suspended
 
     def is_running(self, name: str) -> bool:
@@ -173,31 +174,31 @@ class Control:
 
     def index_of(self, name: str) -> int:
         """Return the place of a machine in the order, from 0."""
-        return self._roster.find(name).index
+        return self.roster.find(name).index
 
     def name_of(self, index: int) -> str:
         """Return the name of the machine at `index`."""
-        return self._roster.at(index).name
+        return self.roster.at(index).name
 
     def state_name_of(self, name: str) -> str:
         """Return the name of a machine's current state."""
-        seat = self._roster.named.get(name)
+        seat = self.roster.named.get(name)
         if seat is None:
-            return self.environment.elsewhere(name, self._roster.named).state
+            return self.environment.elsewhere(name, self.roster.named).state
         return seat.current.name
 
     def states(self) -> dict[str, str]:
         """Return the name of each loaded machine's current state."""
-        return {name: seat.current.name for name, seat in self._roster.named.items()}
+        return {name: seat.current.name for name, seat in self.roster.named.items()}
 
     def slot_of(self, name: str, sensor: str) -> Slot[Any]:
         """Return the slot that a machine's sensor reads; raise `SensorNameError`."""
-        seat = self._roster.find(name)
+        seat = self.roster.find(name)
         return seat.slot_of(seat.sensor(sensor))
 
     def caller(self, name: str) -> str:
         """Return which machine has called this one; "" if none has, or that has left."""
-        caller = self._roster.find(name).caller
+        caller = self.roster.find(name).caller
         return caller.name if caller is not None and caller.taken else ""
 
     def overridden(self, name: str) -> tuple[str, ...]:
@@ -205,7 +206,7 @@ class Control:
         slots = self.environment.overridden(name)
         if not slots:
             return ()
-        seat = self._roster.find(name)
+        seat = self.roster.find(name)
         sensors = type(seat.machine).table.sensors.items()
         return tuple(name for name, sensor in sensors if seat.slot_of(sensor).name in slots)
 
@@ -214,13 +215,13 @@ class Control:
         """The names of the slots that machines read, on the board."""
         return {
             seat.slot_of(sensor).name
-            for seat in self._roster
+            for seat in self.roster
             for sensor in type(seat.machine).table.sensors.values()
         }
 
     def standings(self) -> tuple[Standing | None, ...]:
         """Return where each machine stands, in order of index, with None for each hole."""
-        return tuple(None if seat is None else seat.standing() for seat in self._roster.seats)
+        return tuple(None if seat is None else seat.standing() for seat in self.roster.seats)
 
     def marks(self) -> dict[str, tuple[object, ...]]:
         """Return by name what other processes learn of each machine; equal as long as it is."""
@@ -236,52 +237,52 @@ class Control:
                 self.overridden(name),
                 self.caller(name),
             )
-            for name, seat in self._roster.named.items()
+            for name, seat in self.roster.named.items()
         }
 
     def standing(self, name: str) -> Standing:
         """Return where a machine stands."""
-        return self._roster.find(name).standing()
+        return self.roster.find(name).standing()
 
     def arrival(self, name: str) -> Arrival:
         """Return how a machine has come into its state."""
-        return self._roster.find(name).arrival()
+        return self.roster.find(name).arrival()
 
     def failure(self, name: str) -> Failure | None:
         """Return what a machine's code has raised; None if it has not, or was resumed since."""
-        return self._roster.find(name).failure
+        return self.roster.find(name).failure
 
     @property
     def failed_machines(self) -> list[str]:
         """The names of the loaded machines that have a `failure`, in order."""
-        return [seat.name for seat in self._roster if seat.failure is not None]
+        return [seat.name for seat in self.roster if seat.failure is not None]
 
     def hang(self, name: str) -> str:
         """Return where code of a machine hangs, as a watchdog has found; "" if it does not."""
-        return self._roster.find(name).hang
+        return self.roster.find(name).hang
 
     def safe_values(self, name: str) -> list[tuple[Slot[Any], Message]]:
         """Return what is posted when code of a machine fails: slots of the board, and messages."""
-        return self._roster.find(name).safe_values()
+        return self.roster.find(name).safe_values()
 
     def statistics(self) -> tuple[MachineStatistics, ...]:
         """Return what each machine did, also those that were unloaded, in order of first turns.
 
         Raise `OptionError` if turns are not timed.
         """
-        if self._stopwatch is None:
+        if self.stopwatch is None:
             raise OptionError("turns are not timed: make the Arrangement with timed=True")
         priority, cpu = self.achieved
-        return tuple(each._replace(realtime=priority, cpu=cpu) for each in self._stopwatch.read())
+        return tuple(each._replace(realtime=priority, cpu=cpu) for each in self.stopwatch.read())
 
     def progress(self, name: str) -> tuple[int, int]:
         """Return the numbers of ringlets and of overruns of a loaded machine."""
-        seat = self._roster.find(name)
-        return (seat.ringlets, 0) if self._stopwatch is None else self._stopwatch.progress(name)
+        seat = self.roster.find(name)
+        return (seat.ringlets, 0) if self.stopwatch is None else self.stopwatch.progress(name)
 
     def running(self) -> tuple[Seat, Running] | None:
         """Return in which seat the twin of the ringlet is running, and what; for other threads."""
-        for seat in tuple(self._roster):
+        for seat in tuple(self.roster):
             now = running(seat)
             if now is not None:
                 return seat, now
@@ -289,11 +290,11 @@ class Control:
 
     def seat(self, name: str) -> Seat:
         """Return the seat of that machine, for who debugs it."""
-        return self._roster.find(name)
+        return self.roster.find(name)
 
     def machine(self, name: str) -> Machine:
         """Return the machine of that name."""
-        return self._roster.find(name).machine
+        return self.roster.find(name).machine
 
     def _repr_html_(self) -> str:
         """Return the machines with their states, as a notebook shows the arrangement."""
@@ -306,25 +307,25 @@ class Control:
                 self.status(seat.name).name.lower(),
                 seat.ringlets,
             )
-            for seat in self._roster
+            for seat in self.roster
         ]
         return html_table(("machine", "state", "status", "turns"), rows)
 
     @property
     def machines(self) -> tuple[Machine, ...]:
         """The loaded machines in order."""
-        return tuple(seat.machine for seat in self._roster)
+        return tuple(seat.machine for seat in self.roster)
 
     @property
     def number_of_machines(self) -> int:
         """The number of indices in use, holes included."""
-        return len(self._roster.seats)
+        return len(self.roster.seats)
 
     def _ask(self, name: str, request: Request) -> Status:
         self.environment.requested(request.value, name)
-        seat = self._roster.named.get(name)
+        seat = self.roster.named.get(name)
         if seat is None:
-            return self.environment.elsewhere(name, self._roster.named).request(request.value)
+            return self.environment.elsewhere(name, self.roster.named).request(request.value)
         return self._schedule(seat, request)
 
     def _schedule(self, seat: Seat, request: Request) -> Status:

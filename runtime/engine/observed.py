@@ -27,12 +27,12 @@ class Observed:
     environment: Environment
     observers: Observers
     instrument: Instrument | None
-    _roster: Roster
+    roster: Roster
 
     def move(self, environment: Environment) -> None:
         """Connect all machines with another environment, between two rounds."""
         self.environment = environment
-        for seat in self._roster:
+        for seat in self.roster:
             seat.connect(environment)
         self._bind_all()
 
@@ -59,6 +59,6 @@ class Observed:
             self.instrument.bound(seat)
 
     def _bind_all(self) -> None:
-        for seat in self._roster:
+        for seat in self.roster:
             self.bind(seat)
         self._turn: Callable[[Seat], bool] = observed_ringlet if self.observers else self.unobserved

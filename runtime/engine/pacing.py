@@ -46,7 +46,7 @@ class Pacer:
         self._cycle_ns = cycle_us * 1_000
         self._clock = clock
         self._stopwatch = stopwatch
-        self._sleep_until = sleep_until
+        self.sleep_until = sleep_until
         self.next_ns: int | None = None
         self._lateness = stopwatch.lateness("")
         self._slots = [
@@ -66,19 +66,20 @@ class Pacer:
             logger().warning("%.3g s behind: %d rounds are left out", behind_ns / 1e9, lost)
         self.next_ns = begin_ns + self._cycle_ns
         self._begin_ns = begin_ns
-        return self._wait(begin_ns, self.next_ns, self._lateness)
+        return self.wait(begin_ns, self.next_ns, self._lateness)
 
     def turns(self, seats: Mapping[str, Seat]) -> Iterator[Seat | None]:
         """Yield the seat of each slot of the round when due; None if its machine is gone."""
         begin_ns = self._begin_ns
         for machine, start_ns, deadline_ns, lateness in self._slots:
             due_ns = begin_ns + start_ns
-            if not self._wait(due_ns, due_ns + deadline_ns, lateness):
+            if not self.wait(due_ns, due_ns + deadline_ns, lateness):
                 return
             yield seats.get(machine)
 
-    def _wait(self, due_ns: int, deadline_ns: int, lateness: Histogram) -> bool:
-        if not self._sleep_until(due_ns):
+    def wait(self, due_ns: int, deadline_ns: int, lateness: Histogram) -> bool:
+        """Sleep until a turn is due, and begin to time it; return False if it is not wanted."""
+        if not self.sleep_until(due_ns):
             return False
         self._stopwatch.begin_due(due_ns, deadline_ns, lateness)
         return True

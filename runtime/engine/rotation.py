@@ -21,7 +21,7 @@ class Rotation:
     """A ringlet; another one when an observer comes or goes, also during a round."""
     _leaving: list[Seat]
     """To be unloaded when their ringlet is over."""
-    _stopwatch: Timing | None
+    stopwatch: Timing | None
     """What times the turns, if anything does."""
     _gate: Callable[[], bool] | None
     """A round begins when this returns True: at its time, or at once; after the end it raises."""
@@ -30,13 +30,13 @@ class Rotation:
     marks: Callable[[], object]
     """Return where the machines stand; equal as long as they do. The twin looks by itself."""
 
-    def _give_turns(self, seats: Iterable[Seat | None]) -> bool:
+    def give_turns(self, seats: Iterable[Seat | None]) -> bool:
         """Give each seat its turn, and return whether a transition fired in any."""
         any_fired = False
         for seat in seats:
             if seat is None:
                 continue
-            turn, stopwatch, fired = self._turn, self._stopwatch, False
+            turn, stopwatch, fired = self._turn, self.stopwatch, False
             try:
                 try:
                     fired = turn(seat)
@@ -48,17 +48,17 @@ class Rotation:
                 elif not seat.current.transitions:
                     self._accept(seat)
             except ExecutionError as error:
-                self._fail(seat, error)
+                self.fail(seat, error)
             if self._leaving:
                 self._let_go()
         return any_fired
 
-    def _give_round(self, seats: Iterable[Seat | None]) -> bool:
+    def give_round(self, seats: Iterable[Seat | None]) -> bool:
         """Give a round that nobody observes, and for whose time nobody waits."""
         self.rounds += 1
-        return self._give_turns(seats)
+        return self.give_turns(seats)
 
-    def _rest(self, seats: list[Seat | None], sleep: Callable[[], bool]) -> bool:
+    def give_rounds(self, seats: list[Seat | None], sleep: Callable[[], bool]) -> bool:
         """Give rounds, and sleep after each, until one changes where a machine stands.
 
         Or until `sleep` returns False, or an observer comes: `_turn` is what it was when it began.
@@ -67,7 +67,7 @@ class Rotation:
         """
         turn, before = self._turn, self.marks()
         while self._gate is None or self._gate():
-            fired = self._give_round(seats)
+            fired = self.give_round(seats)
             is_same = self._turn is turn and self.marks() == before
             if fired or not is_same or not sleep():
                 return fired
@@ -78,7 +78,8 @@ class Rotation:
     def _accept(self, seat: Seat) -> None:
         raise NotImplementedError
 
-    def _fail(self, seat: Seat, error: ExecutionError) -> None:
+    def fail(self, seat: Seat, error: ExecutionError) -> None:
+        """Do what is to be done about a machine whose code raised, within its turn."""
         raise NotImplementedError
 
     def _let_go(self) -> None:

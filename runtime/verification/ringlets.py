@@ -60,7 +60,7 @@ class Ringlets(Arrangement):
         for member in members:
             member.load(self)
         self._complete = True
-        self.seats: tuple[Seat, ...] = tuple(self._roster)
+        self.seats: tuple[Seat, ...] = tuple(self.roster)
         self.places = {seat.name: number for number, seat in enumerate(self.seats)}
         self.environment.members = self.places.keys()
         self.environment.watchers = {*list(self.places)[len(self.places) - watchers :]}
@@ -115,7 +115,7 @@ class Ringlets(Arrangement):
         environment.begin(seat.name, given.elapsed_ns if was.entered else None)
         self._error = None
         self.executed += 1
-        fired = self._give_turns((seat,))
+        fired = self.give_turns((seat,))
         self._check_ports(given.place)
         known = environment.touched & self.places.keys()  # others are refused
         touched = {self.places[name] for name in known} - {given.place}
@@ -244,7 +244,7 @@ class Ringlets(Arrangement):
     def _note(self, name: str) -> None:
         if name in self.places:
             self.environment.ask(name)
-        if name not in self._roster.named:
+        if name not in self.roster.named:
             self._note_all()  # as an error lists them
 
     def _note_all(self) -> None:
@@ -277,7 +277,8 @@ class Ringlets(Arrangement):
         """Refuse."""
         self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
 
-    def _fail(self, seat: Seat, error: ExecutionError) -> None:
+    def fail(self, seat: Seat, error: ExecutionError) -> None:
+        """Keep what a machine's code raised; the machine stays as it is."""
         if isinstance(error.__cause__, KeyboardInterrupt):  # which is not the code's
             raise error.__cause__
         self._error = error
@@ -285,7 +286,7 @@ class Ringlets(Arrangement):
     # Standings
 
     def _stand(self, place: int, control: ControlState) -> None:
-        seat, roster = self.seats[place], self._roster
+        seat, roster = self.seats[place], self.roster
         states = seat.states
         seat.current = states.get(control.current, seat.suspension)
         previous = control.previous

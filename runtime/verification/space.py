@@ -85,8 +85,9 @@ class Space:
         self.suspend = system.suspend
         """The names of the machines that anybody may suspend, resume or restart."""
         self.unload_accepting = system.ringlets.unload_accepting
+        self.search = search
+        """The states themselves, packed, and what leads from one to the next."""
         self._system = system
-        self._search = search
 
     def hints(self) -> Iterator[str]:
         """Return what makes many states, and what to do about it, a line each."""
@@ -115,4 +116,4 @@ class Space:
         """
         if not self.complete:
             raise VerificationError(f"{file}: nothing was written, as not all states were found")
-        export(file, nodes_of(self._search, [each.property for each in self.verdicts]))
+        export(file, nodes_of(self.search, [each.property for each in self.verdicts]))

@@ -189,8 +189,9 @@ class Hurried(MonotonicClock):
 class Unmeasured(Pacer):
     """Wait for turns, and measure nothing."""
 
-    def _wait(self, due_ns: int, deadline_ns: int, lateness: object) -> bool:
-        return self._sleep_until(due_ns)
+    def wait(self, due_ns: int, deadline_ns: int, lateness: object) -> bool:
+        """Sleep until a turn is due; return False if it is not wanted."""
+        return self.sleep_until(due_ns)
 
 
 def _paced() -> dict[str, Subject]:
@@ -204,8 +205,8 @@ def _paced() -> dict[str, Subject]:
             for name in names:
                 arrangement.load(Counting(), name=name)
             if suffix:
-                arrangement._stopwatch = None
-                arrangement._pacer.__class__ = Unmeasured
+                arrangement.stopwatch = None
+                arrangement.pacer.__class__ = Unmeasured
             found[what + suffix] = Subject("round()", {"round": arrangement.round}, 10)
     return found
 

@@ -90,7 +90,7 @@ class Played:
         for each in machines:
             member = each if isinstance(each, Member) else Member(each)
             self.arrangement.load(member.machine, name=member.name)
-        self.seats = [seat for seat in self.arrangement._roster if seat is not None]
+        self.seats = list(self.arrangement.roster)
         self.slots = {
             port.slot.name: port.slot
             for table in (type(seat.machine).table for seat in self.seats)
@@ -102,7 +102,7 @@ class Played:
             if not observed:
                 self.prepare(turn.machine)
             seat = next(seat for seat in self.seats if seat.name == turn.machine)
-            self.arrangement._give_turns((seat,))
+            self.arrangement.give_turns((seat,))
             self.standings.append(Standing(self))
         assert not self.turns[self.done :]
 

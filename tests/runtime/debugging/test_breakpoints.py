@@ -9,7 +9,6 @@ import pytest
 
 from llfsm.runtime import Actuator, Arrangement, BreakpointError, Machine, ManualClock, State
 from llfsm.runtime.debugging import Debugger
-from llfsm.runtime.engine import twin
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineRequest, status_slot
@@ -217,13 +216,13 @@ def test_a_condition_has_no_effect() -> None:
 
 
 def test_a_breakpoint_costs_where_it_is() -> None:
-    """The ringlet is the plain one, and code of other states is what it was."""
+    """Turns are not observed, and code of other states is what it was."""
     arrangement = Arrangement([Counter, Driver], whiteboard=Whiteboard.local(), clock=ManualClock())
-    states = arrangement._roster.find("Driver").states
+    states = arrangement.seat("Driver").states
     before = {name: (state.on_entry, state.on_exit) for name, state in states.items()}
     debugger = Debugger(arrangement)
     debugger.break_at("Counter:high", "Driver:done->")
-    assert arrangement._turn is twin.ringlet
+    assert not arrangement.observers
     for name, state in states.items():
         assert ((state.on_entry, state.on_exit) == before[name]) is (name != "done")
     debugger.break_at()

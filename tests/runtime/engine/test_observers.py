@@ -152,7 +152,7 @@ def test_without_observers_nothing_stands_between_a_round_and_the_machines_own_f
     arrangement = Arrangement([caller])
     trace = Trace()
     arrangement.round()
-    defined = ringlet, Rotation._give_turns, Rotation._give_round
+    defined = ringlet, Rotation.give_turns, Rotation.give_round
     nothing = () if BUILT else tuple(each.__code__ for each in defined)
     assert caller.callers == nothing
     arrangement.attach(trace)

@@ -262,7 +262,7 @@ def test_a_million_turns_keep_no_references(clock: ManualClock | None) -> None:
     arrangement = Arrangement(
         machines, whiteboard=board, clock=clock, on_error="suspend", timed=clock is None
     )
-    state, seat = Busy.table.states[0], machines[0]._seat
+    state, seat = Busy.table.states[0], arrangement.seat(machines[0].name)
     held = [machines[0], board.get_message(LEFT), Busy.right.default, state.sections["OnEntry"],
             state.transitions[0].guard, seat, *seat.states.values()]  # fmt: skip
     if sys.version_info < (3, 12):  # later ones do not count references to these
@@ -322,7 +322,7 @@ def test_a_state_without_a_clock_has_lasted_for_ever(kind: type[Arrangement]) ->
 
 def loaded() -> tuple[Arrangement, Any]:
     arrangement = Arrangement([Busy], whiteboard=Whiteboard.local(), timed=True)
-    return arrangement, arrangement.machines[0]._seat
+    return arrangement, arrangement.seat("Busy")
 
 
 @pytest.mark.parametrize("field", ["machine", "request", "sensors", "current", "previous", "now"])
@@ -357,7 +357,7 @@ def test_only_seats_have_ringlets() -> None:
     with pytest.raises(TypeError, match="a ringlet is one of a seat, not of <object"):
         twin.ringlet(wrong)
     with pytest.raises(TypeError, match="not iterable"):
-        Arrangement()._give_turns(wrong)
+        Arrangement().give_turns(wrong)
     assert twin.running(wrong) is None
 
 
@@ -367,7 +367,7 @@ def test_only_meters_time_turns_and_only_histograms_count(of: str) -> None:
     wrong: Any = object()
     arrangement.round()
     setattr(seat.meter, of, wrong)
-    stopwatch: Any = arrangement._stopwatch
+    stopwatch: Any = arrangement.stopwatch
     stopwatch.deadline_ns = 0
     stopwatch.take(seat, False) if of == "jitters" else None
     with pytest.raises(TypeError, match="a Histogram is of another type"):
@@ -376,6 +376,6 @@ def test_only_meters_time_turns_and_only_histograms_count(of: str) -> None:
         stopwatch.begin_due(0, 0, wrong)
     with pytest.raises(TypeError, match="a seat is of another type"):
         stopwatch.take(wrong, False)
-    arrangement._stopwatch = wrong
+    arrangement.stopwatch = wrong
     with pytest.raises(TypeError, match="a stopwatch is of another type"):
         arrangement.round()

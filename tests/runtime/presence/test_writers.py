@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,6 +14,7 @@ import posting
 from commanding import CMD, Wall
 from forked import Forked
 from llfsm.runtime import Arrangement, ManualClock
+from llfsm.runtime.presence import commanders as module
 from llfsm.runtime.presence.commanders import Claims, contested_slots, described
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
@@ -46,6 +48,22 @@ def post(board: Whiteboard) -> Iterator[Post]:
         each.communicate()
 
 
+Wait = Callable[[float], None]
+
+
+@pytest.fixture
+def wait(monkeypatch: pytest.MonkeyPatch) -> Wait:
+    """Stop the clock of those who look for other writers; return what lets seconds pass there."""
+    now_ns = time.monotonic_ns()
+
+    def pass_(seconds: float) -> None:
+        nonlocal now_ns
+        now_ns += round(seconds * 1e9)
+
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic_ns=lambda: now_ns))
+    return pass_
+
+
 def _add(process: subprocess.Popen[str], times: int) -> None:
     assert process.stdin is not None
     assert process.stdout is not None
@@ -77,32 +95,33 @@ def test_both_report_it_once_and_tools_show_it_while_it_posts(
     assert printed.count("commanders") <= 1
 
 
-def test_who_posts_no_more_is_listed_no_more(board: Whiteboard, post: Post) -> None:
+def test_who_posts_no_more_is_listed_no_more(board: Whiteboard, post: Post, wait: Wait) -> None:
     claims = Claims(board)
     claims.take("Mine", {CMD: False})
-    (slot,) = claims._slots.values()
-    other, now_ns = post(), time.monotonic_ns()
-    _add(other, 4)
-    slot.list_writers(time.monotonic_ns())
-    slot.list_writers(time.monotonic_ns())
+    _add(post(), 4)
+    claims.look()
+    assert commanders(board) == ["Mine", ""]
+    wait(1)
+    claims.look()
     assert commanders(board) == ["Mine", ""]
     assert [*contested_slots(board)] == ["cmd"]
-    slot.list_writers(now_ns + 10_000_000_000)
+    wait(100)
+    claims.look()
     assert commanders(board) == ["Mine"]
 
 
-def test_one_or_two_messages_command_nothing(board: Whiteboard, post: Post) -> None:
+def test_one_or_two_messages_command_nothing(board: Whiteboard, post: Post, wait: Wait) -> None:
     """A guard adds one where a process has died, and a person one by hand."""
     claims = Claims(board)
     claims.take("Mine", {CMD: False})
-    (slot,) = claims._slots.values()
     _add(post(), 2)
-    slot.list_writers(time.monotonic_ns())
+    claims.look()
     assert commanders(board) == ["Mine"]
     board.add_message(CMD, Int32())
     for _ in range(4):  # this process has a machine that posts there
         board.add_message(CMD, Int32())
-    slot.list_writers(time.monotonic_ns())
+    wait(1)
+    claims.look()
     assert commanders(board) == ["Mine"]
 
 

@@ -200,12 +200,11 @@ def test_each_request_is_counted_although_it_asks_for_the_same(board: Board):
 
 
 def test_a_machine_that_hangs_no_more_is_published_at_once(board: Board):
-    machine = Idle()
-    arrangement = Arrangement([machine], whiteboard=board, clock=ManualClock())
+    arrangement = Arrangement([Idle], whiteboard=board, clock=ManualClock())
     presence = Presence(arrangement, board)
-    machine._seat.hang = "in a loop"
+    arrangement.seat("Idle").hang = "in a loop"
     presence.publish_hang("Idle")
     assert status_of(board, "Idle").hung
-    machine._seat.hang = ""
+    arrangement.seat("Idle").hang = ""
     presence.look(idle=True)
     assert not status_of(board, "Idle").hung
