@@ -10,15 +10,18 @@ import threading
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 from llfsm.runtime.debugging.debugger import Goal, Step
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
+from llfsm.runtime.engine.events import Reason
 
 from .errors import MomentError
 from .travel_debugger import Abandoned, SectionPlace, TravelDebugger, section_of
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.machine import Machine
 
     from .rerun import Rerun
@@ -238,7 +241,8 @@ class Travel:
         elif rerun.lost:
             self.end = f"the recorder lost what follows, at {self.now_s:.6f} s"
         else:
-            self.end = f"the recording ends here, at {self.now_s:.6f} s"
+            failure = _failure_of(rerun.arrangement)
+            self.end = f"the recording ends here, at {self.now_s:.6f} s{failure and f': {failure}'}"
 
     def _seconds(self, time_ns: int) -> float:
         return (time_ns - self._begin_ns) / 1e9
@@ -259,6 +263,14 @@ class Travel:
                 f"{place.machine} has no code {place.state}.{place.section}; "
                 f"it has: {', '.join(known) or 'none'}"
             )
+
+
+def _failure_of(arrangement: Arrangement) -> str:
+    """Return which machine's code has ended the arrangement, and how; "" if none has."""
+    failures = [seat.failure for seat in arrangement.roster if seat.failure is not None]
+    if arrangement.reason is not Reason.FAILED or not failures:
+        return ""
+    return str(max(failures, key=attrgetter("time_ns")).error)
 
 
 def _last_before(moment: int, moments: Sequence[int]) -> int:
