@@ -241,7 +241,7 @@ class Board(ABC):
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._bound = _Bound(self._bind)
+        self._bound = _Bound(self.publisher)
 
     def __getitem__(self, slot: Slot[M]) -> BoundSlot[M]:
         """Bind a slot; make it if the board does not have it.
@@ -250,9 +250,12 @@ class Board(ABC):
         """
         return self._bound[slot]
 
+    @abstractmethod
     def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
-        """Bind a slot as ``board[slot]`` does, but to a new handle, which can be retired."""
-        return self._bind(slot)
+        """Bind a slot as ``board[slot]`` does, but to a new handle, which can be retired.
+
+        Whatever binds a slot does it by this.
+        """
 
     def add_message(self, slot: Slot[M], message: M) -> int:
         """Make ``message`` the slot's latest; see :meth:`BoundSlot.add`."""
@@ -287,9 +290,6 @@ class Board(ABC):
         from .notebook import board_html  # here, as few boards are in one
 
         return board_html(self)
-
-    @abstractmethod
-    def _bind(self, slot: Slot[M]) -> BoundSlot[M]: ...
 
     @abstractmethod
     def slots(self) -> list[SlotInfo]:

@@ -177,7 +177,8 @@ class LocalBoard(Board):
         if not self._open:
             raise BoardClosedError(f"{self.name}: this whiteboard was closed")
 
-    def _bind(self, slot: Slot[M]) -> _LocalSlot[M]:
+    def publisher(self, slot: Slot[M]) -> _LocalSlot[M]:
+        """Bind a slot to a new handle, which can be retired."""
         self.check_open()
         cell = self._cells.setdefault(slot.name, _Cell(slot))
         if cell.slot.fingerprint != slot.fingerprint:

@@ -96,7 +96,8 @@ class Whiteboard(Board):
 
         return RemoteBoard(endpoint, default_name() if name is None else name, zenoh, as_, fleet)
 
-    def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
+    def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
+        """Bind a slot to a new handle, which can be retired."""
         try:
             return _shm.Port(
                 self._core,

@@ -145,8 +145,9 @@ class Spy(LocalBoard):
         self.added: list[tuple[int, str, Message]] = []
         self._now = now
 
-    def _bind(self, slot: Slot[Any]) -> BoundSlot[Any]:
-        bound, add = super()._bind(slot), super()._bind(slot).add
+    def publisher(self, slot: Slot[Any]) -> BoundSlot[Any]:
+        bound = super().publisher(slot)
+        add = bound.add
 
         def remember(message: Any, /) -> int:
             self.added.append((self._now(), slot.name, message))

@@ -346,10 +346,10 @@ def test_it_waits_for_the_machines_of_a_board_that_is_gone_but_not_for_ever(
 class NoRoom(Whiteboard):
     """A board with room for one journal's slot."""
 
-    def _bind(self, slot: Slot[M]) -> BoundSlot[M]:
+    def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
         if slot.name == journal_slot(1).name:
             raise BoardFullError("no room")
-        return super()._bind(slot)
+        return super().publisher(slot)
 
 
 def test_a_board_without_room_for_more_is_one_warning(

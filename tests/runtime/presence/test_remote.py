@@ -212,9 +212,9 @@ class CountingBoard(LocalBoard):
 
     bound = 0
 
-    def _bind(self, slot: Slot[Any]) -> BoundSlot[Any]:
+    def publisher(self, slot: Slot[Any]) -> BoundSlot[Any]:
         self.bound += 1
-        return super()._bind(slot)
+        return super().publisher(slot)
 
 
 def ask_all(directory: Directory) -> None:
