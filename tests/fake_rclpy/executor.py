@@ -38,7 +38,7 @@ class SingleThreadedExecutor:
         """Execute one callback; whatever else wakes it, a spin waits on."""
         with CHANGED:
             CHANGED.wait_for(self._work)
-            if not self._context._ok:
+            if not self._context.is_ok:
                 raise ExternalShutdownException
             task = self._tasks.popleft() if self._tasks else None
             end = None if task else self._ready()[0]
@@ -59,7 +59,7 @@ class SingleThreadedExecutor:
             end.callback_group.ending_execution(end)
 
     def _work(self):
-        return self._tasks or self._ready() or not self._context._ok
+        return self._tasks or self._ready() or not self._context.is_ok
 
     def _ready(self):
         ends = [end for node in self._nodes for end in node.ends]

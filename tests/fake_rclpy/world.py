@@ -29,20 +29,20 @@ class RCLError(RuntimeError):
 class Context:
     def __init__(self):
         self._lock = threading.Lock()
-        self._ok = False
+        self.is_ok = False
         self._callbacks = []
 
     def ok(self):
         with self._lock:
-            return self._ok
+            return self.is_ok
 
     def on_shutdown(self, callback):
         self._callbacks.append(WeakMethod(callback))
 
     def try_shutdown(self):
         with self._lock:
-            if self._ok:
-                self._ok = False
+            if self.is_ok:
+                self.is_ok = False
                 for weak in self._callbacks:
                     if (callback := weak()) is not None:
                         callback()
@@ -53,7 +53,7 @@ class Context:
 def init(*, args, context, domain_id, signal_handler_options):
     assert signal_handler_options == "NO"
     assert args == []
-    context.domain, context._ok = domain_id, True
+    context.domain, context.is_ok = domain_id, True
 
 
 class Parameter:
