@@ -45,6 +45,7 @@ class Forked(subprocess.Popen[str]):
     """A process that runs `python -m MODULE ...` or `python FILE ...`; any other starts as usual.
 
     Of Popen's options, `cwd`, `env`, `start_new_session` and those of the pipes have an effect.
+    Its private methods are used, as it offers no other place between making pipes and starting.
     """
 
     def _execute_child(self, args: Sequence[str], *options: Any) -> None:

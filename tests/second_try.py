@@ -23,7 +23,7 @@ class SecondTry:
         if failed:
             failed[0].outcome = "rerun"
             item.ihook.pytest_runtest_logreport(report=failed[0])
-            item._initrequest()
+            item._initrequest()  # pytest's own, for want of another way to make fixtures anew
             reports = runtestprotocol(item, nextitem=nextitem, log=False)
         for report in reports:
             item.ihook.pytest_runtest_logreport(report=report)

@@ -122,6 +122,8 @@ class KeptTravel:
 
     `read_line` returns a line of standard input for the machines' code. Ctrl-C pauses machines that
     run. Should their process end, as machines' code can do that, they are at the moment before.
+
+    kept: the moments from which machines run on to go back.
     """
 
     def __init__(
@@ -135,7 +137,7 @@ class KeptTravel:
         self._arguments = make, library, begin_ns
         self._serve = serve
         self._read_line = read_line
-        self._kept = KeptPoints()
+        self.kept = KeptPoints()
         self._host: _Running | None = None
         self._running: _Running | None = None  # of which an answer is awaited
         self._at, self._why = Moment(0, 0), "start"
@@ -149,11 +151,6 @@ class KeptTravel:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def kept(self) -> KeptPoints:
-        """The moments from which machines run on to go back."""
-        return self._kept
 
     def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
         """Return what a method of what is asked returns; raise what it raises."""
@@ -172,8 +169,8 @@ class KeptTravel:
         if self._origin is None:
             return
         self._leave(self._host)
-        self._kept.points.append(self._origin)
-        self._kept.close()
+        self.kept.points.append(self._origin)
+        self.kept.close()
         self._origin = self._host = None
         _adopt_orphans(is_on=False)
 
@@ -184,7 +181,7 @@ class KeptTravel:
         if jump is None:
             return self._go_to_breakpoint(then)
         if jump.after_ns is not None and self._at.time_ns <= jump.after_ns:
-            nearest = next(self._kept.usable(jump), None)
+            nearest = next(self.kept.usable(jump), None)
             if nearest is None or nearest.at.number <= self._at.number:
                 return self._answer(self._host, ("run", jump, then))
         return self._jump(jump, then)
@@ -216,12 +213,12 @@ class KeptTravel:
     def _woken(self, jump: Jump, then: Asked) -> tuple[_Running, Any, Moment]:
         """Run to a moment from the nearest that is kept; one whose process has ended is dropped."""
         while True:
-            point = next(self._kept.usable(jump), None) or self._origin
+            point = next(self.kept.usable(jump), None) or self._origin
             assert point is not None
             ours, theirs = ProcessLink.pair()
             known = [
                 each.at.number
-                for each in self._kept.points
+                for each in self.kept.points
                 if each.at.number > point.at.number and each.at.counts(jump.breakpoints)
             ]
             try:
@@ -239,10 +236,10 @@ class KeptTravel:
     def _lose(self, point: KeptPoint) -> None:
         """Do without a process that has ended."""
         if point is not self._origin:
-            self._kept.drop(point)
+            self.kept.drop(point)
             return
         point.link.close()
-        self._kept.end(point.process)
+        self.kept.end(point.process)
         self._begin()
 
     def _answer(self, host: _Running | None, message: object) -> Any:
@@ -267,7 +264,7 @@ class KeptTravel:
                         assert link is not None
                         with suppress(LinkClosedError):  # it could not be forked, or has ended
                             (_, process), _ = link.receive()  # hello
-                            self._kept.add(KeptPoint(parts[0], link, process))
+                            self.kept.add(KeptPoint(parts[0], link, process))
                     case "input":
                         host.link.send(("input", self._read_line()))
                     case _:
@@ -290,11 +287,11 @@ class KeptTravel:
             host.link.close()
             with suppress(ProcessLookupError):  # machines' code may run for ever
                 os.kill(host.process, signal.SIGKILL)
-            self._kept.end(host.process)
+            self.kept.end(host.process)
 
     def _begin(self) -> None:
         """Start the process from which machines run from the beginning."""
-        links = [point.link for point in self._kept.points]
+        links = [point.link for point in self.kept.points]
         links += [self._host.link] if self._host is not None else []
         link, process = start_origin(self._serve, *self._arguments, closed=links)
         self._origin = KeptPoint(Moment(0, 0), link, process)

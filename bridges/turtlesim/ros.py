@@ -34,6 +34,7 @@ class RosTurtlesim:
 
     simulator: the simulator; between two steps it may be used freely.
     queue: what waits for the next step.
+    time: the node's, which is simulated by ``use_sim_time``.
     log: called with each line of the log, which is published on /rosout, too.
     """
 
@@ -55,7 +56,7 @@ class RosTurtlesim:
         self._node = node = transport.node(names.node, names.namespace, names.remap)
         parameters = Parameters()
         parameters.override(arguments.parameters(names.full_node))
-        self._rosout, self._time = equip(node, types, parameters, self.queue.put)
+        self._rosout, self.time = equip(node, types, parameters, self.queue.put)
         level = arguments.log_level(names.full_node)
         self._rosout.setLevel(level if arguments.rosout else _NEVER)
         self._log = log
@@ -137,7 +138,7 @@ class RosTurtlesim:
                     self._node,
                     self._types,
                     self.queue.put,
-                    self._time,
+                    self.time,
                 )
 
     def _log_line(self, level: Level, text: str) -> None:

@@ -49,6 +49,7 @@ class Publisher(Entity):
         keeps = self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self.past = deque(maxlen=self.qos.depth if keeps else 0)
         self.count = 0
+        self.topic_name = self.name
 
     def get_subscription_count(self):
         with CHANGED:

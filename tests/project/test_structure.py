@@ -27,23 +27,9 @@ CODE = {".py", ".pyi", ".c", ".cpp", ".h", ".js", ".css", ".html"}
 # Names that mean the same in every folder: errors, the parts of a ROS transport and of a command.
 STANDARD = {"errors", "services", "topics", "transport", "report", "running"}
 READS_PRIVATE = {  # tests that read private attributes, and why
-    "tests/bridges/recording/test_bags.py": "to be rewritten",
-    "tests/bridges/recording/test_kept_travel.py": "to be rewritten",
-    "tests/bridges/recording/test_keyed_bag.py": "to be rewritten",
-    "tests/bridges/ros2/bridging/acting.py": "to be rewritten",
-    "tests/bridges/ros2/bridging/test_actions_in_slots.py": "to be rewritten",
-    "tests/bridges/ros2/bridging/test_bridge.py": "to be rewritten",
-    "tests/bridges/ros2/bridging/test_bridge_node.py": "to be rewritten",
-    "tests/bridges/ros2/bridging/test_nav2_patrol.py": "to be rewritten",
-    "tests/bridges/ros2/conftest.py": "to be rewritten",
-    "tests/bridges/ros2/rclpy_transport/test_rclpy.py": "to be rewritten",
-    "tests/bridges/turtlesim/test_ros_runs.py": "to be rewritten",
-    "tests/bridges/view/test_connections.py": "asyncio has no other way to let it accept at once",
     "tests/fake_rclpy/executor.py": "rclpy's own executor sets it, and the product mends it",
     "tests/forked.py": "subprocess.Popen has no other place at which a process is started",
     "tests/second_try.py": "pytest gives a test new fixtures by nothing else",
-    "tests/whiteboard/mirror/test_keeper.py": "to be rewritten",
-    "tests/whiteboard/test_names.py": "to be rewritten",
 }
 
 

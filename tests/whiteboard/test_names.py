@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,18 @@ def test_two_thousand_names_take_the_room_of_one(board: Whiteboard) -> None:
     assert board.path.stat().st_size == size
     assert names(board) == ["name/1999"]
     assert seen[-1] == "name/1800"
-    assert len(board._bound) == len(board._bound._alike) == 0
+
+
+def test_what_was_bound_to_a_name_that_is_given_up_is_released(board: Whiteboard) -> None:
+    """By slots of the same name, too; else a program with ever new names would grow."""
+    slots = [numbered(1), numbered(1)]
+    bound = board[slots[0]]
+    assert board[slots[1]] is bound
+    references = [weakref.ref(slot) for slot in slots]
+    board.vacate(slots.pop())
+    slots.clear()
+    assert [reference() for reference in references] == [None, None]
+    assert board[numbered(1)] is not bound
 
 
 def test_a_handle_of_a_former_name_is_empty_and_makes_its_slot_anew(board: Whiteboard) -> None:

@@ -148,12 +148,15 @@ class Keeper:
 
     def finish(self, store: Store, refuse: Refuse) -> None:
         """Keep what has changed, and wait until it is written."""
-        if self._writing is not None:
-            wait([self._writing])
+        self.wait_written()
         self.follow((), store, self._due_s, refuse)
+        self.wait_written()
+        self._report(refuse)
+
+    def wait_written(self) -> None:
+        """Wait for the end of the write that has begun, if one has."""
         if self._writing is not None:
             wait([self._writing])
-        self._report(refuse)
 
     def _keeps(self, slot: str) -> bool:
         return self._matches(slot) and not slot.startswith(_OF_PROCESSES)

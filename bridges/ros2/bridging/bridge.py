@@ -219,7 +219,7 @@ class Bridge:
     def _client(self, node: Node, plan: ServicePlan) -> None:
         slots = plan.slots
         link = self._link(slots.request.name, "->", plan.service, slots.of.name)
-        client = node.client(plan.name, slots.of)
+        link.client = client = node.client(plan.name, slots.of)
         caller = SlotClient(self._board, slots, client, plan.timeout, link, self._faults)
         self._workers.append(caller)
 

@@ -9,9 +9,10 @@ from typing import Any
 
 from llfsm.whiteboard.errors import MessageTooLargeError, WhiteboardError
 
+from ..action_client import ActionClient
 from ..errors import Ros2Error
 from ..notices import Notifier
-from ..transport import Notice, NoticeKind, Publisher, TopicSubscription
+from ..transport import Client, Notice, NoticeKind, Publisher, TopicSubscription
 
 __all__ = ["BridgeLink", "LinkFaults"]
 
@@ -34,6 +35,8 @@ class BridgeLink:
         """Messages that could not be passed on, or requests without an answer."""
         self.end: Publisher[Any] | TopicSubscription | None = None
         """A topic's end, if it is one."""
+        self.client: Client[Any, Any] | ActionClient | None = None
+        """The client of a server in ROS, if the link has one: `ready` when a server is known."""
         self._last: float | None = None
 
     def __str__(self) -> str:

@@ -65,7 +65,7 @@ class SlotActionClient(SlotAction):
             self._refuse(_Goal(old), "it was posted before the bridge started")
         elif (left := self._standings.get()) is not None and left.status.active:
             self._end(_Goal(left.number), GoalStatus.ABORTED, "the bridge that sent it was lost")
-        self._client = ActionClient(
+        self._client = place.link.client = ActionClient(
             place.node,
             place.name,
             slots.of,

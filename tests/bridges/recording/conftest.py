@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -48,6 +49,15 @@ def board() -> Iterator[Whiteboard]:
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     return tmp_path / "run.mcap"
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[Path]]:
+    """Have temporary files in a folder of the test's own; return what lists them."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return lambda: [*folder.iterdir()]
 
 
 Start = Callable[..., "subprocess.Popen[str]"]
@@ -146,7 +156,8 @@ class Spy(LocalBoard):
         self._now = now
 
     def publisher(self, slot: Slot[Any]) -> BoundSlot[Any]:
-        bound, add = super().publisher(slot), super().publisher(slot).add
+        bound = super().publisher(slot)
+        add = bound.add
 
         def remember(message: Any, /) -> int:
             self.added.append((self._now(), slot.name, message))

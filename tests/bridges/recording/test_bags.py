@@ -148,12 +148,11 @@ def test_a_bag_of_another_writer_is_a_recording(tmp_path, writer):
     assert slot.sample(latest).message == moved(1)
 
 
-def test_the_temporary_file_of_a_converted_bag_goes_with_the_recording(tmp_path):
+def test_the_temporary_file_of_a_converted_bag_goes_with_the_recording(tmp_path, temporary):
     recording = Recording(WRITERS[".db3"](tmp_path))
-    converted = recording._file.path
-    assert converted.exists()
+    assert len(temporary()) == 1
     del recording
-    assert not converted.exists()
+    assert temporary() == []
 
 
 def test_a_bridges_configuration_names_the_slots(tmp_path):

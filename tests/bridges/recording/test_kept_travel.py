@@ -24,6 +24,7 @@ from llfsm.errors import LlfsmError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.state import State
 from llfsm.whiteboard.liveness import born
+from waiting import wait_for
 
 from .journalled_run import JumpingClock, Run
 from .machines import COMMAND, Failing, Number
@@ -45,6 +46,9 @@ class Shown:
     def sight(self) -> object:
         why = self.travel.wait()
         return why, self.travel.end, self.travel.debugger.fired, sight(self.travel)
+
+    def process(self) -> int:
+        return os.getpid()
 
     def variables(self, machine: str) -> dict[str, Any]:
         self.travel.wait()
@@ -119,14 +123,36 @@ def test_any_walk_shows_what_a_run_from_the_beginning_shows(
             assert do(kept, *move) == do(plain, *move), move
 
 
+def children() -> set[int]:
+    """Return the processes that run and of which this one is the parent."""
+    found = set()
+    for name in filter(str.isdecimal, os.listdir("/proc")):
+        with suppress(OSError):  # it has ended
+            about = Path("/proc", name, "stat").read_text(errors="replace").rpartition(")")[2]
+            state, parent, *_ = about.split()
+            if int(parent) == os.getpid() and state != "Z":
+                found.add(int(name))
+    return found
+
+
+def origin(travel: Any, others: set[int]) -> int:
+    """Return the process from which machines run from the beginning; `others` are not its own."""
+    known = {travel.ask("process"), *(each.process for each in travel.kept.points)}
+    wait_for(lambda: len(children() - known - others) == 1, "those that were left have ended")
+    (process,) = children() - known - others
+    return process
+
+
 def test_few_moments_are_kept_and_none_after_that(run: Run, few: None) -> None:
+    others = children()
     with opened(KeptTravel, run) as travel:
         do(travel, "goto", 1e9)
         do(travel, "back", "turn")
         points = [*travel.kept.points]
         assert len(points) == 4
-        ours = [*points, travel._origin, travel._host]
-        processes = [(each.process, born(each.process)) for each in ours]
+        ours = {*(each.process for each in points), travel.ask("process"), origin(travel, others)}
+        assert len(ours) == 6
+        processes = [(each, born(each)) for each in ours]
         assert all(since for _, since in processes)
         shown = {each.at.number for each in points}
         assert min(shown) < 16 < max(shown), "the whole way has some"
@@ -140,6 +166,7 @@ def assert_ended(processes: list[tuple[int, int]]) -> None:
 
 def test_a_moment_whose_process_was_killed_is_done_without(run: Run) -> None:
     """By an earlier one, or the beginning, and its process is started anew."""
+    others = children()
     with opened(KeptTravel, run) as travel, opened(InProcess, run) as plain:
         for each in (travel, plain):
             do(each, "goto", 1e9)
@@ -150,7 +177,7 @@ def test_a_moment_whose_process_was_killed_is_done_without(run: Run) -> None:
             for point in killed:
                 os.kill(point.process, signal.SIGKILL)
             if number == 2:
-                os.kill(travel._origin.process, signal.SIGKILL)
+                os.kill(origin(travel, others), signal.SIGKILL)
             for move in (("back", "turn"), ("back", "leave", "Keeper"), ("step", "round")):
                 assert do(travel, *move) == do(plain, *move)
             assert {*killed} - {*travel.kept.points}, "it was found to have ended"
@@ -160,7 +187,7 @@ def test_machines_whose_process_has_ended_are_where_they_were(run: Run) -> None:
     with opened(KeptTravel, run) as travel:
         do(travel, "goto", 0.2)
         there = travel.ask("sight")
-        os.kill(travel._host.process, signal.SIGKILL)
+        os.kill(travel.ask("process"), signal.SIGKILL)
         with pytest.raises(MachinesGoneError, match="they are where they were"):
             travel.ask("do", "goto", 1e9, then=("sight",))
         assert travel.ask("sight")[1:] == there[1:]
@@ -314,15 +341,14 @@ def test_all_ends_when_whoever_asks_is_killed(run: Run) -> None:
             os.setsid()
             travel = opened(KeptTravel, run)
             do(travel, "goto", 1e9)
-            found = [travel._host.process, travel._origin.process]
-            found += [each.process for each in travel.kept.points]
+            found = children()
             os.write(writes, " ".join(f"{each}:{born(each)}" for each in found).encode())
             signal.pause()
         finally:
             os._exit(1)
     os.close(writes)
     found = [tuple(map(int, each.split(":"))) for each in os.read(reads, 4096).decode().split()]
-    assert len(found) > 4
+    assert len(found) > 4, "one for the machines, one for their beginning, and those kept"
     os.kill(asker, signal.SIGKILL)
     os.waitpid(asker, 0)
     os.close(reads)

@@ -13,8 +13,8 @@ import pytest
 from fake_rclpy import modules
 from free_ports import free_endpoint, free_port
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.rclpy_transport.topics import RclpyPublisher
-from llfsm.bridges.ros2.transport import Notice, Publisher, Transport
+from llfsm.bridges.ros2.rclpy_transport.api import import_rclpy
+from llfsm.bridges.ros2.transport import Notice, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 from memory_transport import MemoryTransport, MemoryWorld
 from ros_domains import own_domains
@@ -64,6 +64,7 @@ class World:
         self._opener = opener
         self._domains = domains
         self._transports: list[Transport] = []
+        self._rclpy_nodes: list[Any] = []
 
     def open(
         self, notify: Callable[[Notice], None] | None = None, *, elsewhere: int = 0
@@ -79,16 +80,24 @@ class World:
         What they publish until then is lost. In DDS, the graph is earlier.
         """
         for transport in self._transports:
-            ends = [end for node in transport._owned for end in node._owned]
-            publishers = [e for e in ends if isinstance(e, Publisher) and e.name == name]
-            if publishers:
+            if transport.domain == self._domains[0] and not transport.closed:
                 assert transport.wait_graph(
                     lambda graph: len(graph.ends(name, Role.SUBSCRIPTION)) >= subscriptions, 20
                 ), transport.graph()
-            for end in publishers:
-                if isinstance(end, RclpyPublisher):
-                    counts = end._publisher.get_subscription_count
-                    wait_for(lambda counts=counts: counts() >= subscriptions)
+        for publisher in (each for node in self._rclpy_nodes for each in node.publishers):
+            if publisher.topic_name == name:
+                counts = publisher.get_subscription_count
+                wait_for(lambda counts=counts: counts() >= subscriptions)
+
+    def note_nodes(self, of_rclpy: Any, patch: pytest.MonkeyPatch) -> None:
+        """Note the nodes of rclpy that transports make: only their publishers count meetings."""
+        make = of_rclpy.__init__
+
+        def making(node: Any, *arguments: Any, **options: Any) -> None:
+            make(node, *arguments, **options)
+            self._rclpy_nodes.append(node)
+
+        patch.setattr(of_rclpy, "__init__", making)
 
 
 _DOMAINS = itertools.cycle(own_domains()[::2])
@@ -124,7 +133,9 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             rcl.tells_failure = False
             rcl.tells_depth = middleware != "rmw_fastrtps_cpp"
             rcl.counts = middleware != "rmw_cyclonedds_cpp"
-            yield rcl
+            with pytest.MonkeyPatch.context() as patch:
+                rcl.note_nodes(import_rclpy().new_node, patch)
+                yield rcl
 
 
 @pytest.fixture(scope="module")

@@ -76,7 +76,7 @@ def test_a_command_lasts_for_a_second_of_a_simulated_time():
 
         def is_moving_at(ns):
             tick(clock.message(clock=from_ns(ns)))
-            wait_for(lambda: turtlesim._time.now_ns() == ns)
+            wait_for(lambda: turtlesim.time.now_ns() == ns)
             turtlesim.step()
             return turtle.pose.linear_velocity != 0
 

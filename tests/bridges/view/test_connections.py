@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import resource
 import select
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
@@ -98,18 +100,36 @@ def test_without_file_descriptors_it_goes_on_and_logs_little(
     assert len(said) < 2000
 
 
+class Exhausted(socket.socket):
+    """A socket of a process that can open no more files."""
+
+    refusals = 0
+
+    def accept(self) -> NoReturn:
+        self.refusals += 1
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+
 def test_an_end_before_connections_are_accepted_again_is_not_logged(
-    caplog: pytest.LogCaptureFixture,
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The loop tries again after a second, hundreds of times, whether the socket is open or not."""
-    with closing(asyncio.new_event_loop()) as loop:
+
+    def go_on() -> None:
+        loop.run_until_complete(asyncio.sleep(0))
+
+    with closing(asyncio.new_event_loop()) as loop, Exhausted() as listening:
         log_exhaustion_once(loop)
-        listening = socket.socket()
-        listening.close()
-        loop.call_soon(loop._start_serving, asyncio.Protocol, listening)  # type: ignore[attr-defined]
-        loop.call_soon(loop.stop)
-        loop.run_forever()
-    assert caplog.text == ""
+        listening.bind(("127.0.0.1", 0))
+        server = loop.run_until_complete(loop.create_server(asyncio.Protocol, sock=listening))
+        with socket.create_connection(listening.getsockname()):
+            wait_for(lambda: listening.refusals, between=go_on)
+        server.close()
+        later_s = loop.time() + 60
+        monkeypatch.setattr(loop, "time", lambda: later_s)
+        go_on()
+    (record,) = caplog.records
+    assert "cannot accept connections" in record.getMessage()
 
 
 def test_what_clients_send_is_not_logged(server: Server, dial: Callable[[], socket.socket]) -> None:

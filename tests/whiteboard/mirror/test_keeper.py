@@ -142,8 +142,7 @@ def test_it_is_not_written_more_than_once_a_second(kept: Kept) -> None:
     for step in range(30):
         part.now_ns += 1
         keeper.follow(added(part, step).watch(0), part.store, step / 10, pytest.fail)
-        if (writing := keeper._writing) is not None:
-            writing.result()
+        keeper.wait_written()
         written.add(kept.path.stat().st_ino)
     assert len(written) <= 1 + 3
     keeper.finish(part.store, pytest.fail)

@@ -50,12 +50,11 @@ class Client:
 
     def __init__(self, board, bridge, navigator):
         self.board = board
+        self.bridge = bridge
         self.number = 0
         self.seen = []
         self.standings = board[SLOTS.status]
-        (worker,) = bridge._workers
-        self.worker = worker
-        navigator.until(lambda: worker._client.ready)
+        navigator.until(lambda: bridge.links[0].client.ready)
         self.navigator = navigator
 
     def send(self, **fields):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from concurrent.futures import Future
 from pathlib import Path
 from uuid import uuid4
@@ -12,10 +13,12 @@ import pytest
 
 from llfsm.bridges.ros2.action_client import ActionClient
 from llfsm.bridges.ros2.bridging import action_slots
+from llfsm.bridges.ros2.bridging import bridge as bridge_module
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.timer_thread import TimerThread
 from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
 from llfsm.whiteboard.messages.llfsm import LastWill, SafeValue, will_slot
 from waiting import PATIENCE_S, wait_for
@@ -75,8 +78,8 @@ def test_a_goal_is_accepted_reported_on_and_ended(client, board, navigator):
 
 def test_two_goals_are_in_flight_through_slots_of_their_own(board, bridge, navigator):
     slots = [SLOTS, action_slots("second", OF)]
-    workers = bridge({"slots": "second"})._workers
-    navigator.until(lambda: all(worker._client.ready for worker in workers))
+    links = bridge({"slots": "second"}).links
+    navigator.until(lambda: all(link.client.ready for link in links))
     for number, each in enumerate(slots, 1):
         board.add_message(each.goal, each.goal.type(1, behavior_tree=each.goal.name))
         navigator.until(lambda number=number: len(navigator.begun) == number)
@@ -97,11 +100,22 @@ def test_a_goal_is_cancelled_by_its_number_or_as_the_active_one(client, board, n
     assert client.stands(GoalStatus.CANCELED).has_failed(1)
 
 
-def test_a_cancellation_before_the_answer_is_not_lost(client, board, navigator):
+def test_a_cancellation_before_the_answer_is_not_lost(board, bridge, navigator, monkeypatch):
+    done = []
+
+    class NotingTimer(TimerThread):
+        """The thread on which all that happens to goals is handled."""
+
+        def call_soon(self, do):
+            super().call_soon(lambda: done.append(do()))
+
+    monkeypatch.setattr(bridge_module, "TimerThread", NotingTimer)
+    client = Client(board, bridge(timeout=PATIENCE_S), navigator)
     client.send()
     wait_for(lambda: len(navigator.queue))  # the goal is there, and not answered
+    before = len(done)
     board.add_message(SLOTS.cancel, CancelGoal())
-    wait_for(lambda: client.worker._goal.is_to_cancel)
+    wait_for(lambda: len(done) > before)
     client.stands(GoalStatus.CANCELING)
 
 
@@ -142,6 +156,16 @@ def test_without_a_server_a_goal_is_refused(bridge, board):
     assert "no server" in standings.get().failure
 
 
+@pytest.fixture
+def goals_may_take_longer(monkeypatch):
+    """Limit by the bridge's timeout all but the answer to a goal, which a test waits for."""
+    send = ActionClient.send_goal
+    monkeypatch.setattr(
+        ActionClient, "send_goal", lambda self, key, goal, _: send(self, key, goal, PATIENCE_S)
+    )
+
+
+@pytest.mark.usefixtures("goals_may_take_longer")
 def test_a_goal_whose_server_goes_is_aborted(board, bridge, navigator):
     client = Client(board, bridge(timeout=0.2), navigator)
     client.drives()
@@ -186,7 +210,8 @@ def test_a_goal_is_cancelled_by_the_last_will_of_its_machine(client, board, slot
     client.stands(GoalStatus.CANCELED if cancels else GoalStatus.SUCCEEDED)
 
 
-def test_a_result_that_does_not_come_is_asked_for_again(client, navigator, monkeypatch):
+@pytest.mark.usefixtures("goals_may_take_longer")
+def test_a_result_that_does_not_come_is_asked_for_again(board, bridge, navigator, monkeypatch):
     """Its server was killed, and another one is there before anybody has noticed."""
     ask, calls = ActionClient.get_result, []
 
@@ -195,17 +220,18 @@ def test_a_result_that_does_not_come_is_asked_for_again(client, navigator, monke
         return ask(self, key) if len(calls) > 1 else Future()
 
     monkeypatch.setattr(ActionClient, "get_result", lose_the_first)
+    client = Client(board, bridge(timeout=0.01), navigator)
     goal = client.drives()
-    client.worker._timeout = 0.01
     goal.end(GoalStatus.SUCCEEDED, OF.result.message())
     client.stands(GoalStatus.SUCCEEDED)
 
 
-def test_the_end_of_the_bridge_cancels_the_active_goal(client, board, bridge, navigator):
+def test_the_end_of_the_bridge_cancels_the_active_goal(client, navigator):
     goal = client.drives()
-    client.worker.finish()
-    client.worker.close()
+    ending = threading.Thread(target=client.bridge.close)
+    ending.start()
     navigator.until(lambda: goal.status is GoalStatus.CANCELING)
+    ending.join()
     assert client.standings.get().failure == "the bridge has ended"
 
 

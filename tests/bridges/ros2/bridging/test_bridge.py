@@ -18,7 +18,7 @@ from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.std_msgs import Bool
 from memory_transport import MemoryTransport
-from waiting import wait_for
+from waiting import PATIENCE_S
 
 TO_ROS = {"slot": "lamp", "type": "std_msgs/msg/Bool", "direction": "to_ros"}
 LAMP = Slot("lamp", Bool)
@@ -85,10 +85,14 @@ def test_what_a_process_adds_as_its_board_was_removed_is_published(
     got = seen()
     of = types.message("std_msgs/msg/Bool")
     peer.node("robot").subscription("lamp", of, lambda each: got(each.decode().data))
+    before = {*threading.enumerate()}
     bridge = start(relay=[TO_ROS])
+    (follower,) = (
+        each for each in {*threading.enumerate()} - before if "subscription" in each.name
+    )
     remove_board(board.name, board.path.parent)
-    # The subscription notices, as nothing is added for a while, and ends.
-    wait_for(lambda: not bridge._to_ros[0]._subscription.active)
+    follower.join(PATIENCE_S)  # it notices, as nothing is added for a while
+    assert not follower.is_alive()
     commander.stdin.close()
     bridge.linger(FOR_EVER)
     bridge.close()

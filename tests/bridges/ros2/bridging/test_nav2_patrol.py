@@ -55,8 +55,8 @@ class Robot:
             put=self.queue.put,
         )
         self.bridge = Bridge(plan, board, world.open(), lambda _: None)
-        (worker,) = (each for each in self.bridge._workers if hasattr(each, "_client"))
-        wait_for(lambda: worker._client.ready)
+        (client,) = filter(None, (link.client for link in self.bridge.links))
+        wait_for(lambda: client.ready)
         self.clock = ManualClock()
         self.arrangement = Arrangement([patrol.Patrol], whiteboard=board, clock=self.clock)
 

@@ -17,12 +17,22 @@ from llfsm.bridges.ros2.errors import (
     TransportUnavailableError,
 )
 from llfsm.bridges.ros2.graph import Role
+from llfsm.bridges.ros2.notices import Notifier
 from llfsm.bridges.ros2.opening import open_transport
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.rclpy_transport.api import find_class, import_rclpy
+from llfsm.bridges.ros2.rclpy_transport.context import RclpyContext
 from llfsm.bridges.ros2.rclpy_transport.transport import RclpyTransport
 from llfsm.bridges.ros2.transport import NoticeKind
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, wait_for
+
+
+def of_rclpy(kind, name):
+    """Return the stand-in's part of an end: a publisher, subscription, client or server."""
+    with NODES_CHANGED:
+        ends = [end for node in NODES for end in node.ends]
+        (found,) = [end for end in ends if (end.kind, end.name) == (kind, name)]
+        return found
 
 
 @pytest.fixture
@@ -96,9 +106,10 @@ def test_a_client_that_is_being_closed_has_no_server(transport, types):
     node.server("spawn", spawn, print)
     client = node.client("spawn", spawn)
     assert client.ready
-    client._node.destroy_client(client._client)
+    destroyed = of_rclpy("client", "/spawn")
+    destroyed.node.destroy_client(destroyed)
     assert not client.ready
-    client._client.service_is_ready = lambda: True  # as it was a moment before
+    destroyed.service_is_ready = lambda: True  # as it was a moment before
     call = client.call(spawn.request.message(), timeout=PATIENCE_S)
     client.close()
     with pytest.raises(TransportClosedError):
@@ -110,21 +121,28 @@ def test_a_shutdown_by_another_part_of_the_process_is_told(fake_rclpy, told):
         told((notice.kind, transport.up))  # which takes the lock that rclpy holds meanwhile
 
     with RclpyTransport(7, notify=notify) as transport:
-        transport._world.context.try_shutdown()
+        transport.node("me")
+        with NODES_CHANGED:
+            (node,) = NODES
+        node.context.try_shutdown()
         told.wait(len)
         assert told == [(NoticeKind.DOWN, False)]
 
 
 def test_closing_it_is_no_news(transport, told):
+    assert transport.up
     transport.close()
-    assert not transport._world._thread.is_alive()
+    assert not transport.up  # its executor's thread has shut it down
     assert told == []
 
 
-def test_what_comes_when_its_executor_is_gone_is_not_done(transport, told):
-    transport.close()
-    transport._world.run(told, "late")
-    assert told == []
+def test_what_comes_when_its_executor_is_gone_is_not_done(fake_rclpy, told):
+    world = RclpyContext(7, "", Notifier(print))
+    world.run(told, "in time")
+    told.wait(len)
+    world.close()
+    world.run(told, "late")
+    assert told == ["in time"]
 
 
 def test_it_may_be_closed_in_a_callback(transport, types, seen):
@@ -138,8 +156,7 @@ def test_it_may_be_closed_in_a_callback(transport, types, seen):
     node.subscription("a", number, callback)
     node.publisher("a", number).publish(number.message())
     done.wait(len)
-    transport._world._thread.join(20)
-    assert not transport._world._thread.is_alive()
+    wait_for(lambda: not transport.up)  # its executor's thread shuts it down
 
 
 def test_its_own_node_is_hidden(transport):
@@ -147,10 +164,9 @@ def test_its_own_node_is_hidden(transport):
 
 
 def test_a_depth_that_the_middleware_does_not_tell_is_the_default(transport, types):
-    publisher = transport.node("me").publisher(
-        "a", types.message("std_msgs/msg/Int64"), Qos(depth=3)
-    )
-    publisher._publisher.qos.history, publisher._publisher.qos.depth = 3, 0  # unknown
+    transport.node("me").publisher("a", types.message("std_msgs/msg/Int64"), Qos(depth=3))
+    qos = of_rclpy("publisher", "/a").qos
+    qos.history, qos.depth = 3, 0  # unknown
     (end,) = transport.graph().ends("/a", Role.PUBLISHER)
     assert end.qos == Qos()
 
@@ -163,7 +179,7 @@ def test_a_late_answer_to_a_call_that_timed_out_is_dropped(transport, types, see
     call = client.call(spawn.request.message(), timeout=0.05)
     with pytest.raises(CallTimeoutError):
         call.result(PATIENCE_S)
-    assert client._client.pending == {}
+    assert of_rclpy("client", "/spawn").pending == {}
     kept[0].answer(spawn.response.message())
     after = client.call(spawn.request.message(), timeout=PATIENCE_S)
     kept.wait(lambda kept: len(kept) == 2)
@@ -185,22 +201,20 @@ def test_a_response_that_waits_for_the_executor_is_sent_before_its_server_goes(
     assert call.result(PATIENCE_S).name == "bob"
 
 
-@pytest.mark.parametrize("kind", ["subscription", "client", "server"])
+@pytest.mark.parametrize(
+    ("kind", "name"), [("subscription", "/a"), ("client", "/spawn"), ("server", "/spawn")]
+)
 def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
-    transport, types, told, seen, kind
+    transport, types, told, seen, kind, name
 ):
     spawn, number = types.service("turtlesim/srv/Spawn"), types.message("std_msgs/msg/Int64")
     got = seen()
     node = transport.node("me")
-    server = node.server("spawn", spawn, lambda request: request.answer(spawn.response.message()))
+    node.server("spawn", spawn, lambda request: request.answer(spawn.response.message()))
     client = node.client("spawn", spawn)
-    subscription = node.subscription("a", number, got)
+    node.subscription("a", number, got)
     publisher = node.publisher("a", number)
-    cut_short = {
-        "subscription": subscription._subscription,
-        "client": client._client,
-        "server": server._service,
-    }[kind]
+    cut_short = of_rclpy(kind, name)
     take, unread = cut_short.take, [1, 2]
 
     def fail():
@@ -234,15 +248,16 @@ def test_what_the_middleware_reports_of_deadlines_and_liveliness_is_counted(
     node = transport.node("me")
     if role == "publisher":
         end = node.publisher("a", number, qos)
-        of_rclpy, silence = end._publisher, SimpleNamespace(total_count_change=3)
+        silence = SimpleNamespace(total_count_change=3)
     else:
         end = node.subscription("a", number, print, qos)
-        of_rclpy, silence = end._subscription, SimpleNamespace(not_alive_count_change=3)
-    of_rclpy.events.deadline(SimpleNamespace(total_count_change=2))
-    of_rclpy.events.deadline(SimpleNamespace(total_count_change=1))
+        silence = SimpleNamespace(not_alive_count_change=3)
+    events = of_rclpy(role, "/a").events
+    events.deadline(SimpleNamespace(total_count_change=2))
+    events.deadline(SimpleNamespace(total_count_change=1))
     assert end.broken == 3
-    of_rclpy.events.liveliness(silence)
-    of_rclpy.events.liveliness(SimpleNamespace(not_alive_count_change=-1))  # it is back
+    events.liveliness(silence)
+    events.liveliness(SimpleNamespace(not_alive_count_change=-1))  # it is back
     assert end.broken == 6
     assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.QOS_BROKEN, "/a")] * 2
     assert "a deadline of 0.5 s was missed" in told[0].text
