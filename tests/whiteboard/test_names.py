@@ -133,7 +133,7 @@ def test_who_waits_for_a_name_gets_its_next_message(board: Whiteboard, many: boo
 
     def wait() -> None:
         if many:
-            assert board.waiter().wait(seen, 30) == [bound]
+            assert board.waiter().wait(seen, PATIENCE_S) == [bound]
             got.append(bound.get())
         else:
             sample = bound.wait(after=2, timeout=PATIENCE_S)

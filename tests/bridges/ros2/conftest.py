@@ -82,7 +82,8 @@ class World:
         for transport in self._transports:
             if transport.domain == self._domains[0] and not transport.closed:
                 assert transport.wait_graph(
-                    lambda graph: len(graph.ends(name, Role.SUBSCRIPTION)) >= subscriptions, 20
+                    lambda graph: len(graph.ends(name, Role.SUBSCRIPTION)) >= subscriptions,
+                    PATIENCE_S,
                 ), transport.graph()
         for publisher in (each for node in self._rclpy_nodes for each in node.publishers):
             if publisher.topic_name == name:

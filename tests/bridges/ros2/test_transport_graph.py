@@ -61,7 +61,7 @@ def test_an_endpoint_that_is_closed_is_gone_and_the_others_are_not(populated, na
     transport, _, ends = populated
     ends.pop(name).close()
     assert transport.wait_graph(
-        lambda graph: {end.name for end in graph.endpoints} == set(ends), 20
+        lambda graph: {end.name for end in graph.endpoints} == set(ends), PATIENCE_S
     ), transport.graph()
     assert transport.graph().nodes == ("/ns/there",)
 

@@ -58,7 +58,7 @@ def transport(router: str) -> Iterator[ZenohTransport]:
 
 def has(transport: ZenohTransport, *topics: str) -> bool:
     return transport.wait_graph(
-        lambda graph: all(graph.ends(t, Role.PUBLISHER) for t in topics), 20
+        lambda graph: all(graph.ends(t, Role.PUBLISHER) for t in topics), PATIENCE_S
     )
 
 

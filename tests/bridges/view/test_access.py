@@ -17,7 +17,7 @@ from websockets.exceptions import InvalidStatus
 import llfsm.bridges.view
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Bool
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from .conftest import Server
 
@@ -66,7 +66,7 @@ def test_it_listens_to_this_host_only(server: Server) -> None:
     for other in others:
         if not ipaddress.ip_address(other).is_loopback:
             with pytest.raises(ConnectionRefusedError):
-                socket.create_connection((str(other), server.port), timeout=5)
+                socket.create_connection((str(other), server.port), timeout=PATIENCE_S)
 
 
 def test_another_address_is_guarded_like_this_hosts(board: str, start: Callable[..., Any]) -> None:
@@ -145,7 +145,7 @@ def test_a_token_can_be_given(board: str, start: Callable[..., Any]) -> None:
 def test_nothing_is_controlled_without_control(shown: str, server: Server) -> None:
     with Whiteboard(shown) as wb, server.live() as live:
         before = wb[LAMP].count
-        wait_for(lambda: '"lamp"' in live.recv(10), "the slot was seen")
+        wait_for(lambda: '"lamp"' in live.recv(PATIENCE_S), "the slot was seen")
         for request in (
             {"type": "post", "id": 1, "slot": "lamp", "message": {"data": True}},
             {"type": "ask", "id": 1, "machine": "Any", "action": "stop"},
@@ -157,7 +157,7 @@ def test_nothing_is_controlled_without_control(shown: str, server: Server) -> No
 def _ask(live: Any, request: object) -> Any:
     live.send(request if isinstance(request, bytes | str) else json.dumps(request))
     while True:
-        answer = json.loads(live.recv(10))
+        answer = json.loads(live.recv(PATIENCE_S))
         if "answer" in answer:
             return answer
 
@@ -192,7 +192,7 @@ def test_a_request_that_cannot_be_done_is_answered_with_the_reason(
 ) -> None:
     with Whiteboard(shown) as wb, guarded.live() as live:
         count = wb[LAMP].count
-        wait_for(lambda: '"lamp"' in live.recv(10), "the slot was seen")
+        wait_for(lambda: '"lamp"' in live.recv(PATIENCE_S), "the slot was seen")
         assert what in _ask(live, request_)["problem"]
         assert wb[LAMP].count == count
         good = {"type": "post", "id": 9, "slot": "lamp", "message": {"data": True}}
@@ -217,7 +217,7 @@ def test_a_request_that_cannot_be_done_is_answered_with_the_reason(
     ],
 )
 def test_no_other_file_is_served(server: Server, path: str) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=PATIENCE_S)
     connection.putrequest(
         "GET", path + server.query, skip_host=True
     )  # as it is: clients would tidy it

@@ -24,7 +24,7 @@ from llfsm.whiteboard.messages.llfsm import (
     status_slot,
 )
 from llfsm.whiteboard.messages.std_msgs import Bool
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from .conftest import Server
 
@@ -163,7 +163,7 @@ def test_a_page_that_never_answers_is_sent_two_frames_and_then_the_newest(
         add(VIEWER.type(0))
         server = start(Server, board)
         with server.live() as live:
-            frames = [json.loads(live.recv(10))]
+            frames = [json.loads(live.recv(PATIENCE_S))]
             until = 0
             while len(frames) < 2:
                 until += 1
@@ -177,7 +177,7 @@ def test_a_page_that_never_answers_is_sent_two_frames_and_then_the_newest(
             with pytest.raises(TimeoutError):
                 live.recv(0.3)
             live.send('{"type": "seen"}')
-            newest = json.loads(live.recv(10))
+            newest = json.loads(live.recv(PATIENCE_S))
             assert [s[4] for s in newest["samples"] if s[1] > 100] == [[until + 199, False]]
 
 

@@ -23,6 +23,7 @@ from llfsm.runtime import (
 )
 from llfsm.runtime.engine.events import End, IdleSleep, RoundEnd
 from llfsm.whiteboard import Whiteboard
+from waiting import PATIENCE_S
 
 
 class Brief(Machine):
@@ -184,9 +185,9 @@ def test_stop_from_another_thread():
     arrangement.attach(lambda event: started.set())
     thread = threading.Thread(target=arrangement.run)
     thread.start()
-    assert started.wait(10)
+    assert started.wait(PATIENCE_S)
     arrangement.stop()
-    thread.join(10)
+    thread.join(PATIENCE_S)
     assert arrangement.reason is Reason.ACCEPTING
 
 

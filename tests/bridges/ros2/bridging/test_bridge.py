@@ -56,7 +56,7 @@ def test_a_bridge_lingers_while_a_process_lives_that_may_command_a_stop(start, c
     lingering.join(0.2)
     assert lingering.is_alive()
     commander.kill()
-    lingering.join(20)
+    lingering.join(PATIENCE_S)
     assert not lingering.is_alive()
 
 

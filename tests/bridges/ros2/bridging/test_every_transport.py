@@ -44,7 +44,7 @@ def test_both_directions_without_an_echo(bridge, board, world, types, seen):
         lambda graph: all(
             len(graph.ends("/n", role)) == 2 for role in (Role.PUBLISHER, Role.SUBSCRIPTION)
         ),
-        20,
+        PATIENCE_S,
     )
     world.meet("/n", 2)
     slot = board[N]

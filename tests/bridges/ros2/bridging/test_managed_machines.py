@@ -94,7 +94,7 @@ def managing(memory, told, patience_s):
         yield managing
         managing("shutdown")
         managing.machines.stop()
-        managing.thread.join(20)
+        managing.thread.join(PATIENCE_S)
         assert not managing.thread.is_alive()
         managing.world.close()
 

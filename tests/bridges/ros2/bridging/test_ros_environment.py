@@ -77,7 +77,7 @@ def test_a_machine_is_a_node_and_its_slots_are_topics(transport, peer, types, se
         publisher.publish(number.message(21))
         got.wait(lambda got: 42 in got)
         publisher.publish(number.message(0))
-        running.join(20)
+        running.join(PATIENCE_S)
         assert not running.is_alive()
     assert got == [42, -1]  # the safe value of the end, too
     lines.wait(lambda lines: any(line.msg == "twice 21" for line in lines))

@@ -205,7 +205,7 @@ def test_another_version_of_a_type_is_told(router, domain, stranger, types, seen
         other = f"@ros2_lv/{domain}/b/0/1/MP/%/%/old/%pose/{pose.dds_name}/RIHS01_00/::,10:,:,:,,"
         with stranger.liveliness().declare_token(other):
             assert transport.wait_graph(
-                lambda graph: len(graph.ends("/pose", Role.PUBLISHER)) == 1, 20
+                lambda graph: len(graph.ends("/pose", Role.PUBLISHER)) == 1, PATIENCE_S
             )
             told.wait(len)
     assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.TYPE_MISMATCH, "/pose")]

@@ -58,7 +58,7 @@ def test_the_peer_hears_us_and_reads_our_tokens(transport, start_peer, twist):
     peer = start_peer()
     peer.do("subscriber", "/to_peer", None)
     assert transport.wait_graph(
-        lambda graph: len(graph.ends("/to_peer", Role.SUBSCRIPTION)) == 2, 20
+        lambda graph: len(graph.ends("/to_peer", Role.SUBSCRIPTION)) == 2, PATIENCE_S
     )
     heard = threading.Event()
 
@@ -135,7 +135,7 @@ def test_a_peer_that_is_killed_is_gone_and_its_service_is_nobodys(
     peer.process.kill()
     assert transport.wait_graph(lambda graph: not graph.ends("/spawn", Role.SERVER), PATIENCE_S)
     assert transport.wait_graph(
-        lambda _: not client.ready, 20
+        lambda _: not client.ready, PATIENCE_S
     )  # its token may be gone before it is
     with pytest.raises(NoServerError, match="/spawn"):
         client.call(spawn.request.message(), timeout=PATIENCE_S).result(PATIENCE_S)
