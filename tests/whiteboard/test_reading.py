@@ -30,6 +30,11 @@ sys.stdin.read()
 """
 
 
+@pytest.fixture(autouse=True)
+def _collected_soon() -> None:
+    gc.freeze()  # so that a collection looks at what the test makes, and at nothing else
+
+
 def wait_for_any(board: Board, bound: BoundSlot[Int64]) -> object:
     return board.waiter().wait({bound: bound.count}, 0)
 
