@@ -75,7 +75,7 @@ fleet: $(VENV)/.ready-setup
 # is made once.
 PYTEST := PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest -p _hypothesis_pytestplugin \
     -p xdist -p pytest_timeout
-TEST := $(PYTEST) -n $$((2 * $$(getconf _NPROCESSORS_ONLN) + 1)) --dist loadfile --no-loadscope-reorder
+TEST := $(PYTEST) -n $$((2 * $$(getconf _NPROCESSORS_ONLN) + 3)) --dist loadfile --no-loadscope-reorder
 test: $(VENV)/.ready-test
 	$(TEST)
 
