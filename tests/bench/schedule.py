@@ -76,15 +76,15 @@ def machines(seconds: float, board: str) -> dict[str, float]:
             arrangement.run()
         finally:
             whiteboard.remove()
-    told = arrangement.statistics()
+    reported = arrangement.statistics()
     planned_ns = (rounds - 1) * PERIOD_US * 1000
     first = workers[0]
     return {
-        "p50": max(machine.jitter_us.p50 for machine in told) * 1e3,
-        "p99": max(machine.jitter_us.p99 for machine in told) * 1e3,
+        "p50": max(machine.jitter_us.p50 for machine in reported) * 1e3,
+        "p99": max(machine.jitter_us.p99 for machine in reported) * 1e3,
         "drift": abs(first.last_ns - first.first_ns - planned_ns) / (PERIOD_US * 1000),
-        "turns": sum(machine.ringlets for machine in told),
-        "late": sum(machine.overruns for machine in told),
+        "turns": sum(machine.ringlets for machine in reported),
+        "late": sum(machine.overruns for machine in reported),
     }
 
 

@@ -112,12 +112,12 @@ def exists(board: str) -> bool:
 
 def wait_for_line(process: subprocess.Popen[str], text: str) -> str:
     """Read what the process prints up to a line with `text`."""
-    said = ""
+    printed = ""
     for line in process.stdout:
-        said += line
+        printed += line
         if text in line:
             return line
-    raise AssertionError(f"{text!r} was never printed, but:\n{said}")
+    raise AssertionError(f"{text!r} was never printed, but:\n{printed}")
 
 
 def offspring(pid: int) -> list[int]:

@@ -48,29 +48,29 @@ def llfsm(board):
 
 
 @pytest.mark.parametrize("text", BAD_FILES, ids=range(len(BAD_FILES)))
-def test_what_is_wrong_in_a_file_is_told_with_its_line(llfsm, tmp_path, text):
+def test_what_is_wrong_in_a_file_is_reported_with_its_line(llfsm, tmp_path, text):
     file = tmp_path / "bridge.toml"
     file.write_text(text)
     line, what = BAD_FILES[text]
-    status, said = llfsm("ros2", "--config", str(file))
+    status, printed = llfsm("ros2", "--config", str(file))
     assert status == 2
-    assert f"{file}:{line}: " in said
-    assert what in said
-    assert said.count("\n") == 1
-    status, said_by_check = llfsm("check", str(file))
+    assert f"{file}:{line}: " in printed
+    assert what in printed
+    assert printed.count("\n") == 1
+    status, printed_by_check = llfsm("check", str(file))
     assert status == 2
-    assert said_by_check.removeprefix("Error: ") == said.removeprefix("Error: ")
+    assert printed_by_check.removeprefix("Error: ") == printed.removeprefix("Error: ")
 
 
-def test_check_tells_all_that_is_wrong(llfsm, tmp_path):
+def test_check_reports_all_that_is_wrong(llfsm, tmp_path):
     file = tmp_path / "bridge.toml"
     file.write_text(GOOD.replace("String", "Strng") + GOOD.replace('"text"', '"9"'))
-    status, said = llfsm("check", str(file))
+    status, printed = llfsm("check", str(file))
     assert status == 2
-    assert [line.split(": ")[0] for line in said.splitlines()] == [f"{file}:3", f"{file}:6"]
-    status, said = llfsm("ros2", "--config", str(file))
+    assert [line.split(": ")[0] for line in printed.splitlines()] == [f"{file}:3", f"{file}:6"]
+    status, printed = llfsm("ros2", "--config", str(file))
     assert status == 2
-    assert said.endswith("(and 1 more)\n")
+    assert printed.endswith("(and 1 more)\n")
 
 
 def test_a_good_file_has_no_findings(llfsm, tmp_path):
@@ -79,22 +79,22 @@ def test_a_good_file_has_no_findings(llfsm, tmp_path):
     assert llfsm("check", str(file)) == (0, "no findings\n")
 
 
-def test_a_slot_of_another_schema_is_told(llfsm, board, tmp_path):
+def test_a_slot_of_another_schema_is_reported(llfsm, board, tmp_path):
     file = tmp_path / "bridge.toml"
     file.write_text(GOOD)
     with Whiteboard(board) as wb:
         wb.add_message(Slot("text", Twist), Twist())
         for command in (["check", str(file)], ["ros2", "--config", str(file)]):
-            status, said = llfsm(*command)
+            status, printed = llfsm(*command)
             assert status == 2
-            assert f"{file}:2: slot 'text' holds geometry_msgs/msg/Twist" in said
+            assert f"{file}:2: slot 'text' holds geometry_msgs/msg/Twist" in printed
 
 
 def test_a_file_that_is_not_there(llfsm, tmp_path):
     for command in (["check", str(tmp_path / "no")], ["ros2", "--config", str(tmp_path / "no")]):
-        status, said = llfsm(*command)
+        status, printed = llfsm(*command)
         assert status == 2
-        assert "cannot be read" in said
+        assert "cannot be read" in printed
 
 
 @pytest.mark.parametrize(
@@ -117,40 +117,40 @@ def test_a_file_that_is_not_there(llfsm, tmp_path):
         ),
     ],
 )
-def test_wrong_usage_is_told(llfsm, arguments, what):
-    status, said = llfsm(*arguments)
+def test_wrong_usage_is_reported(llfsm, arguments, what):
+    status, printed = llfsm(*arguments)
     assert status == 2
-    assert what in said
-    assert "Traceback" not in said
+    assert what in printed
+    assert "Traceback" not in printed
 
 
-def test_a_flag_beside_a_file_is_told_by_itself(llfsm, tmp_path):
+def test_a_flag_beside_a_file_is_reported_by_itself(llfsm, tmp_path):
     file = tmp_path / "bridge.toml"
     file.write_text(GOOD)
-    status, said = llfsm("ros2", "--config", str(file), "--from-ros", "x:std_msgs/msg/Strng")
+    status, printed = llfsm("ros2", "--config", str(file), "--from-ros", "x:std_msgs/msg/Strng")
     assert status == 2
-    assert said.startswith("Error: --from-ros x:std_msgs/msg/Strng: ")
+    assert printed.startswith("Error: --from-ros x:std_msgs/msg/Strng: ")
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is not None, reason="rclpy is here")
 def test_rclpy_that_is_not_there_says_how_to_get_it(llfsm):
-    status, said = llfsm("turtlesim", "--transport", "rclpy")
+    status, printed = llfsm("turtlesim", "--transport", "rclpy")
     assert status == 1
-    assert "source a ROS 2 environment" in said
-    assert said.count("\n") == 1
+    assert "source a ROS 2 environment" in printed
+    assert printed.count("\n") == 1
 
 
-def test_a_router_that_is_none_is_told(llfsm):
-    status, said = llfsm("turtlesim", "--router", "nonsense")
+def test_a_router_that_is_none_is_reported(llfsm):
+    status, printed = llfsm("turtlesim", "--router", "nonsense")
     assert status == 1
-    assert "nonsense" in said
+    assert "nonsense" in printed
 
 
 def test_a_domain_of_the_environment_that_is_none_is_wrong_usage(llfsm, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    status, said = llfsm("turtlesim", "--transport", "zenoh")
+    status, printed = llfsm("turtlesim", "--transport", "zenoh")
     assert status == 2
-    assert "ROS_DOMAIN_ID" in said
+    assert "ROS_DOMAIN_ID" in printed
 
 
 def test_rates_are_those_of_the_last_second_or_more():
@@ -181,15 +181,15 @@ def test_a_slot_too_small_for_a_sensor_is_a_warning_with_its_line(llfsm, tmp_pat
     file = tmp_path / "bridge.toml"
     image = GOOD.replace("std_msgs/msg/String", "sensor_msgs/msg/Image")
     file.write_text(image + "capacity = 65536\n")
-    status, said = llfsm("check", str(file))
+    status, printed = llfsm("check", str(file))
     assert status == 0
-    assert said.startswith(f"{file}:5: warning: slot 'text' takes 65,536 bytes")
-    assert "no findings" not in said
+    assert printed.startswith(f"{file}:5: warning: slot 'text' takes 65,536 bytes")
+    assert "no findings" not in printed
     file.write_text(image)
-    status, said = llfsm("check", str(file))
+    status, printed = llfsm("check", str(file))
     assert status == 0
-    assert said.startswith(f"{file}:3: note: slot 'text' takes up to 2,768,896 bytes")
-    assert said.endswith("\nno findings\n")
+    assert printed.startswith(f"{file}:3: note: slot 'text' takes up to 2,768,896 bytes")
+    assert printed.endswith("\nno findings\n")
 
 
 @pytest.mark.parametrize(
@@ -202,14 +202,14 @@ def test_a_slot_too_small_for_a_sensor_is_a_warning_with_its_line(llfsm, tmp_pat
     ],
 )
 def test_a_name_or_argument_of_ros_that_is_none_is_refused(llfsm, arguments, what):
-    status, said = llfsm("turtlesim", *arguments, *(["--"] if "--ros-args" in arguments else []))
+    status, printed = llfsm("turtlesim", *arguments, *(["--"] if "--ros-args" in arguments else []))
     assert status == 2
-    assert what in said
+    assert what in printed
 
 
 def test_a_name_that_a_flag_gives_is_not_looked_for_in_the_file(llfsm, tmp_path):
     file = tmp_path / "bridge.toml"
     file.write_text('node = "wired"\n')
-    status, said = llfsm("ros2", "--config", str(file), "--node", "a b")
+    status, printed = llfsm("ros2", "--config", str(file), "--node", "a b")
     assert status == 2
-    assert said.startswith("Error: --node: 'a b' is not a node name")
+    assert printed.startswith("Error: --node: 'a b' is not a node name")

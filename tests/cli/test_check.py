@@ -36,11 +36,11 @@ def test_machines_without_findings(llfsm: Llfsm) -> None:
 def test_warnings_alone_are_no_failure(llfsm: Llfsm) -> None:
     (llfsm.cwd / "lonely.py").write_text(GOOD + "    C = State()\n")
     done = llfsm.run("check", "lonely:Good")
-    said = "lonely.py:6: warning: no transitions lead to state 'C'\n"
-    assert (done.returncode, done.stdout, done.stderr) == (0, said, "")
+    printed = "lonely.py:6: warning: no transitions lead to state 'C'\n"
+    assert (done.returncode, done.stdout, done.stderr) == (0, printed, "")
 
 
-def test_findings_of_all_machines_are_sorted_and_told_once(llfsm: Llfsm) -> None:
+def test_findings_of_all_machines_are_sorted_and_reported_once(llfsm: Llfsm) -> None:
     bundle(llfsm.cwd / "N.machine", "one\n" * 10)
     bundle(llfsm.cwd / "M.machine", "two")
     done = llfsm.run("check", "N", "M", "N.machine")
@@ -53,7 +53,7 @@ def test_findings_of_all_machines_are_sorted_and_told_once(llfsm: Llfsm) -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "printed"),
     [
         (GOOD + "    A.to(A)\n", "bad.py:2: error: DefinitionError: Good, state 'A': the tran"),
         (
@@ -70,11 +70,11 @@ def test_findings_of_all_machines_are_sorted_and_told_once(llfsm: Llfsm) -> None
         ("import nothing_like_it", "bad.py:1: error: ModuleNotFoundError: No module named 'noth"),
     ],
 )
-def test_a_module_that_cannot_be_imported(llfsm: Llfsm, text: str, said: str) -> None:
+def test_a_module_that_cannot_be_imported(llfsm: Llfsm, text: str, printed: str) -> None:
     (llfsm.cwd / "bad.py").write_text(text)
     done = llfsm.run("check", "bad:Good", "RosPingPong")
     assert (done.returncode, done.stderr) == (1, "")
-    assert done.stdout.startswith(said)
+    assert done.stdout.startswith(printed)
     assert done.stdout.count("\n") == 1
 
 
@@ -84,22 +84,22 @@ def test_a_bundle_may_import_modules_of_the_current_folder(llfsm: Llfsm, board: 
     bundle(llfsm.cwd / "Docker.machine", "print(SPEED)")
     (llfsm.cwd / "Docker.machine" / "Docker_Includes.py").write_text("from rover import SPEED\n")
     script = Path(sys.executable).with_name("llfsm")
-    for command, said in (("check", "no findings\n"), ("run", "2\n")):
+    for command, printed in (("check", "no findings\n"), ("run", "2\n")):
         arguments = [script, command, "Docker", *(["-q", "-b", board] if command == "run" else [])]
         done = subprocess.run(arguments, cwd=llfsm.cwd, text=True, capture_output=True, check=False)
-        assert (done.returncode, done.stdout, done.stderr) == (0, said, "")
+        assert (done.returncode, done.stdout, done.stderr) == (0, printed, "")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "printed"),
     [
         ([], "Missing argument 'MACHINE...'"),
         (["Nobody"], "no machine 'Nobody'; those that ship: "),
         (["nowhere:M"], "there is no module 'nowhere'"),
     ],
 )
-def test_wrong_usage(llfsm: Llfsm, arguments: list[str], said: str) -> None:
+def test_wrong_usage(llfsm: Llfsm, arguments: list[str], printed: str) -> None:
     done = llfsm.run("check", *arguments)
     assert done.returncode == 2
-    assert said in done.stderr
+    assert printed in done.stderr
     assert "Traceback" not in done.stderr

@@ -41,8 +41,8 @@ def run(*arguments: str) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def test_status_shows_all_that_the_daemon_tells(tmp_path: Path) -> None:
-    told = MirrorStatus(
+def test_status_shows_all_that_the_daemon_reports(tmp_path: Path) -> None:
+    reported = MirrorStatus(
         host="ab", pid=7, slots=3, left=10, entered=20, leave_rate=1.5, enter_rate=2.0,
         sent_rate=3456.0, received_rate=70.0, conflicts=4, held_back=5,
         peers=(PeerStatus("laptop", "cd", 2.5, 1.25, 8, 1, "robot"),),
@@ -51,7 +51,7 @@ def test_status_shows_all_that_the_daemon_tells(tmp_path: Path) -> None:
         refused=(Refusal("it is not listed: x", 6),),
     )  # fmt: skip
     with Whiteboard("board", directory=tmp_path) as board:
-        board.add_message(MIRROR, told)
+        board.add_message(MIRROR, reported)
     status, output = run("status", "-b", "board", "--directory", str(tmp_path))
     assert status == 0
     assert output == (
@@ -105,7 +105,7 @@ def test_status_says_that_the_daemon_is_silent(tmp_path: Path) -> None:
         ("rate = 5\n[access]\nrobot = ['*']", "hosts.toml:2: `access` names hosts by their"),
     ],
 )
-def test_a_mistake_in_the_settings_is_told_with_its_place(
+def test_a_mistake_in_the_settings_is_reported_with_its_place(
     tmp_path: Path, toml: str, message: str
 ) -> None:
     (tmp_path / "hosts.toml").write_text(toml)
@@ -213,7 +213,7 @@ def test_each_status_is_a_sign_of_life(
             assert received(systemd) == ("WATCHDOG=1", os.getpid())
 
 
-def test_a_daemon_tells_systemd_its_life_from_the_start_to_the_end(tmp_path: Path) -> None:
+def test_a_daemon_reports_its_life_to_systemd_from_the_start_to_the_end(tmp_path: Path) -> None:
     """The process that systemd has started is the one that sends: `NotifyAccess=main`."""
     command = [sys.executable, "-m", "llfsm.cli", "whiteboard", "daemon", "--directory", tmp_path]
     with supervisor(f"@llfsm-test/{os.getpid()}") as systemd:

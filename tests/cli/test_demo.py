@@ -35,12 +35,12 @@ def test_a_signal_ends_all_and_leaves_a_picture(
     pids = list(children(process.pid).values())
     assert len(pids) == 2
     process.send_signal(number)
-    said = process.stdout.read()
+    printed = process.stdout.read()
     assert process.wait() == 0
     assert_nothing_left(board, pids)
     for kind in ("svg", "png"):
         assert (tmp_path / "pictures" / f"path.{kind}").stat().st_size > 0
-        assert f"path.{kind}" in said
+        assert f"path.{kind}" in printed
 
 
 @pytest.mark.parametrize("victim", ["turtlesim", "run"])
@@ -48,9 +48,9 @@ def test_a_killed_process_is_reported_and_all_end(llfsm: Llfsm, board: str, vict
     process = start(llfsm, board)
     pids = children(process.pid)
     os.kill(pids[victim], signal.SIGKILL)
-    said = process.stdout.read()
+    printed = process.stdout.read()
     assert process.wait() == 1
-    assert "was killed by SIGKILL" in said
+    assert "was killed by SIGKILL" in printed
     assert_nothing_left(board, list(pids.values()))
 
 

@@ -90,9 +90,9 @@ def test_whoever_is_killed_is_reported_and_started_again_and_the_turtle_goes_on(
     pids = list(children(demo.pid).values())
     assert len(pids) == 4
     demo.send_signal(signal.SIGINT)
-    said = demo.stdout.read()
-    assert demo.wait() == 0, said
-    assert "the turtle's path: path.svg" in said
+    printed = demo.stdout.read()
+    assert demo.wait() == 0, printed
+    assert "the turtle's path: path.svg" in printed
     assert_nothing_left(board, pids)
 
 
@@ -134,14 +134,14 @@ def test_it_joins_a_graph_that_has_a_router_and_a_simulator(
     assert set(pids) == {"bridge", "run"}
     assert drives_on(board)
     demo.send_signal(signal.SIGINT)
-    said = demo.stdout.read()
-    assert demo.wait() == 0, said
+    printed = demo.stdout.read()
+    assert demo.wait() == 0, printed
     assert_nothing_left(board, list(pids.values()))
     assert not list(tmp_path.iterdir())  # nobody here could have drawn the path
 
 
 @pytest.mark.parametrize(
-    ("options", "status", "said"),
+    ("options", "status", "printed"),
     [
         (["--domain", "3"], 2, "--transport, --domain, --router and --no-simulator are for --ros"),
         (["--no-simulator"], 2, "are for --ros"),
@@ -153,10 +153,10 @@ def test_it_joins_a_graph_that_has_a_router_and_a_simulator(
     ],
 )
 def test_what_cannot_be_is_refused(
-    llfsm: Llfsm, board: str, options: list[str], status: int, said: str
+    llfsm: Llfsm, board: str, options: list[str], status: int, printed: str
 ) -> None:
     done = llfsm.run("demo", "wall", "-b", board, *options)
-    assert (done.returncode, said in done.stderr) == (status, True), done.stderr
+    assert (done.returncode, printed in done.stderr) == (status, True), done.stderr
     assert "Traceback" not in done.stderr
     assert not exists(board)
 

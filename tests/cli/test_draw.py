@@ -38,8 +38,8 @@ def test_a_format_overrules_the_ending(llfsm: Llfsm, tmp_path: Path) -> None:
 
 def test_text_goes_to_standard_output(llfsm: Llfsm) -> None:
     assert llfsm.run("draw", "RosPingPong").stdout.startswith("digraph ")
-    said = llfsm.run("draw", "RosPingPong", "--format", "mermaid").stdout
-    assert "stateDiagram-v2" in said
+    printed = llfsm.run("draw", "RosPingPong", "--format", "mermaid").stdout
+    assert "stateDiagram-v2" in printed
 
 
 def test_sections_and_fold(llfsm: Llfsm) -> None:
@@ -144,9 +144,9 @@ def test_a_cpp_bundle_of_the_newest_editors(llfsm: Llfsm, tmp_path: Path) -> Non
     }
     for name, text in files.items():
         (bundle / name).write_text(text, encoding="utf-8")
-    said = llfsm.run("draw", "Newer", "--sections").stdout
-    assert 's0 -> s1 [label="level &gt; 3 &amp;&amp; !strcmp(name, \\"&lt;ü&gt;\\")"]' in said
-    assert "on();" in said
+    printed = llfsm.run("draw", "Newer", "--sections").stdout
+    assert 's0 -> s1 [label="level &gt; 3 &amp;&amp; !strcmp(name, \\"&lt;ü&gt;\\")"]' in printed
+    assert "on();" in printed
 
 
 def test_a_cpp_bundle_that_cannot_be_read(llfsm: Llfsm, tmp_path: Path) -> None:

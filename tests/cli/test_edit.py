@@ -33,11 +33,11 @@ def test_a_bundle_is_opened_and_left_as_it_was(tmp_path: Path) -> None:
     folder = tmp_path / "Patrol.machine"
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     process = Process("edit", "Patrol", "--no-open", "--port", "0", cwd=tmp_path)
-    said = process.line()
+    printed = process.line()
     found = re.fullmatch(
-        rf"llfsm edit: {folder} at (http://127\.0\.0\.1:\d+/)(\?token=\S+)\n", said
+        rf"llfsm edit: {folder} at (http://127\.0\.0\.1:\d+/)(\?token=\S+)\n", printed
     )
-    assert found, said
+    assert found, printed
     answer = httpx.get(f"{found[1]}about{found[2]}", trust_env=False, verify=False)
     assert answer.json()["title"] == "Patrol"
     assert process.end() == (0, "")
@@ -72,11 +72,11 @@ def test_an_arrangement_is_opened_also_if_not_all_of_its_machines_can_be(tmp_pat
     (robot / "guard.py").write_text(GUARD)
     (robot / "broken.py").write_text("class Broken(:\n")
     process = Process("edit", "robot/robot.toml", "--no-open", "--port", "0", cwd=tmp_path)
-    said = process.line()
+    printed = process.line()
     found = re.fullmatch(
-        rf"llfsm edit: {robot / 'robot.toml'} at (http://127\.0\.0\.1:\d+/)(\?token=\S+)\n", said
+        rf"llfsm edit: {robot / 'robot.toml'} at (http://127\.0\.0\.1:\d+/)(\?token=\S+)\n", printed
     )
-    assert found, said
+    assert found, printed
     about = httpx.get(f"{found[1]}about{found[2]}", trust_env=False, verify=False).json()
     problems = {each["name"]: each["problem"] for each in about["machines"]}
     assert list(problems) == ["Patrol", "Patrol.0", "Guard", "Broken", "Lost"]

@@ -72,8 +72,8 @@ print(json.dumps([said, [name for name in sys.modules if name.startswith("llfsm.
 """
     command = [sys.executable, "-c", code, *arguments]
     done = subprocess.run(command, text=True, capture_output=True, check=True)
-    said, modules = json.loads(done.stdout)
-    return said, set(modules)
+    printed, modules = json.loads(done.stdout)
+    return printed, set(modules)
 
 
 @pytest.mark.parametrize(
@@ -85,14 +85,14 @@ print(json.dumps([said, [name for name in sys.modules if name.startswith("llfsm.
     ],
 )
 def test_help_names_the_commands_and_imports_none(group: tuple[str, ...], named: str) -> None:
-    said, modules = modules_after(*group, "--help")
-    assert named in said
+    printed, modules = modules_after(*group, "--help")
+    assert named in printed
     assert not {name for name in modules if name.startswith("llfsm.bridges")}
 
 
 def test_a_command_is_imported_when_it_is_called() -> None:
-    said, modules = modules_after("bridge", "gusimplewhiteboard", "--help")
-    assert said.startswith("Usage: main bridge gusimplewhiteboard [OPTIONS] [FILE.toml]")
+    printed, modules = modules_after("bridge", "gusimplewhiteboard", "--help")
+    assert printed.startswith("Usage: main bridge gusimplewhiteboard [OPTIONS] [FILE.toml]")
     assert "llfsm.cli.bridge.gusimplewhiteboard" in modules
     assert "llfsm.bridges.turtlesim" not in modules
 

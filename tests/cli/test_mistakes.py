@@ -57,7 +57,7 @@ def here(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("typed", "said"),
+    ("typed", "printed"),
     [
         # commands and options
         ("rnu lamp", "no command 'rnu'; did you mean 'run'?"),
@@ -130,17 +130,17 @@ def here(tmp_path: Path) -> Path:
     ],
 )
 def test_a_mistake_is_named_with_what_to_do(
-    here: Path, board: str, monkeypatch: pytest.MonkeyPatch, typed: str, said: str
+    here: Path, board: str, monkeypatch: pytest.MonkeyPatch, typed: str, printed: str
 ) -> None:
     monkeypatch.setenv("WHITEBOARD_NAME", board)
     done = call(*typed.split(), cwd=here)
     assert done.returncode in (1, 2), done.stdout
-    assert said in done.stderr
+    assert printed in done.stderr
     assert "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize(
-    ("message", "said"),
+    ("message", "printed"),
     [
         ("{data: true}", 'not a JSON object such as {"data": ...}: Expecting property name'),
         ("true", 'not a JSON object such as {"data": ...}'),
@@ -152,10 +152,10 @@ def test_a_mistake_is_named_with_what_to_do(
     ],
 )
 def test_a_message_that_is_none_is_shown_one(
-    here: Path, board: str, message: str, said: str
+    here: Path, board: str, message: str, printed: str
 ) -> None:
     done = call(
         "whiteboard", "add", "x", message, "--type", "std_msgs/Bool", "-b", board, cwd=here
     )  # fmt: skip
     assert done.returncode == 1
-    assert said in done.stderr
+    assert printed in done.stderr

@@ -14,9 +14,9 @@ from llfsm.runtime.drawing import arrange
 from .conftest import Llfsm
 
 
-def commands(said: str) -> list[list[str]]:
+def commands(printed: str) -> list[list[str]]:
     """Return the arguments of the commands that `new` tells to try next."""
-    return [line.split()[1:] for line in said.splitlines() if line.startswith("  llfsm ")]
+    return [line.split()[1:] for line in printed.splitlines() if line.startswith("  llfsm ")]
 
 
 @pytest.mark.parametrize("kind", ["--bundle", "--class"])

@@ -98,7 +98,7 @@ def test_one_that_ships(llfsm: Llfsm, board: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "said"),
+    ("arguments", "status", "printed"),
     [
         (["Nobody"], 2, "no machine 'Nobody'; those that ship: "),
         (["my_robot:Mine"], 2, "there is no module 'my_robot'"),
@@ -107,13 +107,13 @@ def test_one_that_ships(llfsm: Llfsm, board: str) -> None:
     ],
 )
 def test_what_cannot_be_packaged(
-    llfsm: Llfsm, arguments: list[str], status: int, said: str
+    llfsm: Llfsm, arguments: list[str], status: int, printed: str
 ) -> None:
     write_bundle(llfsm.cwd / "Broken.machine", "x")
     write_bundle(llfsm.cwd / "Good.machine", "pass")
     done = llfsm.run("package", *arguments)
     assert done.returncode == status
-    assert said in done.stderr
+    assert printed in done.stderr
     assert sorted(os.listdir(llfsm.cwd)) == ["Broken.machine", "Good.machine"]
 
 

@@ -39,9 +39,9 @@ def test_ps_is_a_table(llfsm: Llfsm, board: str, running: subprocess.Popen[str])
 
 
 def test_ps_is_json_for_programs(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
-    told = rows(llfsm, "-b", board)
-    assert list(told) == ["Stays", "Stubborn"]
-    row = told["Stays"]
+    reported = rows(llfsm, "-b", board)
+    assert list(reported) == ["Stays", "Stubborn"]
+    row = reported["Stays"]
     assert row["in_state_s"] >= row["silent_s"] >= 0
     assert row["ringlets"] > 0
     assert (row["realtime"], row["cpu"]) == (None, None)
@@ -69,8 +69,8 @@ def test_ps_shows_the_priority_and_the_core(llfsm: Llfsm, board: str) -> None:
     head, row = llfsm.run("ps", "-b", board).stdout.splitlines()
     assert head.split()[-1] == "REALTIME"
     assert row.endswith(f"FIFO 3 on core {core}")
-    told = rows(llfsm, "-b", board)["Stays"]
-    assert (told["realtime"], told["cpu"]) == (3, core)
+    reported = rows(llfsm, "-b", board)["Stays"]
+    assert (reported["realtime"], reported["cpu"]) == (3, core)
 
 
 def test_ps_of_every_board(llfsm: Llfsm, board: str, running: subprocess.Popen[str]) -> None:
@@ -79,8 +79,11 @@ def test_ps_of_every_board(llfsm: Llfsm, board: str, running: subprocess.Popen[s
     head, *lines = [line.split() for line in done.stdout.splitlines()]
     assert head[:2] == ["WHITEBOARD", "MACHINE"]
     assert [line[1] for line in lines if line[0] == board] == ["Stays", "Stubborn"]
-    told = [json.loads(line) for line in llfsm.run("ps", "-a", "--json").stdout.splitlines()]
-    assert [row["machine"] for row in told if row["whiteboard"] == board] == ["Stays", "Stubborn"]
+    reported = [json.loads(line) for line in llfsm.run("ps", "-a", "--json").stdout.splitlines()]
+    assert [row["machine"] for row in reported if row["whiteboard"] == board] == [
+        "Stays",
+        "Stubborn",
+    ]
 
 
 def there(name: str) -> BoardPlace:
@@ -112,8 +115,8 @@ def test_ps_of_a_board_without_machines(llfsm: Llfsm, board: str) -> None:
     with Whiteboard(board):
         assert rows(llfsm, "-b", board) == {}
         done = llfsm.run("ps", "-b", board)
-    told = f"no machine runs on whiteboard {board}; start one: llfsm run MACHINE -b {board}\n"
-    assert (done.returncode, done.stdout) == (0, told)
+    reported = f"no machine runs on whiteboard {board}; start one: llfsm run MACHINE -b {board}\n"
+    assert (done.returncode, done.stdout) == (0, reported)
 
 
 def test_machines_of_one_name_are_told_apart(
@@ -121,8 +124,8 @@ def test_machines_of_one_name_are_told_apart(
 ) -> None:
     second = llfsm.start("run", f"{MACHINES}:Stays", "-q", "-b", board)
     wait_for_line(second, "Stays entered A")
-    told = {name: row["pid"] for name, row in rows(llfsm, "-b", board).items()}
-    assert told == {"Stays": running.pid, "Stays.0": second.pid, "Stubborn": running.pid}
+    reported = {name: row["pid"] for name, row in rows(llfsm, "-b", board).items()}
+    assert reported == {"Stays": running.pid, "Stays.0": second.pid, "Stubborn": running.pid}
     assert llfsm.run("stop", "Stays.0", "-b", board).returncode == 0
     assert second.wait() == 0
     assert rows(llfsm, "-b", board)["Stays"]["pid"] == running.pid
@@ -223,10 +226,10 @@ def test_ps_shows_who_called_a_machine_and_how_long_an_override_lasts(
         wb.add_message(status_slot("Count"), called)
         wb.add_message(status_slot("Boss"), status)
         lines = llfsm.run("ps", "-b", board).stdout.splitlines()
-        told = rows(llfsm, "-b", board)
+        reported = rows(llfsm, "-b", board)
     assert lines[-3] == "Count is called by Boss"
     assert re.fullmatch(r"Count: its sensor pose is overridden, for [0-7] s more", lines[-2])
     assert lines[-1] == "Count: its sensor odom is overridden, until it is released"
-    assert (told["Count"]["caller"], told["Boss"]["caller"]) == ("Boss", "")
-    assert 0 <= told["Count"]["overridden"].pop("pose") <= 7
-    assert told["Count"]["overridden"] == {"odom": None}
+    assert (reported["Count"]["caller"], reported["Boss"]["caller"]) == ("Boss", "")
+    assert 0 <= reported["Count"]["overridden"].pop("pose") <= 7
+    assert reported["Count"]["overridden"] == {"odom": None}

@@ -20,8 +20,8 @@ def test_suspend_and_resume(llfsm: Llfsm, board: str, running: subprocess.Popen[
     done = llfsm.run("suspend", "Stays", "-b", board)
     assert (done.returncode, done.stdout) == (0, "Stays is suspended in Suspended\n")
     assert "suspended" in wait_for_line(running, "Stays")
-    told = rows(llfsm, "-b", board)
-    assert (told["Stays"]["status"], told["Stubborn"]["status"]) == ("suspended", "running")
+    reported = rows(llfsm, "-b", board)
+    assert (reported["Stays"]["status"], reported["Stubborn"]["status"]) == ("suspended", "running")
     assert llfsm.run("suspend", "Stays", "-b", board).returncode == 0
     done = llfsm.run("resume", "Stays", "-b", board)
     assert (done.returncode, done.stdout) == (0, "Stays is running in A\n")
@@ -83,7 +83,7 @@ def test_a_lone_machine_suspended_from_outside_may_be_resumed(llfsm: Llfsm, boar
     with Whiteboard(board, create=False) as wb:
         slot = wb[status_slot("Stays")]
         count = slot.count
-        wait_for(lambda: slot.count > count + 1, "it is still told of")
+        wait_for(lambda: slot.count > count + 1, "it is still reported")
     assert process.poll() is None
     assert llfsm.run("resume", "Stays", "-b", board).returncode == 0
     assert llfsm.run("stop", "Stays", "-b", board).returncode == 0
@@ -178,5 +178,5 @@ def test_a_request_that_waits_for_the_next_turn_is_not_done_yet(llfsm: Llfsm, bo
     with Whiteboard(board, create=False) as wb:
         with pytest.raises(click.ClickException, match="did not carry out the request"):
             carry_out(wb, "Stays", "restart", patience_s=0.5)
-        told = wb[status_slot("Stays")]
-        wait_for(lambda: told.get().pending == "restart", "the request is told of")
+        reported = wb[status_slot("Stays")]
+        wait_for(lambda: reported.get().pending == "restart", "the request is reported")

@@ -112,7 +112,7 @@ def test_the_same_machine_twice(llfsm: Llfsm, board: str) -> None:
     assert done.stdout == "Counter 'x' counts 2\nCounter.0 'x' counts 5\n"
 
 
-def test_verbose_tells_state_changes_as_clfsm_does(llfsm: Llfsm, board: str) -> None:
+def test_verbose_reports_state_changes_as_clfsm_does(llfsm: Llfsm, board: str) -> None:
     done = llfsm.run("run", "mine:Counter", "-v", "-q", "-b", board)
     assert done.stderr.splitlines() == [
         "m  0 s  0 - Counter              - COUNT",
@@ -129,7 +129,7 @@ def test_the_header_names_machines_and_board_unless_quiet(llfsm: Llfsm, board: s
     assert llfsm.run("run", "mine:Counter", "-q", "-b", board).stderr == ""
 
 
-def test_suspends_and_resumes_are_told(llfsm: Llfsm, board: str) -> None:
+def test_suspends_and_resumes_are_reported(llfsm: Llfsm, board: str) -> None:
     process = llfsm.start(
         "run", "RosPingPong", "TurtleSuspendResume", "TurtleSuspendResume:target=RosPingPong",
         "-s", "-q", "-b", board,
@@ -183,7 +183,7 @@ def test_the_board_is_kept_unless_told_otherwise(llfsm: Llfsm, board: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "said"),
+    ("arguments", "status", "printed"),
     [
         ([], 2, "name a machine"),
         (["Nobody"], 2, "those that ship: "),
@@ -208,12 +208,12 @@ def test_the_board_is_kept_unless_told_otherwise(llfsm: Llfsm, board: str) -> No
     ],
 )  # fmt: skip
 def test_bad_input_is_one_clear_error(
-    llfsm: Llfsm, board: str, arguments: list[str], status: int, said: str
+    llfsm: Llfsm, board: str, arguments: list[str], status: int, printed: str
 ) -> None:
     where = [] if "-b" in arguments else ["-b", board]
     done = llfsm.run("run", "-q", *arguments, *where)
     assert done.returncode == status
-    assert said in done.stderr
+    assert printed in done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
 

@@ -35,7 +35,7 @@ def test_by_name_before_those_that_ship(llfsm: Llfsm, board: str) -> None:
     assert llfsm.run("run", "RosPingPong.machine", "-q", "-b", board).stdout == "mine\n"
 
 
-def test_the_path_is_told(llfsm: Llfsm, board: str) -> None:
+def test_the_path_is_reported(llfsm: Llfsm, board: str) -> None:
     write(llfsm.cwd / "M.machine", "pass")
     done = llfsm.run("run", "M", "-q", "-vv", "-b", board)
     assert str(llfsm.cwd / "M.machine")[:30] in done.stderr
@@ -50,7 +50,7 @@ def test_code_loads_bundles_beside_it_and_in_the_current_folder(llfsm: Llfsm, bo
 
 
 @pytest.mark.parametrize(
-    ("name", "entry", "status", "said"),
+    ("name", "entry", "status", "printed"),
     [
         ("Other.machine", "pass", 2, "no machine 'Other.machine'; those that ship: "),
         ("M", "\n1 / 0", 1, "M.machine/State_A_OnEntry.py:2)"),
@@ -61,10 +61,10 @@ def test_code_loads_bundles_beside_it_and_in_the_current_folder(llfsm: Llfsm, bo
     ],
 )
 def test_bad_input_is_one_clear_error(
-    llfsm: Llfsm, board: str, name: str, entry: str, status: int, said: str
+    llfsm: Llfsm, board: str, name: str, entry: str, status: int, printed: str
 ) -> None:
     write(llfsm.cwd / "M.machine", entry)
     done = llfsm.run("run", name, "-q", "-b", board)
     assert done.returncode == status
-    assert said in done.stderr
+    assert printed in done.stderr
     assert "Traceback" not in done.stderr

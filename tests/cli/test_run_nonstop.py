@@ -131,15 +131,15 @@ def pending(pid: int, number: signal.Signals) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("how", "said"),
+    ("how", "printed"),
     [
         ("raise", "the arrangement failed; it starts again"),
         ("SIGKILL", "the arrangement was killed by SIGKILL; it starts again"),
         ("SIGSEGV", "the arrangement was killed by SIGSEGV; it starts again"),
     ],
 )
-def test_a_crash_is_told_and_all_starts_afresh(
-    llfsm: Llfsm, board: str, how: str, said: str
+def test_a_crash_is_reported_and_all_starts_afresh(
+    llfsm: Llfsm, board: str, how: str, printed: str
 ) -> None:
     arguments = ["mine:Crasher", f"Crasher:how={how}", "-q", "--remove-board", "-b", board]
     done = llfsm.run_apart("run", "-n", *arguments)
@@ -149,7 +149,7 @@ def test_a_crash_is_told_and_all_starts_afresh(
         "run 2, entered 1",
     ]
     lines = done.stderr.splitlines()
-    assert lines[-1] == said
+    assert lines[-1] == printed
     if how == "raise":
         (error,) = lines[:-1]
         assert error.startswith("Error: machine Crasher, state A, OnEntry: RuntimeError: crashed")
@@ -273,7 +273,7 @@ def test_a_killed_supervisor_takes_the_arrangement_with_it(llfsm: Llfsm, board: 
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "said"),
+    ("arguments", "status", "printed"),
     [
         (["mine:Nobody"], 2, "mine has no 'Nobody'"),
         (["mine:Crasher", "Crasher:color=1"], 2, "no variable 'color'"),
@@ -282,7 +282,7 @@ def test_a_killed_supervisor_takes_the_arrangement_with_it(llfsm: Llfsm, board: 
     ],
 )
 def test_what_cannot_be_loaded_is_not_tried_again(
-    llfsm: Llfsm, board: str, arguments: list[str], status: int, said: str
+    llfsm: Llfsm, board: str, arguments: list[str], status: int, printed: str
 ) -> None:
     (llfsm.cwd / "wrong.toml").write_text("[[machine]]\ndefinition = 1\n")
     (llfsm.cwd / "load.toml").write_text(
@@ -290,7 +290,7 @@ def test_what_cannot_be_loaded_is_not_tried_again(
     )
     done = llfsm.run_apart("run", "-n", *arguments, "-q", "-b", board)
     assert done.returncode == status
-    assert said in done.stderr
+    assert printed in done.stderr
     assert "again" not in done.stderr
     assert not (llfsm.cwd / "runs").exists()
 
@@ -303,7 +303,7 @@ def test_ps_shows_the_new_process(llfsm: Llfsm, board: str) -> None:
     wait_for_line(process, "was killed by SIGKILL; it starts again")
     wait_for_line(process, "entered A")
     second = child_of(process)
-    (told,) = [
+    (reported,) = [
         json.loads(line) for line in llfsm.run("ps", "--json", "-b", board).stdout.splitlines()
     ]
-    assert (told["machine"], told["pid"], second == first) == ("Stays", second, False)
+    assert (reported["machine"], reported["pid"], second == first) == ("Stays", second, False)

@@ -154,7 +154,7 @@ def test_what_a_file_names_is_looked_for_beside_it(llfsm: Llfsm, board: str) -> 
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "printed"),
     [
         ("[[machine]]\nname = 3", "robot.toml:2: machine[0].name: Expected"),
         ("[[machine]\n", "robot.toml:1: "),
@@ -167,11 +167,11 @@ def test_what_a_file_names_is_looked_for_beside_it(llfsm: Llfsm, board: str) -> 
         (machine("mine:Counter", "period_us = 5", "start_us = 5"), "robot.toml:1: machine[0]: "),
     ],
 )
-def test_a_wrong_file_is_one_clear_error(llfsm: Llfsm, board: str, text: str, said: str) -> None:
+def test_a_wrong_file_is_one_clear_error(llfsm: Llfsm, board: str, text: str, printed: str) -> None:
     (llfsm.cwd / "robot.toml").write_text(text)
     done = llfsm.run("run", "robot.toml", "-q", "-b", board)
     assert (done.returncode, done.stdout) == (1, "")
-    assert said in done.stderr
+    assert printed in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -244,7 +244,7 @@ def test_a_period_and_what_is_late(llfsm: Llfsm, board: str) -> None:
     assert re.search(r"Slow: \d of \d turns ended after their deadline, the worst by", done.stderr)
 
 
-def test_late_turns_of_a_timetable_are_told(llfsm: Llfsm, board: str) -> None:
+def test_late_turns_of_a_timetable_are_reported(llfsm: Llfsm, board: str) -> None:
     (llfsm.cwd / "robot.toml").write_text(
         machine("mine:Slow", "period_us = 10000", "deadline_us = 1000")
         + machine("mine:Counter", "period_us = 10000", "start_us = 9000", "deadline_us = 900000000")
@@ -255,7 +255,7 @@ def test_late_turns_of_a_timetable_are_told(llfsm: Llfsm, board: str) -> None:
     assert [line.split(":")[0] for line in late] == ["Slow"]
 
 
-def test_timing_tells_of_each_machine_and_its_states(llfsm: Llfsm, board: str) -> None:
+def test_timing_reports_each_machine_and_its_states(llfsm: Llfsm, board: str) -> None:
     done = llfsm.run("run", "mine:Counter", "mine:Slow", "-t", "-q", "-b", board)
     assert done.returncode == 0
     head, *rows = [re.split(r"  +", line.strip()) for line in done.stderr.splitlines()]
@@ -267,7 +267,7 @@ def test_timing_tells_of_each_machine_and_its_states(llfsm: Llfsm, board: str) -
     assert float(rows[3][3].split(" / ")[2]) >= 3000
 
 
-def test_timing_is_told_after_an_error_too(llfsm: Llfsm, board: str) -> None:
+def test_timing_is_reported_after_an_error_too(llfsm: Llfsm, board: str) -> None:
     done = llfsm.run("run", "mine:Broken", "-t", "-q", "-b", board)
     assert done.returncode == 1
     assert done.stderr.startswith("machine  ")
@@ -345,15 +345,15 @@ USAGE = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("arguments", "said"), USAGE, ids=[" ".join(case[0]) for case in USAGE])
+@pytest.mark.parametrize(("arguments", "printed"), USAGE, ids=[" ".join(case[0]) for case in USAGE])
 def test_what_cannot_be_meant_is_a_usage_error(
-    llfsm: Llfsm, board: str, arguments: list[str], said: str
+    llfsm: Llfsm, board: str, arguments: list[str], printed: str
 ) -> None:
     (llfsm.cwd / "robot.toml").write_text(machine("mine:Counter", "period_us = 5000"))
     (llfsm.cwd / "table").write_text("mine:Counter\t2000\t1000\n\n0\t0\n")
     done = llfsm.run("run", *arguments, "-q", "-b", board)
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
-    assert said in done.stderr
+    assert printed in done.stderr
     assert "Traceback" not in done.stderr
 
 

@@ -54,8 +54,8 @@ def test_a_recorder_that_is_killed_does_not_stop_the_machines(llfsm: Llfsm, boar
     wait_for_line(process, "hello world")
     wait_for_line(process, "hello world")
     process.terminate()
-    said = process.stdout.read()
-    assert "the recorder" not in said  # it is told once
+    printed = process.stdout.read()
+    assert "the recorder" not in printed  # it is reported once
     assert process.wait() == 0
 
 

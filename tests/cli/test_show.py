@@ -119,12 +119,12 @@ def test_import_and_then_show_and_run(llfsm: Llfsm, board: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("argument", "status", "said"),
+    ("argument", "status", "printed"),
     [("Nowhere.machine", 2, "does not exist"), ("Lamp.machine", 1, "already a Python bundle")],
 )
-def test_what_cannot_be_imported(llfsm: Llfsm, argument: str, status: int, said: str) -> None:
+def test_what_cannot_be_imported(llfsm: Llfsm, argument: str, status: int, printed: str) -> None:
     assert llfsm.run("import", str(LAMP)).returncode == 0
     done = llfsm.run("import", argument)
     assert done.returncode == status
-    assert said in done.stderr
+    assert printed in done.stderr
     assert "Traceback" not in done.stderr

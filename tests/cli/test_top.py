@@ -19,7 +19,7 @@ NUMBER = Slot("robot/number", Int32)
 TEXT = Slot("robot/text", String)
 
 
-def test_once_tells_machines_and_slots_as_plain_lines(llfsm: Llfsm, board: str) -> None:
+def test_once_reports_machines_and_slots_as_plain_lines(llfsm: Llfsm, board: str) -> None:
     with Whiteboard(board) as wb:
         wb.add_message(NUMBER, Int32(data=7))
         wb.add_message(TEXT, String(data="[red]{x}" + 200 * "long "))
@@ -63,13 +63,13 @@ def test_a_terminal_shows_changes_and_is_itself_again_at_the_end(
         try:
             for value in (1, 2, 3):
                 wb.add_message(NUMBER, Int32(data=value))
-                said = b""
+                printed = b""
 
                 def shown(value: int = value) -> bool:
-                    nonlocal said
-                    said += os.read(terminal, 65536)
-                    stream.feed(said)
-                    said = b""
+                    nonlocal printed
+                    printed += os.read(terminal, 65536)
+                    stream.feed(printed)
+                    printed = b""
                     return any(f"data: {value}" in line for line in screen.display)
 
                 wait_for(shown, f"{value} on the screen")
@@ -107,17 +107,17 @@ def test_a_board_that_is_removed_ends_it(llfsm: Llfsm, board: str) -> None:
             command = llfsm.command(("top", "-b", board))
             os.execv(command[0], command)
         os.close(terminal)
-        said = os.read(controller, 65536)
+        printed = os.read(controller, 65536)
         wb.remove()
         while True:
             try:
-                said += os.read(controller, 65536)
+                printed += os.read(controller, 65536)
             except OSError:
                 break
         os.close(controller)
         _, status = os.waitpid(pid, 0)
     assert os.waitstatus_to_exitcode(status) == 1
-    assert f"Error: the whiteboard '{board}' was removed" in said.decode()
+    assert f"Error: the whiteboard '{board}' was removed" in printed.decode()
 
 
 def test_a_board_that_is_not_there_is_named(llfsm: Llfsm, board: str) -> None:

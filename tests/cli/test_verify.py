@@ -70,7 +70,7 @@ def test_code_that_raises_is_shown_recorded_and_tested(llfsm: Llfsm) -> None:
             scope["test_NO_FAILURE"]()
 
 
-def test_what_goes_on_for_ever_is_said_so(llfsm: Llfsm) -> None:
+def test_what_goes_on_for_ever_is_reported_as_such(llfsm: Llfsm) -> None:
     done = verify(llfsm, *oven("answered"))
     assert done.returncode == 1
     assert re.search(r"and so on for ever: all from round \d+ on repeats$", done.stdout, re.M)
@@ -267,9 +267,9 @@ def test_an_error_of_the_user_has_status_2_and_one_line(llfsm: Llfsm, name: str)
     arguments, message = ERRORS[name]
     done = verify(llfsm, *arguments)
     assert (done.returncode, done.stdout) == (2, "")
-    *usage, said = done.stderr.splitlines()
-    assert message in said
-    assert said.startswith("Error: ")
+    *usage, printed = done.stderr.splitlines()
+    assert message in printed
+    assert printed.startswith("Error: ")
     assert usage in ([], usage[:3])
     assert [*llfsm.cwd.iterdir()] == []
 

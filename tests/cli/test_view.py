@@ -84,9 +84,9 @@ def test_it_opens_the_browser_by_a_file_that_only_its_user_can_read(
     process = llfsm.start("view", "-b", board, "--port", "0", "--control")
     address = wait_for_line(process, " at ").split(" at ")[1].strip()
     wait_for(lambda: opened.exists() and opened.read_text().strip(), "the browser was started")
-    said = opened.read_text().strip()
-    assert urlsplit(address).query not in said  # other users can list the browser's command line
-    page = Path(urlsplit(said).path)
+    printed = opened.read_text().strip()
+    assert urlsplit(address).query not in printed  # other users can list the browser's command line
+    page = Path(urlsplit(printed).path)
     assert address in page.read_text()
     assert page.stat().st_mode & 0o077 == 0
     process.terminate()

@@ -93,7 +93,7 @@ def test_rm_removes_a_damaged_board(llfsm: Llfsm, board: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "printed"),
     [
         (["get", "nothing"], "has no slot 'nothing'; its slots: turtle1/cmd_vel"),
         (["get", "turtle1/cmd_vel"], "nothing was added"),
@@ -109,13 +109,13 @@ def test_rm_removes_a_damaged_board(llfsm: Llfsm, board: str) -> None:
     ],
 )  # fmt: skip
 def test_bad_input_is_one_clear_error(
-    llfsm: Llfsm, board: str, arguments: list[str], said: str
+    llfsm: Llfsm, board: str, arguments: list[str], printed: str
 ) -> None:
     with Whiteboard(board) as wb:
         slot = wb[CMD_VEL]
         done = llfsm.run("whiteboard", *arguments, "-b", board)
         assert done.returncode == 1
-        assert said in done.stderr
+        assert printed in done.stderr
         assert "Traceback" not in done.stderr
         assert slot.count == 0
 

@@ -131,7 +131,7 @@ def _watch(
 ) -> bool:
     ages: list[float] = []
     memory: list[list[float]] = []
-    begin, told = time.monotonic(), 0.0
+    begin, reported = time.monotonic(), 0.0
     before = [usage(daemon.pid)[0] for daemon in daemons]
     print("   s   adds/s   age p50   p99 ms   daemons: % of a core, MiB")
     added = last = 0
@@ -140,15 +140,17 @@ def _watch(
         now = time.monotonic() - begin
         if now > 2:  # once they all add
             ages += lags(boards, slots)
-        if now - told >= 5 and ages:
+        if now - reported >= 5 and ages:
             added = sum(b[slot(h, n)].count for h, b in enumerate(boards) for n in range(slots))
             used = [usage(daemon.pid) for daemon in daemons]
             memory.append([mib for _, mib in used])
-            shares = [100 * (u[0] - b) / (now - told) for u, b in zip(used, before, strict=True)]
+            shares = [
+                100 * (u[0] - b) / (now - reported) for u, b in zip(used, before, strict=True)
+            ]
             cells = "  ".join(f"{s:3.0f} {m:5.1f}" for s, (_, m) in zip(shares, used, strict=True))
-            pace = (added - last) / (now - told)
+            pace = (added - last) / (now - reported)
             print(f"{now:4.0f} {pace:8.0f} {_part(ages, 50):9.1f} {_part(ages, 99):8.1f}   {cells}")
-            before, told, last = [u[0] for u in used], now, added
+            before, reported, last = [u[0] for u in used], now, added
     end = time.monotonic()
     while max(lags(boards, slots)) > 0:
         if time.monotonic() - end > 10:

@@ -198,11 +198,11 @@ def run(leg: Leg, place: Place) -> tuple[str, list[str]]:
     if leg.depth and min(came) < sent:
         wrong.append(f"of {sent} messages a slot got {min(came)}")
     share = 100 * sum(came) / (sent * _TOPICS)
-    told = (
+    reported = (
         f"{leg.name}: {sent / place.seconds:.0f} a second and topic, {share:.2f} % passed on, "
         f"bridge {early.memory_kib / 1024:.1f} to {late.memory_kib / 1024:.1f} MiB"
     )
-    return told, wrong
+    return reported, wrong
 
 
 def _is_joined(graph: Graph) -> bool:
@@ -264,10 +264,10 @@ def soak(seconds: float) -> list[str]:
     try:
         for leg in _LEGS:
             name = f"soak-relays-{os.getpid()}"
-            told, found = run(leg, Place(endpoint, name, seconds))
+            reported, found = run(leg, Place(endpoint, name, seconds))
             with suppress(BoardNotFoundError):
                 remove_board(name)
-            print(told, *found, sep="\n  ", flush=True)
+            print(reported, *found, sep="\n  ", flush=True)
             wrong += found
     finally:
         router.close()

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.compiler
 ROOT = Path(__file__).parents[2]
 GOOD = Slot("good", Int32)
 
-# What a program in C may call a schema, and what is said of it.
+# What a program in C may call a schema, and how it is reported.
 SCHEMAS = {
     "list": ("[]", "is not a JSON object"),
     "none": ("", "is not a JSON object"),

@@ -302,10 +302,10 @@ def test_an_error_of_the_callback_is_reported_and_it_goes_on(
             error = errors.get(timeout=PATIENCE_S)
             assert isinstance(error, ArithmeticError)
             assert str(error) == f"no {value}"
-    said = [record for record in caplog.records if record.levelno == logging.ERROR]
-    assert len(said) == 2
-    assert "fail: ArithmeticError: no 1" in said[0].getMessage()
-    assert said[0].exc_info is not None
+    printed = [record for record in caplog.records if record.levelno == logging.ERROR]
+    assert len(printed) == 2
+    assert "fail: ArithmeticError: no 1" in printed[0].getMessage()
+    assert printed[0].exc_info is not None
 
 
 def test_an_error_that_on_error_has_handled_is_not_logged(

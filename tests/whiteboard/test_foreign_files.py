@@ -120,5 +120,5 @@ for name in ("closed", "new"):
     except BoardPermissionError as error:
         print(error)
 """
-    said = run_python(script, tmp_path)
-    assert "llfsm.closed: Permission denied; it belongs to another user or is protected" in said
+    printed = run_python(script, tmp_path)
+    assert "llfsm.closed: Permission denied; it belongs to another user or is protected" in printed

@@ -152,13 +152,13 @@ def test_what_is_typed_is_what_is_written(page: Page, bundle: Path) -> None:
     wait_for(lambda: getattr(second(), "text", "") == "count > 4\n", "the condition is written")
 
 
-def test_what_is_wrong_is_said_under_its_line(page: Page) -> None:
+def test_what_is_wrong_is_reported_under_its_line(page: Page) -> None:
     state(page, "A").click()
     write(page, "A|1", "cuont > 3")
     found = page.locator("[data-place='A|1'] .cm-line + .found")
-    said = "nothing is called 'cuont'; did you mean 'count'?"
-    expect(found).to_have_attribute("data-text", said)
-    expect(page.get_by_role("note", name=said)).to_be_visible()
+    printed = "nothing is called 'cuont'; did you mean 'count'?"
+    expect(found).to_have_attribute("data-text", printed)
+    expect(page.get_by_role("note", name=printed)).to_be_visible()
     write(page, "A|OnEntry", "count = 1\nnothing()\ncount = 2")
     lines = page.locator("[data-place='A|OnEntry'] .cm-content > *")
     expect(lines).to_have_count(4)

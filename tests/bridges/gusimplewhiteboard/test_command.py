@@ -91,9 +91,9 @@ def test_it_relays_both_ways_until_it_is_ended(native: Native, tmp_path: Path, b
                 wb.add_message(POSE, Pose(x, 5.0, 0.25, 9.0))
                 wait_for(lambda x=x: native("get", 13, 3) == f"{x:g} 5 0.25 of {x:g}\n")
             bridge.send_signal(signal.SIGTERM)
-            said = rest_of(bridge)
+            printed = rest_of(bridge)
             assert bridge.returncode == 0
-    assert said == (
+    assert printed == (
         "12 -> turtle1/cmd_vel: 2 in, 0 out, 0 refused\n"
         "13 <- turtle1/pose: 0 in, 2 out, 0 refused\n"
     )
@@ -111,10 +111,10 @@ def test_flags_and_the_end_of_the_file(
             wb.add_message(CMD_VEL, Twist(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0)))
             wait_for(lambda: native("get", 5, 6) == "1 2 3 4 5 6 of 1\n")
         path.unlink()
-        said = rest_of(bridge)
+        printed = rest_of(bridge)
     assert bridge.returncode == 1
-    assert said.startswith("5 <-> turtle1/cmd_vel: 0 in, 1 out, 0 refused\n")
-    assert said.endswith("guwhiteboard: the file was removed or replaced; start again\n")
+    assert printed.startswith("5 <-> turtle1/cmd_vel: 0 in, 1 out, 0 refused\n")
+    assert printed.endswith("guwhiteboard: the file was removed or replaced; start again\n")
 
 
 def test_it_ends_with_the_board(native: Native, tmp_path: Path, board: str, path: Path) -> None:
@@ -148,10 +148,10 @@ def test_an_error_in_the_file_has_its_line(
 ) -> None:
     (tmp_path / "plan.toml").write_text(PLAN.replace(old, new, 1))
     (tmp_path / "structures.py").write_text(STRUCTURES)
-    status, said = refusal(tmp_path, "plan.toml", "-b", board)
+    status, printed = refusal(tmp_path, "plan.toml", "-b", board)
     assert status == 1
-    assert said.startswith(f"Error: plan.toml:{line}: ")
-    assert what in said
+    assert printed.startswith(f"Error: plan.toml:{line}: ")
+    assert what in printed
 
 
 @pytest.mark.parametrize(
@@ -166,15 +166,15 @@ def test_an_error_in_the_file_has_its_line(
     ],
 )
 def test_wrong_usage(tmp_path: Path, arguments: tuple[str, ...], what: str) -> None:
-    status, said = refusal(tmp_path, *arguments)
+    status, printed = refusal(tmp_path, *arguments)
     assert status == 2
-    assert what in said
+    assert what in printed
 
 
 def test_no_gusimplewhiteboard(tmp_path: Path, board: str) -> None:
     relay = ("--in", 1, "s", "std_msgs/Bool", "?")
-    status, said = refusal(tmp_path, "--file", "none", "-b", board, *relay)
-    assert (status, said) == (
+    status, printed = refusal(tmp_path, "--file", "none", "-b", board, *relay)
+    assert (status, printed) == (
         1,
         "Error: none: no such file; start the process that creates the gusimplewhiteboard, or "
         "name its file\n",
@@ -185,6 +185,6 @@ def test_a_slot_of_another_type(native: Native, tmp_path: Path, board: str, path
     with Whiteboard(board) as wb:
         wb.add_message(POSE, Pose())
     relay = ("--in", 1, POSE.name, "geometry_msgs/Twist", "6d")
-    status, said = refusal(tmp_path, "--file", path, "-b", board, *relay)
+    status, printed = refusal(tmp_path, "--file", path, "-b", board, *relay)
     assert status == 1
-    assert "slot 'turtle1/pose' holds turtlesim/msg/Pose" in said
+    assert "slot 'turtle1/pose' holds turtlesim/msg/Pose" in printed

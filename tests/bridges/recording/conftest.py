@@ -99,8 +99,8 @@ def llfsm_here(tmp_path: Path) -> Callable[..., tuple[int, str]]:
 
 
 def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
-    said = rest_of(process)
-    return process.returncode, said
+    printed = rest_of(process)
+    return process.returncode, printed
 
 
 def write(file: Path, samples: list[tuple[Slot[Any], Sample[Any]]]) -> None:

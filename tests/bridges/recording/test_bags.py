@@ -201,7 +201,7 @@ def test_a_bag_has_nothing_to_run_again(tmp_path):
         ("bag.mcap", b"nothing", "not a recording of llfsm, nor a bag"),
     ],
 )
-def test_what_is_no_bag_is_said(tmp_path, name, content, what):
+def test_what_is_no_bag_is_reported(tmp_path, name, content, what):
     path = tmp_path / name
     path.mkdir() if content is None else path.write_bytes(content)
     with pytest.raises(RecordingFileError, match=what):

@@ -125,9 +125,9 @@ def test_a_signal_completes_the_file(
     process = start(llfsm, board)
     board.add_message(READING, Reading(7))
     process.send_signal(number)
-    status, said = end_of(process)
+    status, printed = end_of(process)
     assert status == 0
-    assert said.startswith("run.mcap: ")
+    assert printed.startswith("run.mcap: ")
     assert Recording(file).complete
     assert numbers(file) == [7]
 
@@ -142,9 +142,9 @@ def test_any_number_of_interrupts_completes_the_file(
         with suppress(subprocess.TimeoutExpired):
             process.wait(0.0005)
             break
-    status, said = end_of(process)
+    status, printed = end_of(process)
     assert status == 0
-    assert said.startswith("run.mcap: ")
+    assert printed.startswith("run.mcap: ")
     assert Recording(file).complete
     assert numbers(file) == [7]
 
@@ -154,9 +154,9 @@ def test_the_end_of_the_board_is_the_end(llfsm: Any, board: Whiteboard, file: Pa
     board.add_message(READING, Reading(6))
     board.add_message(READING, Reading(7))
     board.remove()
-    status, said = end_of(process)
+    status, printed = end_of(process)
     assert status == 0
-    assert said in (  # without a poll between the two
+    assert printed in (  # without a poll between the two
         "run.mcap: 2 messages, 0 more came too fast\n",
         "run.mcap: 1 messages, 1 more came too fast\n",
     )
@@ -197,8 +197,8 @@ def test_a_full_disk_ends_it_and_what_was_written_can_be_read(
     assert "llfsm/variables/" in process.stdout.readline()  # it cannot ask for those either
     while process.poll() is None:
         board.add_message(READING, Reading(data=os.urandom(500)))
-    status, said = end_of(process)
-    assert (status, said) == (1, "Error: run.mcap: cannot be written: File too large\n")
+    status, printed = end_of(process)
+    assert (status, printed) == (1, "Error: run.mcap: cannot be written: File too large\n")
     assert Recording(file).about["board"] == board.name
 
 
@@ -214,23 +214,23 @@ def test_wrong_use_is_one_line(
     llfsm_here: Any, board: Whiteboard, arguments: list[str], status: int, why: str
 ) -> None:
     on = [] if "-b" in arguments else ["-b", board.name]
-    found, said = llfsm_here("record", *arguments, *on)
-    assert (found, said.count("Error: ")) == (status, 1)
-    assert why in said
+    found, printed = llfsm_here("record", *arguments, *on)
+    assert (found, printed.count("Error: ")) == (status, 1)
+    assert why in printed
 
 
 def test_a_file_is_never_overwritten(llfsm_here: Any, board: Whiteboard, file: Path) -> None:
     file.write_text("precious")
-    status, said = llfsm_here("record", "-o", "run.mcap", "-b", board.name)
+    status, printed = llfsm_here("record", "-o", "run.mcap", "-b", board.name)
     assert (status, file.read_text()) == (1, "precious")
-    assert "run.mcap is there already" in said
+    assert "run.mcap is there already" in printed
 
 
 def test_neither_is_a_file_made_of_a_host_that_cannot_be_reached(
     llfsm_here: Any, board: Whiteboard, file: Path
 ) -> None:
-    status, said = llfsm_here("record", "-o", "run.mcap", "--host", "robot7", "-b", board.name)
-    assert (status, "no daemon mirrors this whiteboard" in said) == (1, True)
+    status, printed = llfsm_here("record", "-o", "run.mcap", "--host", "robot7", "-b", board.name)
+    assert (status, "no daemon mirrors this whiteboard" in printed) == (1, True)
     assert not file.exists()
     assert llfsm_here("record", "-o", "run.mcap", "--host", "robot7", "-b", "none")[0] == 1
     with pytest.raises(BoardNotFoundError):

@@ -224,8 +224,8 @@ def test_the_command_steps_to_where_something_happens(
                 if number == 1:
                     writer.add(READING, Sample(Reading(1), 1, clock.now_ns() + MS, 1))
         keep_journal(writer, (entry for data in written for entry in entries_of(data)))
-    said, _ = llfsm("replay", file, "-b", board.name, "--step").communicate("\n" * 9)
-    lines = [line.partition(" s  ")[2] or line for line in said.splitlines()]
+    printed, _ = llfsm("replay", file, "-b", board.name, "--step").communicate("\n" * 9)
+    lines = [line.partition(" s  ")[2] or line for line in printed.splitlines()]
     assert lines == [
         "round 1: Walk in here",
         "round 2: Walk in here",
@@ -254,8 +254,8 @@ def test_the_command_brings_a_recording_onto_a_board(
 def test_the_command_steps_at_each_line(llfsm: Any, file: Path, board: Whiteboard) -> None:
     record(file, MESSAGES)
     process = llfsm("replay", file, "-b", board.name, "--step")
-    said, _ = process.communicate("\n\n")
-    assert [line.split()[0] for line in said.splitlines()] == [
+    printed, _ = process.communicate("\n\n")
+    assert [line.split()[0] for line in printed.splitlines()] == [
         "0.000000",
         READING.name,
         "0.050000",
@@ -285,8 +285,8 @@ def test_it_loops_until_the_board_is_gone(llfsm: Any, file: Path, board: Whitebo
 )
 def test_wrong_use_is_one_line(llfsm_here: Any, file: Path, arguments: list[str], why: str) -> None:
     record(file, MESSAGES)
-    status, said = llfsm_here("replay", *arguments, "-b", "test-none")
+    status, printed = llfsm_here("replay", *arguments, "-b", "test-none")
     assert status in (1, 2)
-    assert why in said
-    assert "Traceback" not in said
+    assert why in printed
+    assert "Traceback" not in printed
     assert "test-none" not in {info.name for info in boards()}

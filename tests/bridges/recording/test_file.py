@@ -309,7 +309,7 @@ def test_every_writer_is_known(file: Path) -> None:
     assert same(plain(Recording(file)), samples)
 
 
-def test_without_the_library_it_is_said_what_to_install(tmp_path: Path) -> None:
+def test_without_the_library_what_to_install_is_reported(tmp_path: Path) -> None:
     hidden = "import sys; sys.modules['mcap'] = None; sys.argv[1:] = ['record', '--help']; "
     code = f"{hidden}from llfsm.cli.root import main; main()"
     done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=False)

@@ -58,9 +58,9 @@ def run(llfsm: Any, board: Whiteboard, *arguments: object) -> Any:
 
 def end(process: Any) -> str:
     process.send_signal(signal.SIGINT)
-    status, said = end_of(process)
-    assert status == 0, said
-    return said
+    status, printed = end_of(process)
+    assert status == 0, printed
+    return printed
 
 
 def test_it_may_be_there_before_the_board(
@@ -90,9 +90,9 @@ def test_machines_that_start_later_run_again(
     third = run(llfsm, board, "RosPingPong")  # as often as they are started
     wait_for(lambda: len(Recording(file).journals) == 3, "a third journal")
     end(third)
-    said = end(recorder)
-    assert " events of machines" in said
-    assert "running before" not in said
+    printed = end(recorder)
+    assert " events of machines" in printed
+    assert "running before" not in printed
     journals = whole_journals(Recording(file))
     assert [journal.about["machines"] for journal in journals] == [
         "RosPingPong, TurtleSuspendResume",
@@ -100,14 +100,14 @@ def test_machines_that_start_later_run_again(
         "RosPingPong",
     ]
     assert sum(entry["event"] == "End" for entry in entries_in(Recording(file))) == 3
-    status, said = llfsm_here("rerun", file, "--trust")
-    assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
-    status, said = llfsm_here("rerun", file, "RosPingPong")
+    status, printed = llfsm_here("rerun", file, "--trust")
+    assert (status, printed.split()[-3:]) == (0, ["are", "as", "recorded"])
+    status, printed = llfsm_here("rerun", file, "RosPingPong")
     assert status == 2
-    assert "has these machines: RosPingPong, TurtleSuspendResume, a, RosPingPong" in said
+    assert "has these machines: RosPingPong, TurtleSuspendResume, a, RosPingPong" in printed
     others = ["RosPingPong", "TurtleSuspendResume", "RosWallTurttleBot", "RosPingPong"]
-    status, said = llfsm_here("rerun", file, *others)
-    assert (status, said.count(" differs, after ")) == (1, 1)
+    status, printed = llfsm_here("rerun", file, *others)
+    assert (status, printed.count(" differs, after ")) == (1, 1)
 
 
 def test_of_machines_that_ran_before_the_events_are_there_and_it_says_what_is_missing(
@@ -117,13 +117,13 @@ def test_of_machines_that_ran_before_the_events_are_there_and_it_says_what_is_mi
     board_has_events(board)
     recorder = start(llfsm, board)
     wait_for(lambda: has_events(file, "RoundEnd", 20), "events")
-    said = end(recorder)
-    assert f"RosPingPong (process {machine.pid}) was running before the recording: its" in said
+    printed = end(recorder)
+    assert f"RosPingPong (process {machine.pid}) was running before the recording: its" in printed
     (journal,) = Recording(file).journals
     assert not journal.whole
-    status, said = llfsm_here("rerun", file, "--trust")
-    assert (status, said.count("\n")) == (1, 1)
-    assert f"RosPingPong (process {machine.pid}) ran before they were recorded, so what" in said
+    status, printed = llfsm_here("rerun", file, "--trust")
+    assert (status, printed.count("\n")) == (1, 1)
+    assert f"RosPingPong (process {machine.pid}) ran before they were recorded, so what" in printed
     again = llfsm("record", "-o", "again.mcap", "-b", board.name)  # and another one, later
     wait_for(lambda: find_recorder(board) is not None, "a recorder")
     wait_for(lambda: (file.with_name("again.mcap")).exists(), "its file")
@@ -141,12 +141,12 @@ def test_one_process_at_a_time_records_the_machines(
 ) -> None:
     first = start(llfsm, board)
     second = llfsm("record", "-o", "other.mcap", "-b", board.name, "--max-time", 0.1)
-    status, said = end_of(second)
+    status, printed = end_of(second)
     assert status == 0
-    assert f"process {first.pid} records the machines already, this one only slots" in said
-    status, said = llfsm_here("run", "RosPingPong", "-b", board.name, "--record", "x.mcap")
+    assert f"process {first.pid} records the machines already, this one only slots" in printed
+    status, printed = llfsm_here("run", "RosPingPong", "-b", board.name, "--record", "x.mcap")
     assert status == 1
-    assert f"process {first.pid} records the machines of {board.name!r} already" in said
+    assert f"process {first.pid} records the machines of {board.name!r} already" in printed
     assert not file.with_name("x.mcap").exists()
     first.kill()
     first.wait()
@@ -175,8 +175,8 @@ def test_machines_that_are_killed_leave_all_that_was_handed_over(
     board.remove()
     assert end_of(recorder)[0] == 0  # though that journal never ended
     assert Recording(file).complete
-    status, said = llfsm_here("rerun", file, "--trust")
-    assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
+    status, printed = llfsm_here("rerun", file, "--trust")
+    assert (status, printed.split()[-3:]) == (0, ["are", "as", "recorded"])
 
 
 def arrange(board: Whiteboard, clock: ManualClock, **options: int) -> Arrangement:

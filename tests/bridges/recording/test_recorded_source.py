@@ -191,9 +191,9 @@ def test_a_file_that_is_not_a_recording_is_an_error(file: Path) -> None:
 
 def test_the_command_shows_a_recording(llfsm: Any, source: RecordedSource, file: Path) -> None:
     process = llfsm("view", file.name, "--no-open", "--port", "0")
-    said = process.stdout.readline()
-    assert said.startswith("llfsm view: run.mcap at http://127.0.0.1:")
-    with urlopen(said.split()[-1]) as answer:
+    printed = process.stdout.readline()
+    assert printed.startswith("llfsm view: run.mcap at http://127.0.0.1:")
+    with urlopen(printed.split()[-1]) as answer:
         assert b"<html" in answer.read()
     process.terminate()
     assert end_of(process)[0] == 0

@@ -116,10 +116,12 @@ GUARD = "guards.py:Guard"
 
 
 def test_what_machines_post_is_as_in_the_bag(llfsm_here, bag: Path) -> None:
-    status, said = llfsm_here("rerun", bag, GUARD, *CONFIG)
-    assert (status, said.endswith("as recorded: 3 of drive\n")) == (0, True), said
+    status, printed = llfsm_here("rerun", bag, GUARD, *CONFIG)
+    assert (status, printed.endswith("as recorded: 3 of drive\n")) == (0, True), printed
     rests = 2 * (len(POSES) - 1)  # of 10 ms, between two poses
-    assert said.startswith(f"{len(POSES) + rests + 2} rounds, ")  # at once after both transitions
+    assert printed.startswith(
+        f"{len(POSES) + rests + 2} rounds, "
+    )  # at once after both transitions
 
 
 @pytest.mark.parametrize(
@@ -132,9 +134,9 @@ def test_what_machines_post_is_as_in_the_bag(llfsm_here, bag: Path) -> None:
 )
 def test_the_first_other_message_is_shown(llfsm_here, bag, drives, number, recorded, now) -> None:
     write_bag(bag, drives)
-    status, said = llfsm_here("rerun", bag, GUARD, *CONFIG)
+    status, printed = llfsm_here("rerun", bag, GUARD, *CONFIG)
     assert status == 1
-    head, *both = said.splitlines()
+    head, *both = printed.splitlines()
     assert head.endswith(f"message {number} of drive differs:")
     assert both[0].startswith(f"  recorded {recorded}")
     assert both[1].startswith(f"  now      {now}")
@@ -145,8 +147,8 @@ def test_slots_are_named_by_the_machines_too_and_a_turn_comes_with_each_message(
 ) -> None:
     named = ("Guard:pose:=turtle1/pose", "Guard:drive:=turtle1/cmd_vel")
     run = bag.with_name("run.mcap")
-    status, said = llfsm_here("rerun", bag, GUARD, *named, "--record", run)
-    assert (status, said.endswith("as recorded: 3 of turtle1/cmd_vel\n")) == (0, True), said
+    status, printed = llfsm_here("rerun", bag, GUARD, *named, "--record", run)
+    assert (status, printed.endswith("as recorded: 3 of turtle1/cmd_vel\n")) == (0, True), printed
     recording = Recording(run)
     sensed = [each for each in entries_in(recording) if each["event"] == "Sensed"]
     assert len(sensed) == len(POSES)
@@ -159,20 +161,20 @@ def test_a_period_is_that_of_the_rounds(llfsm_here, bag: Path) -> None:
         f'period_us = 50000\n[[machine]]\ndefinition = "{GUARD}"\n'
     )
     write_bag(bag, [(0, 1.0), (53, -1.0), (153, 1.0)])
-    status, said = llfsm_here("rerun", bag, "all.toml", *CONFIG)
-    assert (status, said.startswith("4 rounds, ")) == (0, True), said
+    status, printed = llfsm_here("rerun", bag, "all.toml", *CONFIG)
+    assert (status, printed.startswith("4 rounds, ")) == (0, True), printed
 
 
 def test_a_machine_that_never_rests_does_not_stop_the_time(llfsm_here, bag: Path) -> None:
-    status, said = llfsm_here("rerun", bag, "guards.py:Spinner", *CONFIG)
-    assert (status, said.partition(" ")[0][-2:]) == (0, "00"), said
+    status, printed = llfsm_here("rerun", bag, "guards.py:Spinner", *CONFIG)
+    assert (status, printed.partition(" ")[0][-2:]) == (0, "00"), printed
 
 
 def test_what_is_no_topic_is_not_compared(llfsm_here, bag: Path) -> None:
-    status, said = llfsm_here("rerun", bag, GUARD, "Guard:pose:=turtle1/pose")
+    status, printed = llfsm_here("rerun", bag, GUARD, "Guard:pose:=turtle1/pose")
     assert status == 0
-    assert "as recorded: none\n" in said
-    assert "not compared, as they are not topics there: drive" in said
+    assert "as recorded: none\n" in printed
+    assert "not compared, as they are not topics there: drive" in printed
 
 
 @pytest.mark.parametrize(
@@ -191,10 +193,10 @@ def test_what_is_no_topic_is_not_compared(llfsm_here, bag: Path) -> None:
         ((GUARD, *CONFIG, "Guard:line=oops"), 2, "oops"),
     ],
 )
-def test_what_cannot_be_run_is_said(llfsm_here, bag: Path, arguments, status, what) -> None:
+def test_what_cannot_be_run_is_reported(llfsm_here, bag: Path, arguments, status, what) -> None:
     bag.with_name("timed.toml").write_text(
         f'[[machine]]\ndefinition = "{GUARD}"\nperiod_us = 1000\n'
     )
-    found, said = llfsm_here("rerun", bag, *arguments)
-    assert found == status, said
-    assert what in said
+    found, printed = llfsm_here("rerun", bag, *arguments)
+    assert found == status, printed
+    assert what in printed

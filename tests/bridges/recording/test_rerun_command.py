@@ -40,14 +40,14 @@ def test_a_demo_that_was_recorded_runs_again(
     recording = Recording(file)
     assert recording.complete
     assert {"turtle1/pose", "turtle1/cmd_vel"} <= {*recording.slots}
-    status, said = llfsm_here("rerun", file, "--trust")
-    assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
-    status, said = llfsm_here("rerun", file, "RosWallTurttleBot=RosBlindTurttleBot")
+    status, printed = llfsm_here("rerun", file, "--trust")
+    assert (status, printed.split()[-3:]) == (0, ["are", "as", "recorded"])
+    status, printed = llfsm_here("rerun", file, "RosWallTurttleBot=RosBlindTurttleBot")
     assert status == 1
-    assert said.startswith(f"Error: {file}: event ")
-    status, said = llfsm_here("rerun", file, "RosBlindTurttleBot")
-    assert (status, said.count("\n")) == (1, 1)
-    assert "its machines are RosWallTurttleBot, not RosBlindTurttleBot" in said
+    assert printed.startswith(f"Error: {file}: event ")
+    status, printed = llfsm_here("rerun", file, "RosBlindTurttleBot")
+    assert (status, printed.count("\n")) == (1, 1)
+    assert "its machines are RosWallTurttleBot, not RosBlindTurttleBot" in printed
 
 
 def test_llfsm_demo_records_what_runs_again(llfsm: Any, llfsm_here: Any, file: Path) -> None:
@@ -63,8 +63,8 @@ def test_llfsm_demo_records_what_runs_again(llfsm: Any, llfsm_here: Any, file: P
     demo.send_signal(signal.SIGINT)
     assert end_of(demo)[0] == 0
     assert Recording(file).about["board"] == name
-    status, said = llfsm_here("rerun", file, "RosWallTurttleBot")
-    assert (status, said.split()[-3:]) == (0, ["are", "as", "recorded"])
+    status, printed = llfsm_here("rerun", file, "RosWallTurttleBot")
+    assert (status, printed.split()[-3:]) == (0, ["are", "as", "recorded"])
 
 
 def planned(file: Path, plan: str, folder: Path) -> None:
@@ -83,15 +83,15 @@ def test_no_code_runs_that_only_the_file_names(llfsm_here: Any, file: Path, tmp_
     )
     ran = folder / "ran"
     planned(file, '{"machine": [{"definition": "evil:Patrol"}]}', folder)
-    status, said = llfsm_here("rerun", file)
-    assert status == 2, said
-    assert f"names evil:Patrol in {folder}" in said
-    assert "--trust" in said
-    status, said = llfsm_here("rerun", file, "RosPingPong")
+    status, printed = llfsm_here("rerun", file)
+    assert status == 2, printed
+    assert f"names evil:Patrol in {folder}" in printed
+    assert "--trust" in printed
+    status, printed = llfsm_here("rerun", file, "RosPingPong")
     assert (status, ran.exists()) == (1, False)
-    status, said = llfsm_here("rerun", file, "evil:Patrol")
+    status, printed = llfsm_here("rerun", file, "evil:Patrol")
     assert (status, ran.exists()) == (2, False)
-    assert "'evil'" in said
+    assert "'evil'" in printed
     llfsm_here("rerun", file, "--trust")
     assert ran.exists()
 
@@ -103,9 +103,9 @@ def test_an_invalid_plan_is_an_error(
     llfsm_here: Any, file: Path, tmp_path: Path, plan: str
 ) -> None:
     planned(file, plan, tmp_path)
-    status, said = llfsm_here("rerun", file, "--trust")
-    assert (status, said.count("\n")) == (1, 1)
-    assert "its plan of machines is invalid" in said
+    status, printed = llfsm_here("rerun", file, "--trust")
+    assert (status, printed.count("\n")) == (1, 1)
+    assert "its plan of machines is invalid" in printed
 
 
 @pytest.mark.parametrize(
@@ -120,6 +120,6 @@ def test_wrong_use_is_one_line(
     llfsm_here: Any, file: Path, make: Any, arguments: list[str], why: str
 ) -> None:
     make(file)
-    status, said = llfsm_here("rerun", file, "--trust", *arguments)
-    assert (status, said.count("\n")) == (1, 1)
-    assert why in said
+    status, printed = llfsm_here("rerun", file, "--trust", *arguments)
+    assert (status, printed.count("\n")) == (1, 1)
+    assert why in printed

@@ -191,7 +191,7 @@ class Text(Message):
     value: str
 
 
-def test_messages_that_are_no_longer_of_the_sensors_type_are_told(file: Path) -> None:
+def test_messages_that_are_no_longer_of_the_sensors_type_are_reported(file: Path) -> None:
     class Changed(Patrol):
         command = Sensor(Slot("command", Text), default=Text("6"))
 
@@ -211,7 +211,7 @@ POSTED = {"machine": "m", "actuator": "a", "slot": "s", "count": 1}
         {"event": "Dreamt", **POSTED},
     ],
 )
-def test_an_event_that_is_none_is_told(file: Path, entry: Entry) -> None:
+def test_an_event_that_is_none_is_reported(file: Path, entry: Entry) -> None:
     with RecordingWriter(file, {}) as writer:
         keep_journal(writer, [entry])
     with pytest.raises(RecordingFileError, match="has an invalid event"):

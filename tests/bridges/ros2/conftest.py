@@ -50,11 +50,11 @@ class Seen(list[Any]):
 class World:
     """A place where transports of one kind meet, empty at the beginning of a test."""
 
-    tells_failure = True
+    reports_failure = True
     """Whether a caller learns at once that its request has failed."""
     counts = True
     """Whether messages come with a number."""
-    tells_depth = True
+    reports_depth = True
     """Whether the graph tells how many messages an endpoint keeps."""
 
     def __init__(
@@ -131,8 +131,8 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
             from llfsm.bridges.ros2.rclpy_transport.transport import RclpyTransport
 
             rcl = World(handles, RclpyTransport, domains)
-            rcl.tells_failure = False
-            rcl.tells_depth = middleware != "rmw_fastrtps_cpp"
+            rcl.reports_failure = False
+            rcl.reports_depth = middleware != "rmw_fastrtps_cpp"
             rcl.counts = middleware != "rmw_cyclonedds_cpp"
             with pytest.MonkeyPatch.context() as patch:
                 rcl.note_nodes(import_rclpy().new_node, patch)

@@ -82,7 +82,7 @@ class Managed:
         self.transport = world.open()
         self.client = self.transport.node("manager")
         event = types.message("lifecycle_msgs/msg/TransitionEvent")
-        self.client.subscription("/left/arm/transition_event", event, self.heard, Qos(depth=100))
+        self.client.subscription("/left/arm/transition_event", event, self.received, Qos(depth=100))
         assert self.transport.wait_graph(
             lambda graph: "/left/arm/get_state" in graph.services(), PATIENCE_S
         )
@@ -94,7 +94,7 @@ class Managed:
             raise outcome
         return outcome
 
-    def heard(self, arrival):
+    def received(self, arrival):
         event = arrival.decode()
         assert (event.timestamp, event.transition.id, event.transition.label) == (0, 0, "")
         self.events((event.start_state.label, event.goal_state.label))

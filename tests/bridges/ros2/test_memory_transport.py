@@ -73,8 +73,8 @@ def test_keep_all_keeps_all(world, types, seen):
 
 def test_a_world_that_is_lost_delivers_nothing_and_says_so(world, types, seen):
     number, spawn = types.message("std_msgs/msg/Int64"), types.service("turtlesim/srv/Spawn")
-    told, got = seen(), seen()
-    with MemoryTransport(world, notify=told) as transport:
+    reported, got = seen(), seen()
+    with MemoryTransport(world, notify=reported) as transport:
         node = transport.node("me")
         node.subscription("a", number, lambda arrival: got(arrival.decode().data))
         publisher, client = node.publisher("a", number), node.client("spawn", spawn)
@@ -93,7 +93,7 @@ def test_a_world_that_is_lost_delivers_nothing_and_says_so(world, types, seen):
         got.wait(len)
         client.call(spawn.request.message(), timeout=PATIENCE_S).result(PATIENCE_S)
     assert got == [2]
-    assert [notice.kind for notice in told] == [NoticeKind.DOWN, NoticeKind.UP]
+    assert [notice.kind for notice in reported] == [NoticeKind.DOWN, NoticeKind.UP]
 
 
 def test_a_domain_that_is_none_is_refused(world):

@@ -105,10 +105,10 @@ def test_events_of_parameters_have_its_stamp(world, types, player, seen):
 
 
 def test_a_node_that_lives_by_the_clock_cannot_leave_it(world, types, player):
-    parameters, heard = NodeParameters(), []
-    equip(world.open().node("robot"), types, parameters, now, heard.append)
-    wait_for(lambda: heard, between=lambda: player(4))
-    assert heard[0] == 4
+    parameters, received = NodeParameters(), []
+    equip(world.open().node("robot"), types, parameters, now, received.append)
+    wait_for(lambda: received, between=lambda: player(4))
+    assert received[0] == 4
     assert "read-only" in str(parameters.refusal(("use_sim_time", False)))
 
 

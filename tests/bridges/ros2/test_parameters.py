@@ -215,11 +215,11 @@ def test_events_tell_what_was_set_together(call, seen):
     call("set_parameters_atomically", parameters=wanted(count=10, name="b"))
     call("set_parameters_atomically", parameters=wanted(count=2, name="c"))
     got.wait(lambda got: len(got) == 3)
-    told = [
+    reported = [
         {each.name: each.value.integer_value or each.value.string_value for each in changed}
         for changed in (one.changed_parameters for one in got)
     ]
-    assert told == [{"count": 1}, {"name": "a"}, {"count": 2, "name": "c"}]
+    assert reported == [{"count": 1}, {"name": "a"}, {"count": 2, "name": "c"}]
     assert {one.node for one in got} == {NODE}
     assert all(one.stamp.sec > 1_600_000_000 for one in got)
 

@@ -167,7 +167,7 @@ def test_logs_may_be_switched_off():
         (["--params-file", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
     ],
 )
-def test_what_is_wrong_is_said(arguments, what):
+def test_what_is_wrong_is_reported(arguments, what):
     with pytest.raises(RosArgumentError, match=what):
         ros(*arguments)
 
@@ -184,7 +184,7 @@ def test_what_is_wrong_is_said(arguments, what):
         ("a//b:\n  ros__parameters: {a: 1}\n", ":1: 'a//b' is not a node's name"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said_with_its_line(tmp_path, text, what):
+def test_what_is_wrong_in_a_file_is_reported_with_its_line(tmp_path, text, what):
     file = tmp_path / "params.yaml"
     file.write_text(text)
     with pytest.raises(RosArgumentError, match=what):

@@ -57,7 +57,7 @@ def test_it_ends_with_its_supervisor(start):
     assert process.wait(PATIENCE_S) == 0
 
 
-def test_a_port_that_is_in_use_is_said(free_port):
+def test_a_port_that_is_in_use_is_reported(free_port):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", free_port))
         taken.listen()
@@ -77,7 +77,7 @@ def test_a_port_that_is_in_use_is_said(free_port):
     assert "Traceback" not in done.stderr
 
 
-def test_a_place_that_is_none_is_said():
+def test_a_place_that_is_none_is_reported():
     done = subprocess.run(
         [*ROUTER, "--listen", "nonsense"],
         capture_output=True,

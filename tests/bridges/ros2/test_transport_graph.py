@@ -29,7 +29,7 @@ def populated(world, types):
     return transport, node, ends
 
 
-def test_the_graph_tells_nodes_and_endpoints_with_type_and_qos(populated, types, world):
+def test_the_graph_reports_nodes_and_endpoints_with_type_and_qos(populated, types, world):
     transport, _, _ = populated
     graph = transport.graph()
     assert graph.nodes == ("/ns/there",)
@@ -41,7 +41,7 @@ def test_the_graph_tells_nodes_and_endpoints_with_type_and_qos(populated, types,
     }
     (publisher,) = graph.ends("/pose", Role.PUBLISHER)
     assert publisher.type_hash == types.message("turtlesim/msg/Pose").type_hash
-    depth = 3 if world.tells_depth else Qos().depth
+    depth = 3 if world.reports_depth else Qos().depth
     assert publisher.qos == Qos(
         ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, depth=depth
     )
@@ -97,8 +97,8 @@ def test_two_nodes_may_have_one_name(world):
 
 
 def test_a_hidden_node_is_not_listed_and_its_endpoints_are(world, types, seen):
-    told = seen()
-    one, two = world.open(), world.open(told)
+    reported = seen()
+    one, two = world.open(), world.open(reported)
     node = one.node("_ros2cli_1")
     node.publisher("a", types.message("turtlesim/msg/Pose"))
     node.server("s", types.service("turtlesim/srv/Spawn"), print)
@@ -106,8 +106,8 @@ def test_a_hidden_node_is_not_listed_and_its_endpoints_are(world, types, seen):
     assert two.wait_graph(lambda graph: len(graph.endpoints) == 3, PATIENCE_S)
     assert two.graph().nodes == ("/shown",)
     assert {end.node for end in two.graph().endpoints} == {"/_ros2cli_1", "/shown"}
-    told.wait(len)
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.TYPE_MISMATCH, "/a")]
+    reported.wait(len)
+    assert [(notice.kind, notice.name) for notice in reported] == [(NoticeKind.TYPE_MISMATCH, "/a")]
 
 
 def test_waiting_for_the_graph_ends_when_the_time_has_passed(world):

@@ -29,8 +29,8 @@ def spawn(types):
 def pair(world, spawn):
     """Open two transports, serve on one, return a client on the other that has met the server."""
 
-    def make(handler, told=None):
-        server = world.open(told).node("serving").server("spawn", spawn, handler)
+    def make(handler, reported=None):
+        server = world.open(reported).node("serving").server("spawn", spawn, handler)
         transport = world.open()
         client = transport.node("calling").client("spawn", spawn)
         assert transport.wait_graph(lambda _: client.ready, PATIENCE_S)
@@ -42,7 +42,7 @@ def pair(world, spawn):
 @pytest.fixture
 def failure(world):
     """Return what a caller gets, and its patience, when the server has no answer."""
-    return (CallFailedError, 20) if world.tells_failure else (CallTimeoutError, 0.2)
+    return (CallFailedError, 20) if world.reports_failure else (CallTimeoutError, 0.2)
 
 
 def test_a_request_is_answered(pair, spawn):
@@ -108,22 +108,22 @@ def test_no_request_is_lost_while_the_server_is_busy(pair, spawn):
 def test_a_request_that_fails_is_told_from_an_answer(pair, spawn, failure, world):
     client, _ = pair(lambda request: request.fail("no pose yet"))
     error, patience = failure
-    with pytest.raises(error, match="no pose yet" if world.tells_failure else None):
+    with pytest.raises(error, match="no pose yet" if world.reports_failure else None):
         client.call(spawn.request.message(), timeout=patience).result(PATIENCE_S)
 
 
-def test_a_handler_that_raises_fails_the_request_and_is_told(pair, spawn, failure, seen):
-    told = seen()
+def test_a_handler_that_raises_fails_the_request_and_is_reported(pair, spawn, failure, seen):
+    reported = seen()
 
     def handler(request):
         raise ArithmeticError("no good")
 
-    client, _ = pair(handler, told)
+    client, _ = pair(handler, reported)
     error, patience = failure
     with pytest.raises(error):
         client.call(spawn.request.message(), timeout=patience).result(PATIENCE_S)
-    told.wait(len)
-    assert [(n.kind, n.name) for n in told] == [(NoticeKind.CALLBACK_FAILED, "/spawn")]
+    reported.wait(len)
+    assert [(n.kind, n.name) for n in reported] == [(NoticeKind.CALLBACK_FAILED, "/spawn")]
 
 
 def test_a_request_that_is_dropped_has_failed(pair, spawn, failure):

@@ -80,7 +80,7 @@ def test_a_message_is_forwarded_as_it_came_by_whom_forwards_it(world, types, see
     assert before <= got[0].info.source_ns <= time.time_ns()
 
 
-def test_neither_another_topic_nor_another_domain_hears_it(world, number, seen):
+def test_neither_another_topic_nor_another_domain_receives_it(world, number, seen):
     one, two, elsewhere = world.open(), world.open(), world.open(elsewhere=1)
     right, wrong_name, wrong_domain = seen(), seen(), seen()
     node = two.node("listener")
@@ -153,7 +153,7 @@ def test_a_late_subscription_gets_what_a_transient_local_publisher_keeps(world, 
     assert late[-4:] == [2, 3, 4, 5]
 
 
-def test_best_effort_is_heard_by_who_asks_for_no_more(world, number, seen):
+def test_best_effort_is_received_by_who_asks_for_no_more(world, number, seen):
     loose = Qos(reliability=ReliabilityPolicy.BEST_EFFORT)
     one, two = world.open(), world.open()
     got = seen()
@@ -163,39 +163,39 @@ def test_best_effort_is_heard_by_who_asks_for_no_more(world, number, seen):
     got.repeat(lambda: publisher.publish(number.message(data=1)))
 
 
-def test_a_qos_that_is_less_than_asked_for_is_told_once(world, number, seen):
-    told = seen()
-    one, two = world.open(), world.open(told)
+def test_a_qos_that_is_less_than_asked_for_is_reported_once(world, number, seen):
+    reported = seen()
+    one, two = world.open(), world.open(reported)
     two.node("listener").subscription("a", number, seen(), Qos(depth=5))
     node = one.node("talker")
     for _ in range(2):
         node.publisher("a", number, Qos(ReliabilityPolicy.BEST_EFFORT))
     known(two, "/a", 2, 1)
-    told.wait(len)
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.QOS_MISMATCH, "/a")]
-    assert told[0].text == (
+    reported.wait(len)
+    assert [(notice.kind, notice.name) for notice in reported] == [(NoticeKind.QOS_MISMATCH, "/a")]
+    assert reported[0].text == (
         "New publisher discovered on topic '/a', offering incompatible QoS. "
         "No messages will be sent to it. Last incompatible policy: RELIABILITY_QOS_POLICY "
         "(the subscription of /listener asks for reliable, best effort is offered by /talker)"
     )
 
 
-def test_another_type_under_our_name_is_told_once(world, types, number, seen):
-    told = seen()
-    one, two = world.open(), world.open(told)
+def test_another_type_under_our_name_is_reported_once(world, types, number, seen):
+    reported = seen()
+    one, two = world.open(), world.open(reported)
     two.node("listener").subscription("a", number, seen())
     node = one.node("talker")
     for _ in range(2):
         node.publisher("a", types.message("std_msgs/msg/String"))
     known(two, "/a", 2, 1)
-    told.wait(len)
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.TYPE_MISMATCH, "/a")]
-    assert "std_msgs/msg/String" in told[0].text
+    reported.wait(len)
+    assert [(notice.kind, notice.name) for notice in reported] == [(NoticeKind.TYPE_MISMATCH, "/a")]
+    assert "std_msgs/msg/String" in reported[0].text
 
 
-def test_a_callback_that_raises_is_told_once_and_called_again(world, number, seen):
-    told, got = seen(), seen()
-    one, two = world.open(), world.open(told)
+def test_a_callback_that_raises_is_reported_once_and_called_again(world, number, seen):
+    reported, got = seen(), seen()
+    one, two = world.open(), world.open(reported)
 
     def callback(arrival):
         got(data(arrival))
@@ -207,9 +207,9 @@ def test_a_callback_that_raises_is_told_once_and_called_again(world, number, see
     for value in range(3):
         publisher.publish(number.message(data=value))
     got.wait(lambda got: len(got) == 3)
-    told.wait(len)
-    assert [(n.kind, n.name) for n in told] == [(NoticeKind.CALLBACK_FAILED, "/a")]
-    assert "no good" in told[0].text
+    reported.wait(len)
+    assert [(n.kind, n.name) for n in reported] == [(NoticeKind.CALLBACK_FAILED, "/a")]
+    assert "no good" in reported[0].text
 
 
 def test_who_cannot_be_told_breaks_nothing(world, number, seen):

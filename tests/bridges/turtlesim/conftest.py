@@ -57,11 +57,15 @@ class Ros:
     """
 
     def __init__(
-        self, ours: Transport, theirs: Transport, log: list[tuple[Level, str]], told: list[Notice]
+        self,
+        ours: Transport,
+        theirs: Transport,
+        log: list[tuple[Level, str]],
+        reported: list[Notice],
     ) -> None:
         self.turtlesim = RosTurtlesim(ours, lambda level, text: log.append((level, text)))
         log.clear()
-        self.told = told
+        self.reported = reported
         self.types = TypeLibrary()
         self.transport = theirs
         self.node: Node = theirs.node("other")
@@ -134,22 +138,22 @@ class Ros:
 @pytest.fixture
 def ros(request: pytest.FixtureRequest, log: list[tuple[Level, str]]) -> Iterator[Ros]:
     """Our node and another, in memory; with the parameter "zenoh" over a router of their own."""
-    told: list[Notice] = []
+    reported: list[Notice] = []
     if getattr(request, "param", "memory") == "memory":
         world = MemoryWorld()
 
         def open_transport() -> Transport:
-            return MemoryTransport(world, notify=told.append)
+            return MemoryTransport(world, notify=reported.append)
     else:
         from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 
         at = request.getfixturevalue("router")
 
         def open_transport() -> Transport:
-            return ZenohTransport(91, router=[at], notify=told.append)
+            return ZenohTransport(91, router=[at], notify=reported.append)
 
     with open_transport() as ours, open_transport() as theirs:
-        yield Ros(ours, theirs, log, told)
+        yield Ros(ours, theirs, log, reported)
 
 
 @pytest.fixture

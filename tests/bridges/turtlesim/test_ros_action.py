@@ -97,10 +97,10 @@ def replay(client, poses, record, log):
     assert (end.status, end.result.delta) == (record["status"], record["delta"]), label
     ros.until(lambda: len(client.feedback) >= count)
     assert all(each.goal_id == goal_id for each in client.feedback)
-    told = [each.feedback.remaining for each in client.feedback]
-    assert len(told) == count, label
-    assert told[:2] == record["feedback_first"], label
-    assert told[-2:] == record["feedback_last"], label
+    reported = [each.feedback.remaining for each in client.feedback]
+    assert len(reported) == count, label
+    assert reported[:2] == record["feedback_first"], label
+    assert reported[-2:] == record["feedback_last"], label
     ros.until(lambda: len(poses) == count + steps)
     assert fields(poses[-1]) == record["end"], label
     expected = re.fullmatch(r"\[(\w+)\] \[.*\] \[turtlesim\]: (.*)", *record["log"]).groups()

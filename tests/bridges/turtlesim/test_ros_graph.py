@@ -64,10 +64,10 @@ def test_an_illegal_name_leaves_the_graph_as_it_was(ros):
 
 
 @pytest.mark.parametrize("ros", ["memory", "zenoh"], indirect=True)
-def test_nothing_on_the_graph_is_told_as_a_fault(ros):
+def test_nothing_on_the_graph_is_reported_as_a_fault(ros):
     """The node publishes its parameters' events, and subscribes to them with two QoS profiles."""
     events = ros.hear("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
     ros.call("/reset", "std_srvs/srv/Empty")
     ros.step()
     assert not events
-    assert not ros.told
+    assert not ros.reported

@@ -63,7 +63,7 @@ def test_holonomic_moves_a_turtle_sideways(ros, recorded, holonomic):
     assert seen == truth["end"]
 
 
-def test_a_change_is_told(ros):
+def test_a_change_is_reported(ros):
     events = ros.hear("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
     set_one(ros, "background_b", 300)
     set_one(ros, "background_b", 7)

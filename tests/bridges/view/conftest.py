@@ -42,11 +42,11 @@ class Process:
         return self.popen.stdout.readline()
 
     def end(self, how: int = signal.SIGTERM) -> tuple[int, str]:
-        """Return the exit status and what was said since the last line that was read."""
+        """Return the exit status and what was printed since the last line that was read."""
         if self.popen.poll() is None:
             self.popen.send_signal(how)
-        said = rest_of(self.popen)
-        return self.popen.returncode, said
+        printed = rest_of(self.popen)
+        return self.popen.returncode, printed
 
 
 class Server(Process):
@@ -57,9 +57,9 @@ class Server(Process):
     ) -> None:
         arguments = ("view", "-b", board, "--no-open", "--port", str(port), *options)
         super().__init__(*arguments, cwd=cwd, **environment)
-        said = self.line()
-        found = re.search(r"at (http://[^/]+:(\d+)/(\?token=\S+))", said)
-        assert found, said + self.end()[1]
+        printed = self.line()
+        found = re.search(r"at (http://[^/]+:(\d+)/(\?token=\S+))", printed)
+        assert found, printed + self.end()[1]
         self.address, self.port, self.query = found[1], int(found[2]), found[3]
         self.root = f"http://127.0.0.1:{self.port}"
 

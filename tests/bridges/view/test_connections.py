@@ -94,10 +94,10 @@ def test_without_file_descriptors_it_goes_on_and_logs_little(
     for client in silent:
         client.close()
     wait_for(lambda: is_served(server), "the page is served again")
-    status, said = server.end()
+    status, printed = server.end()
     assert status == 0
-    assert said.count("cannot accept connections") == 1
-    assert len(said) < 2000
+    assert printed.count("cannot accept connections") == 1
+    assert len(printed) < 2000
 
 
 class Exhausted(socket.socket):

@@ -88,7 +88,7 @@ def test_a_host_is_read_while_its_page_is_open(hosts: dict[str, Host], start: St
     assert operator.board[summary_slot("robot7")].count <= counts + 1, "they did not travel"
 
 
-def test_the_trouble_of_hosts_is_told(hosts: dict[str, Host], start: Start) -> None:
+def test_the_trouble_of_hosts_is_reported(hosts: dict[str, Host], start: Start) -> None:
     operator, robot = hosts["operator"], hosts["robot7"]
     with start(FleetServer, operator).live() as socket:
         fleet = Window(socket)
@@ -97,8 +97,8 @@ def test_the_trouble_of_hosts_is_told(hosts: dict[str, Host], start: Start) -> N
         assert status is not None
         hosts["robot8"].end(signal.SIGKILL)
         Forked(["sh", "-c", f"kill -9 {status.pid}"]).wait()
-        told = {"operator": "", "robot7": "failed", "robot8": "lost"}
-        wait_for(lambda: fleet.troubles() == told, "the troubles", between=fleet.receive)
+        reported = {"operator": "", "robot7": "failed", "robot8": "lost"}
+        wait_for(lambda: fleet.troubles() == reported, "the troubles", between=fleet.receive)
         assert fleet.hosts["robot7"]["summary"]["troubles"] == [
             ["Counts", "died", f"its process {status.pid} has not ended it"]
         ]

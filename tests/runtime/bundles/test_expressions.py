@@ -142,6 +142,6 @@ def test_the_compiler_agrees(tmp_path: Path) -> None:
     source.write_text("\n".join([*lines, "}"]))
     subprocess.run(["cc", "-std=c11", "-w", "-O0", "-o", program, source], check=True)
     done = subprocess.run([program], check=True, text=True, capture_output=True)
-    for (cpp, python), said in zip(pairs, done.stdout.split(), strict=True):
+    for (cpp, python), printed in zip(pairs, done.stdout.split(), strict=True):
         value = eval(python, {}, dict(VALUES))
-        assert value is (said == "1"), f"{cpp}  =>  {python}"
+        assert value is (printed == "1"), f"{cpp}  =>  {python}"

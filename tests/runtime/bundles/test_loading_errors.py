@@ -13,7 +13,7 @@ from .conftest import Write
 
 
 @pytest.mark.parametrize(
-    ("texts", "said"),
+    ("texts", "printed"),
     [
         # names
         ({"A_OnEntry": "\nm = cuont"}, r"A_OnEntry\.py:2: nothing is called 'cuont'"),
@@ -76,8 +76,8 @@ from .conftest import Write
         ({"Includes": "import no_such_module_at_all"}, r"M_Includes\.py:1: ModuleNotFoundError"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said_with_file_and_line(
-    bundle: Write, texts: dict[str, str], said: str
+def test_what_is_wrong_is_reported_with_file_and_line(
+    bundle: Write, texts: dict[str, str], printed: str
 ) -> None:
     ours = {
         "Includes": "from llfsm.runtime import Actuator, Sensor\n"
@@ -85,7 +85,7 @@ def test_what_is_wrong_is_said_with_file_and_line(
         "from llfsm.whiteboard.messages.std_msgs import Int64\nX = Slot('x', Int64)",
         "Variables": "n: int = 0\ns = Sensor(X)\na = Actuator(X)",
     }
-    with pytest.raises(BundleError, match=said):
+    with pytest.raises(BundleError, match=printed):
         load_bundle(bundle(**{**ours, **texts}))
 
 

@@ -1,4 +1,4 @@
-"""Bundles are read whatever wrote them; what cannot be read is said with its file and line."""
+"""Bundles are read whatever wrote them; what cannot be read is printed with its file and line."""
 
 from __future__ import annotations
 
@@ -199,10 +199,10 @@ DAMAGES: list[tuple[Callable[[Path], object], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("damage", "said"), DAMAGES, ids=[said for _, said in DAMAGES])
-def test_damage(lamp: Path, damage: Callable[[Path], object], said: str) -> None:
+@pytest.mark.parametrize(("damage", "printed"), DAMAGES, ids=[printed for _, printed in DAMAGES])
+def test_damage(lamp: Path, damage: Callable[[Path], object], printed: str) -> None:
     damage(lamp)
-    with pytest.raises(BundleError, match=said) as caught:
+    with pytest.raises(BundleError, match=printed) as caught:
         read_bundle(lamp)
     assert caught.value.file is not None
 
@@ -236,7 +236,7 @@ def test_python(bundle: Callable[..., Path]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("files", "said"),
+    ("files", "printed"),
     [
         (
             {"State_A_Transition_0.target": "C"},
@@ -249,6 +249,6 @@ def test_python(bundle: Callable[..., Path]) -> None:
         ({"State_A_Transition_0.expr": ""}, r"_0\.expr: it is empty"),
     ],
 )
-def test_python_damage(bundle: Callable[..., Path], files: dict[str, str], said: str) -> None:
-    with pytest.raises(BundleError, match=said):
+def test_python_damage(bundle: Callable[..., Path], files: dict[str, str], printed: str) -> None:
+    with pytest.raises(BundleError, match=printed):
         read_bundle(bundle(files))

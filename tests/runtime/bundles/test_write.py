@@ -76,7 +76,7 @@ def test_what_is_written_is_read(bundle: Bundle) -> None:
 AB = Bundle("M", (BundleState("A", transitions=(BundleTransition("B"),)), BundleState("B")))
 
 
-def test_a_bundle_is_replaced_only_when_told(tmp_path: Path) -> None:
+def test_a_bundle_is_replaced_only_when_requested(tmp_path: Path) -> None:
     folder = tmp_path / "deeper" / "M.machine"
     write_bundle(AB, folder)
     changed = replace(AB, suspend="B")
@@ -130,7 +130,7 @@ def test_all_or_nothing(
 
 
 @pytest.mark.parametrize(
-    ("bundle", "said"),
+    ("bundle", "printed"),
     [
         (replace(AB, language="objc++"), "only Python bundles"),
         (replace(AB, name="N"), r"must be called N\.machine"),
@@ -150,7 +150,7 @@ def test_all_or_nothing(
         (replace(AB, includes=Fragment("\ud800")), "not written: .*surrogate"),
     ],
 )
-def test_what_cannot_be_written(tmp_path: Path, bundle: Bundle, said: str) -> None:
-    with pytest.raises(BundleError, match=said):
+def test_what_cannot_be_written(tmp_path: Path, bundle: Bundle, printed: str) -> None:
+    with pytest.raises(BundleError, match=printed):
         write_bundle(bundle, tmp_path / "M.machine")
     assert not list(tmp_path.iterdir())

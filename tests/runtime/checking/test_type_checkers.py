@@ -128,7 +128,7 @@ def test_pyright_where_mypy_is_not(tmp_path: Path, programs: Path) -> None:
     lines = module_of(read_bundle(folder)).text.splitlines()
     line = next(number for number, text in enumerate(lines) if "append('x')" in text)
     column = lines[line].index("'x'")
-    said = {
+    printed = {
         "file": "FILE",
         "severity": "error",
         "message": 'Argument of type "str" cannot be assigned\n\xa0\xa0"str" is not "int"',
@@ -139,7 +139,7 @@ def test_pyright_where_mypy_is_not(tmp_path: Path, programs: Path) -> None:
         },
     }
     known = {"file": "FILE", "severity": "information", "message": "nothing"}
-    program(programs, "pyright", json.dumps({"generalDiagnostics": [said, known]}), 1)
+    program(programs, "pyright", json.dumps({"generalDiagnostics": [printed, known]}), 1)
     expected = 'Argument of type "str" cannot be assigned: "str" is not "int" [reportArgumentType]'
     assert check_types([folder]) == [(str(folder / "State_OFF_OnEntry.py"), 4, "error", expected)]
 

@@ -152,17 +152,17 @@ def test_svg_says_it_all(drawn: type[Machine]) -> None:
 
 def test_numbers_give_the_order_where_there_is_one() -> None:
     two = machine([(0, 1, "first"), (0, 0, "second"), (1, 0, "only")], ["A", "B"])
-    said = to_dot(two.table)
-    assert '"1: first"' in said
-    assert '"2: second"' in said
-    assert '"only"' in said
+    printed = to_dot(two.table)
+    assert '"1: first"' in printed
+    assert '"2: second"' in printed
+    assert '"only"' in printed
 
 
 @pytest.mark.parametrize("write", [to_dot, to_mermaid])
 def test_sections_are_written_on_request(write) -> None:
-    said = write(RosPingPong.table, sections=True)
-    assert "OnEntry" in said
-    assert "self.count = 0" in said
+    printed = write(RosPingPong.table, sections=True)
+    assert "OnEntry" in printed
+    assert "self.count = 0" in printed
     assert "OnEntry" not in write(RosPingPong.table)
 
 

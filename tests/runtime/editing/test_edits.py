@@ -315,7 +315,7 @@ def test_a_hundred_steps_are_undone_and_made_again(
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "printed"),
     [
         ({"edit": "add state", "state": "Gone", "x": 0, "y": 0}, "State_Gone_OnEntry.py is left"),
         ({"edit": "add state", "state": "Done", "x": 0, "y": 0}, "there is a state 'Done' already"),
@@ -332,9 +332,9 @@ def test_a_hundred_steps_are_undone_and_made_again(
     ],
 )  # fmt: skip
 def test_what_is_impossible_changes_nothing(
-    confusing: Path, wrong: dict[str, Any], said: str
+    confusing: Path, wrong: dict[str, Any], printed: str
 ) -> None:
-    with pytest.raises(EditError, match=said):
+    with pytest.raises(EditError, match=printed):
         edit(confusing, wrong)
     assert files_in(confusing) == CONFUSING
 

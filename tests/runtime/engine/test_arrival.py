@@ -72,21 +72,21 @@ def test_it_is_the_transition_that_fired_last(steps: list[str], observed: bool) 
         assert (fired[-1].state, fired[-1].transition) == expected
 
 
-def test_the_status_tells_of_it_and_of_each_stay() -> None:
+def test_the_status_reports_it_and_of_each_stay() -> None:
     board, clock = Whiteboard.local(), ManualClock()
     arrangement = Arrangement([Walk], whiteboard=board, clock=clock)
     presence = Presence(arrangement, board)
-    told = board.get_message(status_slot("Walk"))
-    assert (told.state, told.source, told.entered_ns) == ("a", "", 0)
+    reported = board.get_message(status_slot("Walk"))
+    assert (reported.state, reported.source, reported.entered_ns) == ("a", "", 0)
     seen = []
     for _ in range(7):
         clock.advance(ms=10)
         arrangement.round()  # in which it enters, and fires
         presence.look(idle=True)
-        told = board.get_message(status_slot("Walk"))
-        assert told.entered_ns == 0  # it has had no turn in this state
-        assert told.in_state_s == 0.0
-        seen.append((told.state, told.source, told.transition))
+        reported = board.get_message(status_slot("Walk"))
+        assert reported.entered_ns == 0  # it has had no turn in this state
+        assert reported.in_state_s == 0.0
+        seen.append((reported.state, reported.source, reported.transition))
     assert seen[:3] == [("b", "a", 0), ("c", "b", 0), ("a", "c", 0)]
 
 

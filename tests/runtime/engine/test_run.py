@@ -277,7 +277,7 @@ def test_impossible_options(options: dict[str, Any], match: str):
         Arrangement(**options)
 
 
-def test_the_end_is_told_once():
+def test_the_end_is_reported_once():
     trace = Trace()
     with Arrangement([Brief], clock=ManualClock(), observers=[trace]) as arrangement:
         arrangement.run()

@@ -107,10 +107,10 @@ def test_sigterm_ends_a_process_within_the_grace_period(schedule: str):
         try:
             assert process.stdout.readline() == "ready\n"
             process.send_signal(signal.SIGTERM)
-            said = rest_of(process)  # the next turn would be in fifty minutes
+            printed = rest_of(process)  # the next turn would be in fifty minutes
         finally:
             process.kill()
-    assert said.splitlines()[-1] == "stopped SIGTERM"
+    assert printed.splitlines()[-1] == "stopped SIGTERM"
     assert process.returncode == 0
 
 

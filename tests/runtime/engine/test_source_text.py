@@ -64,7 +64,7 @@ def test_each_of_several_lambdas_is_found(bodies: list[str], writing: str, separ
 
 
 @given(st.sampled_from(BODIES), st.sampled_from(BODIES))
-def test_a_nested_lambda_is_told_from_the_one_around_it(outside: str, inside: str) -> None:
+def test_a_nested_lambda_is_distinguished_from_the_one_around_it(outside: str, inside: str) -> None:
     text = f"outer = 1\ndef make(): return [lambda m: (lambda m: {inside}, {outside})]\n"
     [function] = made(text)
     assert normal(expression_of(function) or "") == normal(f"(lambda m: {inside}, {outside})")

@@ -189,7 +189,7 @@ def test_a_recorder_that_died_is_noticed(caplog: pytest.LogCaptureFixture) -> No
 
 @pytest.fixture
 def running() -> Iterator[tuple[Board, Arrangement, Any]]:
-    """An arrangement that runs; each step is some rounds, and then what is told."""
+    """An arrangement that runs; each step is some rounds, and then what is reported."""
     board, clock = Whiteboard.local(), ManualClock()
     arrangement = Arrangement([Echo], whiteboard=board, clock=clock)
 

@@ -77,7 +77,7 @@ def test_machines_do_the_same_with_and_without_one(kept: Kept) -> None:
     assert len([entry for entry in kept.entries if "reads" in entry]) == len(run(Arrangement))
 
 
-def test_a_sensor_is_told_of_when_it_changes_and_a_post_each_time(kept: Kept) -> None:
+def test_a_sensor_is_reported_when_it_changes_and_a_post_each_time(kept: Kept) -> None:
     run(kept.make)
     sensed = [NUMBER.decoder.decode(entry["message"]).data for entry in kept.of("Sensed")]
     assert sensed == [0, 2, 4, 4, 4, 1, 9]  # each a message of its own, though some are equal
@@ -159,7 +159,7 @@ def test_a_stop_between_rounds_is_seen_at_once(kept: Kept) -> None:
     assert len(kept.of("Asked")) == 1
 
 
-def test_what_code_asks_is_not_told_as_asked_from_outside(kept: Kept) -> None:
+def test_what_code_asks_is_not_reported_as_asked_from_outside(kept: Kept) -> None:
     class Asker(Machine):
         here = State()
         there = State()

@@ -29,13 +29,13 @@ GOOD = (
 
 
 def test_two_tables(tmp_path: Path) -> None:
-    told = table(tmp_path, GOOD)
-    assert told.machines == (
+    reported = table(tmp_path, GOOD)
+    assert reported.machines == (
         PlannedMachine(definition="A.machine", period_us=1000, deadline_us=300),
         PlannedMachine(definition="b/B.machine", period_us=2000, deadline_us=500, suspended=True),
         PlannedMachine(definition="C", period_us=2000, deadline_us=100, preload=True),
     )
-    timetable = told.timetable(["a", "b", "c"])
+    timetable = reported.timetable(["a", "b", "c"])
     assert timetable.slots == (
         TimeSlot("a", 0, 300),
         TimeSlot("b", 400, 500),
@@ -62,18 +62,21 @@ def test_blanks_at_the_ends_of_lines_and_file_mean_nothing(tmp_path: Path, text:
 
 
 def test_slots_that_start_together_are_in_the_order_of_the_table(tmp_path: Path) -> None:
-    told = table(tmp_path, "A\t10\t5\nB\t10\t5\n\n1\t3\n0\t3\n1\t3\n")
-    assert [slot.machine for slot in told.timetable("AB").slots] == ["B", "A", "B"]
+    reported = table(tmp_path, "A\t10\t5\nB\t10\t5\n\n1\t3\n0\t3\n1\t3\n")
+    assert [slot.machine for slot in reported.timetable("AB").slots] == ["B", "A", "B"]
 
 
 def test_a_tilde_is_the_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/robot")
-    told = table(tmp_path, "~/A.machine\t10\t5\nb~/B\t10\t5\n\n0\t0\n1\t0\n")
-    assert [planned.definition for planned in told.machines] == ["/home/robot/A.machine", "b~/B"]
+    reported = table(tmp_path, "~/A.machine\t10\t5\nb~/B\t10\t5\n\n0\t0\n1\t0\n")
+    assert [planned.definition for planned in reported.machines] == [
+        "/home/robot/A.machine",
+        "b~/B",
+    ]
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "said"),
+    ("text", "line", "printed"),
     [
         ("", 1, "a table of slots must follow"),
         ("\n\n", 1, "a table of slots must follow"),
@@ -108,18 +111,18 @@ def test_a_tilde_is_the_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         ("\nA\t10\t5\n\n0\t0", 2, "is not"),
     ],
 )
-def test_a_malformed_line_is_told(tmp_path: Path, text: str, line: int, said: str) -> None:
+def test_a_malformed_line_is_reported(tmp_path: Path, text: str, line: int, printed: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         table(tmp_path, text)
     error = caught.value
     assert (error.file, error.line) == (tmp_path / "table.txt", line), str(error)
-    assert said in str(error)
+    assert printed in str(error)
 
 
 def test_a_preloaded_machine_needs_no_slot(tmp_path: Path) -> None:
-    told = table(tmp_path, "A\t10\t5\nB\t7\t5\tP\n\n0\t0")
-    assert told.timetable("AB").machines == ("A",)
-    assert told.timetable("AB").cycle_us == 10
+    reported = table(tmp_path, "A\t10\t5\nB\t7\t5\tP\n\n0\t0")
+    assert reported.timetable("AB").machines == ("A",)
+    assert reported.timetable("AB").cycle_us == 10
 
 
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
@@ -165,14 +168,14 @@ def test_the_same_schedule_as_an_arrangement_file(
         for number, (period, _, start) in enumerate(machines)
         for begin in range(0, cycle, period)
     )
-    told = table(
+    reported = table(
         folder,
         "".join(f"m{n}\t{period}\t{late}\n" for n, (period, late, _) in enumerate(machines))
         + "\n"
         + "".join(f"{number}\t{start}\n" for start, number in slots),
     )
     names = [f"m{number}" for number in range(len(machines))]
-    mine, other = told.timetable(names), read_plan(toml).timetable(names)
+    mine, other = reported.timetable(names), read_plan(toml).timetable(names)
     assert other is not None
     assert (mine.slots, mine.cycle_us) == (other.slots, other.cycle_us)
 
@@ -185,13 +188,13 @@ def test_the_cycle_is_the_shortest_that_is_even_and_holds_all_slots(
         data.draw(st.lists(st.integers(0, 200), min_size=len(periods), max_size=len(periods) + 5))
     )
     slots = [(number % len(periods), start) for number, start in enumerate(starts)]
-    told = table(
+    reported = table(
         tmp_path_factory.getbasetemp(),
         "".join(f"m{number}\t{period}\t1\n" for number, period in enumerate(periods))
         + "\n"
         + "".join(f"{number}\t{start}\n" for number, start in slots),
     )
-    cycle = told.timetable([f"m{number}" for number in range(len(periods))]).cycle_us
+    cycle = reported.timetable([f"m{number}" for number in range(len(periods))]).cycle_us
     even = [us for us in range(1, cycle + 1) if all(us % period == 0 for period in periods)]
     assert cycle in even
     assert starts[-1] - starts[0] < cycle

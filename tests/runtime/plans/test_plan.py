@@ -90,7 +90,7 @@ def names(arrangement: Arrangement) -> list[str]:
 
 
 def test_all_that_a_file_can_say(tmp_path: Path) -> None:
-    told = plan(
+    reported = plan(
         tmp_path,
         """
         board = "robot"
@@ -120,7 +120,7 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
         preload = true
         """,
     )
-    assert told == Plan(
+    assert reported == Plan(
         board="robot",
         idle_us=0,
         wake=False,
@@ -140,7 +140,7 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
             PlannedMachine(definition="Other", period_us=2000, preload=True),
         ),
     )
-    timetable = told.timetable(["left", "Counter", "Other"])
+    timetable = reported.timetable(["left", "Counter", "Other"])
     assert timetable is not None
     expected = Timetable.meeting(
         [
@@ -150,7 +150,7 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
         ]
     )
     assert (timetable.slots, timetable.cycle_us) == (expected.slots, expected.cycle_us)
-    arrangement = made(told)
+    arrangement = made(reported)
     assert names(arrangement) == ["left", "Counter"]
     assert arrangement.is_suspended("Counter")
     assert (arrangement.idle_us, arrangement.wake, arrangement.unload_accepting) == (
@@ -162,10 +162,10 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
 
 
 def test_what_a_file_need_not_say(tmp_path: Path) -> None:
-    told = plan(tmp_path, '[[machine]]\ndefinition = "Other"')
-    assert told == Plan(machines=(PlannedMachine(definition="Other"),))
-    assert told.timetable(["Other"]) is None
-    arrangement = made(told)
+    reported = plan(tmp_path, '[[machine]]\ndefinition = "Other"')
+    assert reported == Plan(machines=(PlannedMachine(definition="Other"),))
+    assert reported.timetable(["Other"]) is None
+    arrangement = made(reported)
     bare = Arrangement()
     assert arrangement.idle_us == bare.idle_us
     assert arrangement.unload_accepting is bare.unload_accepting
@@ -181,7 +181,7 @@ MACHINE = '[[machine]]\ndefinition = "Other"\n'
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "said"),
+    ("text", "line", "printed"),
     [
         ("", None, "no [[machine]]"),
         ("idle_us = 1\n", None, "no [[machine]]"),
@@ -218,35 +218,35 @@ MACHINE = '[[machine]]\ndefinition = "Other"\n'
         ),
     ],
 )
-def test_a_mistake_is_told_with_its_line(
-    tmp_path: Path, text: str, line: int | None, said: str
+def test_a_mistake_is_reported_with_its_line(
+    tmp_path: Path, text: str, line: int | None, printed: str
 ) -> None:
     with pytest.raises(ConfigurationError) as caught:
         plan(tmp_path, text)
     error = caught.value
     assert (error.file, error.line) == (tmp_path / "robot.toml", line), str(error)
-    assert said in str(error)
+    assert printed in str(error)
 
 
 @pytest.mark.parametrize(
     "wrong", ["rounds = 'many'", "rounds = 1.5", "speed = 'x'", "path = ['a']"]
 )
 def test_variables_are_checked_when_loaded(tmp_path: Path, wrong: str) -> None:
-    told = plan(tmp_path, f'[[machine]]\ndefinition = "Counter"\nvariables.{wrong}')
+    reported = plan(tmp_path, f'[[machine]]\ndefinition = "Counter"\nvariables.{wrong}')
     with pytest.raises(VariableError, match=f"Counter: {wrong.split()[0]} = "):
-        made(told)
+        made(reported)
 
 
 def test_variables_become_what_the_machine_declares(tmp_path: Path) -> None:
-    told = plan(
+    reported = plan(
         tmp_path, '[[machine]]\ndefinition = "Counter"\nvariables = {speed = 2, path = [1]}'
     )
-    (machine,) = made(told).machines
+    (machine,) = made(reported).machines
     assert isinstance(machine, Counter)
     assert (machine.speed, type(machine.speed), machine.path) == (2.0, float, (1,))
 
 
-def test_unknown_variables_and_slots_are_told_when_loaded(tmp_path: Path) -> None:
+def test_unknown_variables_and_slots_are_reported_when_loaded(tmp_path: Path) -> None:
     with pytest.raises(VariableError, match="no variable 'color'; it has: rounds, speed"):
         made(plan(tmp_path, '[[machine]]\ndefinition = "Counter"\nvariables.color = 1'))
     with pytest.raises(LoadError, match="uses no slot 'color'; it uses: out"):
@@ -263,22 +263,22 @@ def test_a_slot_has_another_name(tmp_path: Path) -> None:
 
 
 def test_a_preloaded_machine_is_loaded_by_name_alone(tmp_path: Path) -> None:
-    told = plan(tmp_path, MACHINE + 'preload = true\n[[machine]]\ndefinition = "Loader"')
-    arrangement = made(told, library=CLASSES)
+    reported = plan(tmp_path, MACHINE + 'preload = true\n[[machine]]\ndefinition = "Loader"')
+    arrangement = made(reported, library=CLASSES)
     assert names(arrangement) == ["Loader"]
     arrangement.round()
     assert names(arrangement) == ["Loader", "Other"]
     with pytest.raises(UnknownMachineError):
-        made(told, library={}).load("Other")
+        made(reported, library={}).load("Other")
 
 
 def test_with_a_timetable_a_preloaded_machine_has_its_turns(tmp_path: Path) -> None:
-    told = plan(
+    reported = plan(
         tmp_path,
         MACHINE + 'preload = true\nperiod_us = 10\n[[machine]]\ndefinition = "Loader"\n'
         "period_us = 10\nstart_us = 5",
     )
-    arrangement = made(told, library=CLASSES)
+    arrangement = made(reported, library=CLASSES)
     assert arrangement.timetable is not None
     assert arrangement.timetable.machines == ("Other", "Loader")
     with pytest.raises(LoadError, match="Counter has no slot in the timetable"):
@@ -327,7 +327,7 @@ def traced(arrangement: Arrangement, rounds: int) -> Trace:
 def test_suspended_machines_come_last_as_in_an_arrangement_made_by_hand(
     tmp_path: Path,
 ) -> None:
-    told = plan(
+    reported = plan(
         tmp_path,
         MACHINE + 'suspended = true\n[[machine]]\ndefinition = "Counter"\n'
         "variables.rounds = 4\nslots.out = 'o'\n" + MACHINE,
@@ -336,7 +336,7 @@ def test_suspended_machines_come_last_as_in_an_arrangement_made_by_hand(
     by_hand.load(Counter, variables={"rounds": 4}, slots={"out": "o"})
     by_hand.load(Other, name="Other.0")
     by_hand.load_suspended(Other, name="Other")
-    planned = made(told, clock=ManualClock())
+    planned = made(reported, clock=ManualClock())
     assert names(planned) == ["Counter", "Other.0", "Other"]
     trace = traced(planned, 50)
     assert trace == traced(by_hand, 50)
@@ -346,7 +346,7 @@ def test_suspended_machines_come_last_as_in_an_arrangement_made_by_hand(
 def test_a_timetable_from_a_file_gives_the_trace_of_one_made_by_hand(
     tmp_path: Path,
 ) -> None:
-    told = plan(
+    reported = plan(
         tmp_path,
         MACHINE + "period_us = 3000\nsuspended = true\n"
         '[[machine]]\ndefinition = "Counter"\nperiod_us = 1000\nstart_us = [100, 700]\n'
@@ -363,6 +363,6 @@ def test_a_timetable_from_a_file_gives_the_trace_of_one_made_by_hand(
     by_hand.load_suspended(Other)
     by_hand.load(Counter, variables={"rounds": 9})
     by_hand.load(Other, name="late")
-    trace = traced(made(told, clock=ManualClock()), 12)
+    trace = traced(made(reported, clock=ManualClock()), 12)
     assert trace == traced(by_hand, 12)
     assert {machine for _, machine, _, _ in trace.sections()} == {"Other", "Counter", "late"}

@@ -1,4 +1,4 @@
-"""What is wrong in a TOML file is told with its file and line."""
+"""What is wrong in a TOML file is reported with its file and line."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def test_no_string_is_a_crash_or_misleads(
     assert error_in(tmp_path_factory.getbasetemp(), text).line == text.count("\n")
 
 
-def test_a_check_tells_where(tmp_path: Path) -> None:
+def test_a_check_reports_where(tmp_path: Path) -> None:
     file = tmp_path / "robot.toml"
     file.write_text("[[wheel]]\n[[wheel]]\nradius = 3\n")
 

@@ -79,48 +79,53 @@ def test_a_section_of_which_only_the_text_is_known_is_not_run() -> None:
         table.states[0].sections["OnEntry"](None)
 
 
-def _told(*states: DefinedState) -> MachineDefinition:
+def _reported(*states: DefinedState) -> MachineDefinition:
     return MachineDefinition("bad", states)
 
 
 @pytest.mark.parametrize(
-    ("told", "what"),
+    ("reported", "what"),
     [
-        (_told(), "no states"),
-        (_told(DefinedState("a"), DefinedState("a")), "two of the same name"),
-        (_told(DefinedState("a", (), (DefinedTransition("z", ""),))), "not a state of it"),
-        (_told(DefinedState("a", box=DefinedBox(float("nan"), 0, 1, 1))), "impossible coordinates"),
-        (_told(DefinedState("a", box=DefinedBox(1e300, 0, 1, 1))), "impossible coordinates"),
-        (_told(*(DefinedState(str(i)) for i in range(251))), "251 states"),
-        (_told(DefinedState("x" * 1_000_001)), "characters"),
+        (_reported(), "no states"),
+        (_reported(DefinedState("a"), DefinedState("a")), "two of the same name"),
+        (_reported(DefinedState("a", (), (DefinedTransition("z", ""),))), "not a state of it"),
+        (
+            _reported(DefinedState("a", box=DefinedBox(float("nan"), 0, 1, 1))),
+            "impossible coordinates",
+        ),
+        (_reported(DefinedState("a", box=DefinedBox(1e300, 0, 1, 1))), "impossible coordinates"),
+        (_reported(*(DefinedState(str(i)) for i in range(251))), "251 states"),
+        (_reported(DefinedState("x" * 1_000_001)), "characters"),
     ],
 )
-def test_a_definition_that_cannot_be_drawn_says_why(told: MachineDefinition, what: str) -> None:
+def test_a_definition_that_cannot_be_drawn_says_why(reported: MachineDefinition, what: str) -> None:
     with pytest.raises(DefinitionError, match=what):
-        table_of(told)
+        table_of(reported)
 
 
 def test_a_path_of_some_other_length_is_left_aside() -> None:
-    told = DefinedState("a", (), (DefinedTransition("a", "", (1.0, 2.0)),), DefinedBox(0, 0, 9, 9))
-    table = table_of(_told(told))
+    reported = DefinedState(
+        "a", (), (DefinedTransition("a", "", (1.0, 2.0)),), DefinedBox(0, 0, 9, 9)
+    )
+    table = table_of(_reported(reported))
     assert table.layout is not None
     assert table.layout.transitions == {"a": ()}
 
 
-def test_variables_are_told_whatever_they_are() -> None:
+def test_variables_are_reported_whatever_they_are() -> None:
     board = Whiteboard.local()
     arrangement = Arrangement([Odd], whiteboard=board, clock=ManualClock())
     arrangement.round()
-    told = {v.name: v.value for v in variables_of(arrangement.machine("Odd")).variables}
-    assert told["number"] == 3
-    assert told["part"] == 0.5
-    assert told["flag"] is True
-    assert told["nothing"] is None
-    assert told["things"] == "[1, 2]"
-    assert str(told["large"]).startswith("118059")
-    assert told["text"] == "a" * 199 + "…"
-    assert str(told["hostile"]).startswith("<_Hostile instance")
-    assert told["unsaid"] == "'\\ud800'"
+    reported = {v.name: v.value for v in variables_of(arrangement.machine("Odd")).variables}
+    assert reported["number"] == 3
+    assert reported["part"] == 0.5
+    assert reported["flag"] is True
+    assert reported["nothing"] is None
+    assert reported["things"] == "[1, 2]"
+    assert str(reported["large"]).startswith("118059")
+    assert reported["text"] == "a" * 199 + "…"
+    assert str(reported["hostile"]).startswith("<_Hostile instance")
+    assert reported["unsaid"] == "'\\ud800'"
 
 
 class Reader(Machine):
@@ -134,22 +139,22 @@ class Reader(Machine):
     a.to(b, after=1)
 
 
-def _told_of(machine: type[Machine], slot: Slot[String]) -> MachineVariables:
+def _reported_of(machine: type[Machine], slot: Slot[String]) -> MachineVariables:
     """Return what is published of a machine that runs while somebody looks."""
     board = Whiteboard.local()
     board.add_message(slot, String(data="a" * 300))
     arrangement = Arrangement([machine], whiteboard=board, clock=ManualClock())
     arrangement.attach(lambda event: board.add_message(VIEWER, Viewer(1)))
     arrangement.run()
-    told = board.get_message(variables_slot(machine.__name__))
-    assert told is not None
-    return told
+    reported = board.get_message(variables_slot(machine.__name__))
+    assert reported is not None
+    return reported
 
 
 def test_sensors_are_told_apart_as_of_the_last_snapshot() -> None:
-    told = _told_of(Reader, Reader.text.slot)
-    assert told.variables == ()
-    button, text = told.sensors
+    reported = _reported_of(Reader, Reader.text.slot)
+    assert reported.variables == ()
+    button, text = reported.sensors
     assert button == VariableValue("button", None)
     assert text.name == "text"
     assert str(text.value).startswith("String(data='aaa")
@@ -162,13 +167,13 @@ def test_what_is_too_much_is_left_out() -> None:
     states = [State("a"), State("b")]
     states[0].to(states[1], after=1)
     machine = define("Many", states, variables={"n": (int, 0)}, attributes=ports)
-    told = _told_of(machine, Slot("text", String))
-    assert told.variables == (VariableValue("n", 0),)
-    assert [each.name for each in told.sensors] == names[: len(told.sensors)]
-    assert 5 < len(told.sensors) < 200
+    reported = _reported_of(machine, Slot("text", String))
+    assert reported.variables == (VariableValue("n", 0),)
+    assert [each.name for each in reported.sensors] == names[: len(reported.sensors)]
+    assert 5 < len(reported.sensors) < 200
 
 
-def test_a_machine_tells_once_what_it_consists_of() -> None:
+def test_a_machine_reports_once_what_it_consists_of() -> None:
     board = Whiteboard.local()
     Arrangement([Odd], whiteboard=board, clock=ManualClock()).run(max_rounds=50)
     slot = board[definition_slot("Odd")]
@@ -176,16 +181,16 @@ def test_a_machine_tells_once_what_it_consists_of() -> None:
     assert slot.get() == definition_of(Odd.table)
 
 
-def test_a_machine_with_too_much_code_is_told_of_without_it() -> None:
+def test_a_machine_with_too_much_code_is_reported_without_it() -> None:
     states = [State("a"), State("b")]
     states[0].to(states[1], label="x" * 30_000, when=lambda m: False)
     states[0].on_entry(long := _long())
     board = Whiteboard.local()
     machine = define("Large", states)
     Arrangement([machine], whiteboard=board, clock=ManualClock()).run(max_rounds=1)
-    told = board.get_message(definition_slot("Large"))
+    reported = board.get_message(definition_slot("Large"))
     assert long is not None
-    assert told == definition_of(machine.table, sections=False)
+    assert reported == definition_of(machine.table, sections=False)
 
 
 def _long() -> Any:
@@ -198,7 +203,7 @@ def _long() -> Any:
     return namespace["long"]
 
 
-def test_variables_are_told_ten_times_a_second_and_only_while_somebody_looks() -> None:
+def test_variables_are_reported_ten_times_a_second_and_only_while_somebody_looks() -> None:
     board, clock = Whiteboard.local(), ManualClock()
     counts = []
 

@@ -84,8 +84,8 @@ def test_a_machine_controls_one_of_another_process(board: Whiteboard, processes:
     assert last in (Status.ERROR, Status.RUNNING)  # which may have been restarted already
     assert commander.states == ["ASLEEP", "WORK", "ASLEEP", "WORK"]
     worker.send_signal(signal.SIGTERM)
-    said, _ = worker.communicate(timeout=PATIENCE_S)
-    assert said.split() == [  # a restart runs no OnResume
+    printed, _ = worker.communicate(timeout=PATIENCE_S)
+    assert printed.split() == [  # a restart runs no OnResume
         *["WORK", "suspended", "ASLEEP", "resumed", "WORK"],
         *["suspended", "ASLEEP", "WORK", "stopped"],
     ]
@@ -107,8 +107,8 @@ def test_a_stop_through_the_board_ends_the_process_of_a_lone_machine(
 ):
     worker = processes.run("Worker")
     Directory(board).find("Worker").request("stop")
-    said, _ = worker.communicate(timeout=PATIENCE_S)
-    assert said.split() == ["WORK", "accepting"]  # after the grace period
+    printed, _ = worker.communicate(timeout=PATIENCE_S)
+    assert printed.split() == ["WORK", "accepting"]  # after the grace period
     assert Directory(board).machines() == []
 
 

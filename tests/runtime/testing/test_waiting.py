@@ -110,16 +110,16 @@ def test_an_arrangement_that_a_machine_ends_is_over():
 
 
 @pytest.mark.parametrize(
-    ("condition", "said"),
+    ("condition", "printed"),
     [
         ("Spinner.C", "'Spinner.C': Spinner has no state 'C'; it has: A, B, Suspended"),
         ("Spinner", "'Spinner' names no state: it must be \"Machine.STATE\""),
     ],
 )
-def test_a_state_that_cannot_be_reached(condition: str, said: str):
+def test_a_state_that_cannot_be_reached(condition: str, printed: str):
     with pytest.raises(OptionError) as raised:
         run_until(under_clock(Spinner), condition, within_ms=10)
-    assert str(raised.value) == said
+    assert str(raised.value) == printed
 
 
 def test_a_machine_still_to_be_loaded_can_be_waited_for():

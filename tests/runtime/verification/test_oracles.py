@@ -89,8 +89,8 @@ def with_a_clock(name: str, choose: Random, reads: Slot[Bool], posts: Slot[Bool]
     """Return a machine that tells the other one something, and looks at it and at its clock."""
     states = [State(f"S{number}") for number in range(3)]
     for state in states:
-        said = Bool(data=choose.random() < 0.5)
-        state.on_entry(lambda self, said=said: self.tell(said))
+        printed = Bool(data=choose.random() < 0.5)
+        state.on_entry(lambda self, printed=printed: self.tell(printed))
         for _ in range(choose.randint(1, 2)):
             guard, ms = choose.choice(GUARDS), choose.randint(1, 3)
             state.to(choose.choice(states), when=lambda self, g=guard, ms=ms: g(self, ms))

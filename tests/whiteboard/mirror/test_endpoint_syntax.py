@@ -1,4 +1,4 @@
-"""Endpoints as people mistype them: what is said, and that Zenoh's own forms pass."""
+"""Endpoints as people mistype them: what is printed, and that Zenoh's own forms pass."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from llfsm.whiteboard.mirror.endpoint_syntax import endpoint_problem
         ("tcp/robot#iface=eth0", "tcp/robot:7447"),
     ],
 )
-def test_what_is_probably_meant_is_said(text: str, meant: str) -> None:
+def test_what_is_probably_meant_is_reported(text: str, meant: str) -> None:
     assert endpoint_problem(text) == f"{text!r} is not an endpoint; did you mean {meant}?"
 
 

@@ -208,7 +208,7 @@ def test_what_a_large_message_is_sent_with_is_not_delayed_by_it() -> None:
     assert (first.number, second.number) == (1, 2)
 
 
-def test_the_status_tells_the_rates_of_what_is_sent_and_received() -> None:
+def test_the_status_reports_the_rates_of_what_is_sent_and_received() -> None:
     part = Part()
     part.board.add_message(NUMBER, Number(1))
     sent = part.collect()

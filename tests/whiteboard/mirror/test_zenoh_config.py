@@ -74,7 +74,7 @@ def test_an_endpoint_that_is_none_is_an_error() -> None:
         configure(Settings(connect=("robot.local",)), "peer")
 
 
-def test_what_zenoh_does_not_accept_is_said_in_words() -> None:
+def test_what_zenoh_does_not_accept_is_reported_in_words() -> None:
     why = r"listen/endpoints = \['/here'\]: Endpoints must be of the form .*: /here$"
     with pytest.raises(NetworkError, match=why):
         configure(Settings(listen=("/here",)), "peer")

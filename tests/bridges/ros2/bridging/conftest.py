@@ -52,21 +52,21 @@ def peer(memory: MemoryWorld) -> Iterator[MemoryTransport]:
 
 
 @pytest.fixture
-def told(seen: Any) -> Any:
+def reported(seen: Any) -> Any:
     """List what the bridge gave notice of."""
     return seen()
 
 
 @pytest.fixture
-def start(board: Whiteboard, memory: MemoryWorld, told: Any) -> Iterator[Callable[..., Bridge]]:
+def start(board: Whiteboard, memory: MemoryWorld, reported: Any) -> Iterator[Callable[..., Bridge]]:
     """Start a bridge: ``start(relay=[...])``, as in a configuration file."""
     with ExitStack() as open_ones:
 
         def starting(*, history: float = 1.0, **config: Any) -> Bridge:
             plan, faults = make_plan(msgspec.convert(config, BridgeConfig), Path(), board.slots())
             assert not faults
-            transport = open_ones.enter_context(MemoryTransport(memory, notify=told))
-            bridge = Bridge(plan, board, transport, told, history=history)
+            transport = open_ones.enter_context(MemoryTransport(memory, notify=reported))
+            bridge = Bridge(plan, board, transport, reported, history=history)
             open_ones.callback(bridge.close)
             return bridge
 

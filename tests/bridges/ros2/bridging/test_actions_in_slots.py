@@ -257,8 +257,8 @@ def test_a_machine_accepts_reports_on_and_ends_a_goal(board, bridge, caller):
     assert not answer.done()
     accept(board)
     assert answer.result(PATIENCE_S).accepted
-    told = FEEDBACK(1, number_of_recoveries=2)
-    wait_for(lambda: caller.feedback, between=lambda: board.add_message(SLOTS.feedback, told))
+    reported = FEEDBACK(1, number_of_recoveries=2)
+    wait_for(lambda: caller.feedback, between=lambda: board.add_message(SLOTS.feedback, reported))
     assert caller.feedback[0] == (caller.key, OF.feedback.message(number_of_recoveries=2))
     result = caller.get_result()
     ended = RESULT(0, error_msg="there", status=GoalStatus.SUCCEEDED)

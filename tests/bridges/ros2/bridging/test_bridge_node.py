@@ -95,13 +95,13 @@ def planned(*arguments):
     return make_plan(config, None, [], ros)
 
 
-def test_arguments_rename_remap_and_set(board, memory, peer, told, call):
+def test_arguments_rename_remap_and_set(board, memory, peer, reported, call):
     plan, faults = planned(
         "-r", "__ns:=/robot", "-r", "__node:=link", "-r", "n:=/m", "-p", "relays./m.rate:=5.0"
     )
     assert not faults
-    with MemoryTransport(memory, notify=told) as transport:
-        bridge = Bridge(plan, board, transport, told)
+    with MemoryTransport(memory, notify=reported) as transport:
+        bridge = Bridge(plan, board, transport, reported)
         try:
             graph = peer.graph()
             assert "/robot/link" in graph.nodes
@@ -114,13 +114,13 @@ def test_arguments_rename_remap_and_set(board, memory, peer, told, call):
             bridge.close()
 
 
-def test_an_argument_of_the_wrong_type_ends_it(board, memory, peer, told):
+def test_an_argument_of_the_wrong_type_ends_it(board, memory, peer, reported):
     plan, _ = planned("-p", "relays./n.rate:=fast")
     with (
-        MemoryTransport(memory, notify=told) as transport,
+        MemoryTransport(memory, notify=reported) as transport,
         pytest.raises(ParameterOverrideError, match=r"relays\./n\.rate"),
     ):
-        Bridge(plan, board, transport, told)
+        Bridge(plan, board, transport, reported)
     assert peer.graph().nodes == ()
 
 

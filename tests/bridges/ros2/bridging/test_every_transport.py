@@ -35,10 +35,10 @@ def bridge(world, board):
 
 
 def test_both_directions_without_an_echo(bridge, board, world, types, seen):
-    number, peer, heard = types.message("std_msgs/msg/Int64"), world.open(), seen()
+    number, peer, received = types.message("std_msgs/msg/Int64"), world.open(), seen()
     bridge(relay=[{"slot": "n", "type": number.name, "direction": "both", "depth": 10}])
     node = peer.node("peer")
-    node.subscription("n", number, lambda a: heard(a.decode().data))
+    node.subscription("n", number, lambda a: received(a.decode().data))
     talker = node.publisher("n", number)
     assert peer.wait_graph(
         lambda graph: all(
@@ -49,14 +49,14 @@ def test_both_directions_without_an_echo(bridge, board, world, types, seen):
     world.meet("/n", 2)
     slot = board[N]
     slot.add(Int64(1))
-    heard.wait(lambda got: 1 in got)
+    received.wait(lambda got: 1 in got)
     talker.publish(Int64(2))
     wait_for(lambda: slot.get() == Int64(2))
     slot.add(Int64(3))
-    heard.wait(lambda got: 3 in got)
+    received.wait(lambda got: 3 in got)
     talker.publish(Int64(4))
     wait_for(lambda: slot.get() == Int64(4))
-    assert heard[:3] == [1, 2, 3]
+    assert received[:3] == [1, 2, 3]
     assert slot.count == 4
 
 

@@ -91,7 +91,7 @@ def test_the_rate_is_that_of_each_key(board, start, peer, types):
     assert [board.get_message(of(f"tf/{key}")).transform.translation.x for key in "ab"] == [1, 1]
 
 
-def test_a_key_that_is_no_name_loses_nothing_else(board, start, peer, types, told):
+def test_a_key_that_is_no_name_loses_nothing_else(board, start, peer, types, reported):
     message = types.message(TYPE)
     bridge = start(relay=[TF])
     publisher = peer.node("robot").publisher("/tf", message)
@@ -100,17 +100,17 @@ def test_a_key_that_is_no_name_loses_nothing_else(board, start, peer, types, tol
         publisher.publish(message.message(tuple(frame("map", key, 1) for key in keys)))
     wait_for(lambda: bridge.links[0].passed == 2)
     assert bridge.links[0].failed == 6
-    assert len(told) == 2  # one for names, one for the empty key
+    assert len(reported) == 2  # one for names, one for the empty key
     assert [slot.name for slot in board.slots()] == ["tf/good"]
 
 
-def test_bytes_that_are_no_message_are_counted(board, types, told):
+def test_bytes_that_are_no_message_are_counted(board, types, reported):
     link = BridgeLink("tf/*", "<-", "/tf", TYPE)
     keys, timer = KeyPath(TF["keyed_by"], types.message(TYPE).message), TimerThread("test")
-    relay = KeyedFromRos(board, of("tf"), keys, link, LinkFaults(told), timer, RelaySettings())
+    relay = KeyedFromRos(board, of("tf"), keys, link, LinkFaults(reported), timer, RelaySettings())
     relay.arrived(SerializedBytes(b"\0\1\0\0\1", MessageInfo(0, 0, b""), types.message(TYPE)))
     timer.close()
-    assert (link.passed, link.failed, len(told)) == (0, 1, 1)
+    assert (link.passed, link.failed, len(reported)) == (0, 1, 1)
 
 
 def test_a_whole_message_may_have_the_key(types):

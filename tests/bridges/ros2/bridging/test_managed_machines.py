@@ -88,8 +88,8 @@ def patience_s():
 
 
 @pytest.fixture
-def managing(memory, told, patience_s):
-    with MemoryTransport(memory, notify=told) as transport:
+def managing(memory, reported, patience_s):
+    with MemoryTransport(memory, notify=reported) as transport:
         managing = Managing(transport, patience_s)
         yield managing
         managing("shutdown")

@@ -28,7 +28,7 @@ def planned(config, slots=(), folder=Path()):
     return make_plan(msgspec.convert(config, BridgeConfig), folder, list(slots))
 
 
-def test_a_relay_as_it_is_when_little_is_said():
+def test_a_relay_as_it_is_when_little_is_configured():
     plan, faults = planned({"relay": [POSE, TEXT]})
     assert not faults
     pose, text = plan.relays
@@ -37,7 +37,7 @@ def test_a_relay_as_it_is_when_little_is_said():
     assert (pose.slot.capacity, text.slot.capacity) == (1024, 65536)
 
 
-def test_a_relay_as_it_is_when_all_is_said():
+def test_a_relay_as_it_is_when_all_is_configured():
     relay = TEXT | {
         "topic": "~/said",
         "direction": "both",
@@ -108,7 +108,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("config", "where", "what"), WRONG, ids=lambda x: str(x)[:40])
-def test_what_is_wrong_is_told_with_its_place(config, where, what):
+def test_what_is_wrong_is_reported_with_its_place(config, where, what):
     _, faults = planned(config)
     assert faults
     assert faults[0].where == where
@@ -116,7 +116,7 @@ def test_what_is_wrong_is_told_with_its_place(config, where, what):
     assert "\n" not in faults[0].what
 
 
-def test_all_that_is_wrong_is_told():
+def test_all_that_is_wrong_is_reported():
     _, faults = planned({"relay": [POSE | {"type": "a"}, POSE | {"slot": "9"}, TEXT]})
     assert [fault.where for fault in faults] == [("relay", 0, "type"), ("relay", 1, "slot")]
 
@@ -143,7 +143,7 @@ def test_types_are_looked_for_beside_the_file(tmp_path):
     assert plan.relays[0].slot.type.__struct_fields__ == ("happy",)
 
 
-def test_messages_that_would_go_round_are_told():
+def test_messages_that_would_go_round_are_reported():
     def relay(slot, topic, direction):
         return {"slot": slot, "topic": topic, "type": TEXT["type"], "direction": direction}
 

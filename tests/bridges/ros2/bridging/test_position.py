@@ -91,8 +91,13 @@ def test_in_slots_it_is_answered_likewise(board, preset, post_pose):
     assert "no pose in slot turtle1/pose" in answer(board, 1).failure
     post_pose(HERE)
     board.add_message(REQUEST, TurtlePositionRequest(2))
-    told = answer(board, 2)
-    assert (told.x, told.y, told.theta, told.failure) == (HERE.x, HERE.y, HERE.theta, "")
+    reported = answer(board, 2)
+    assert (reported.x, reported.y, reported.theta, reported.failure) == (
+        HERE.x,
+        HERE.y,
+        HERE.theta,
+        "",
+    )
 
 
 def test_who_asked_before_the_bridge_was_there_is_answered(board, preset):
@@ -102,18 +107,18 @@ def test_who_asked_before_the_bridge_was_there_is_answered(board, preset):
 
 
 def test_without_its_type_in_ros_the_slots_are_answered_still(
-    board, preset, post_pose, told, memory
+    board, preset, post_pose, reported, memory
 ):
     """As with rclpy, where nobody has built the package of the type."""
     memory.missing_types.add(TYPE)
     preset()
-    assert [f"{TYPE} is not built" in notice.text for notice in told] == [True]
+    assert [f"{TYPE} is not built" in notice.text for notice in reported] == [True]
     post_pose(HERE)
     board.add_message(REQUEST, TurtlePositionRequest(1))
     assert not answer(board, 1).failure
 
 
-def test_the_first_turtle_is_the_one_that_is_told_of(board, preset, ask):
+def test_the_first_turtle_is_the_one_that_is_reported(board, preset, ask):
     preset("bob", "turtle1")
     board.add_message(Slot("bob/pose", Pose), HERE)
     assert ask().x == HERE.x

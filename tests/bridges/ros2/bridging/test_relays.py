@@ -1,4 +1,4 @@
-"""Slot to topic, topic to slot, both: what gets through, what does not, and what is told."""
+"""Slot to topic, topic to slot, both: what gets through, what does not, and what is reported."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def number(types):
 
 
 @pytest.fixture
-def heard(peer, number, seen):
+def received(peer, number, seen):
     """List what is published on the topic of the slot."""
     got = seen()
     peer.node("listener").subscription("n", number, lambda a: got(a.decode().data), Qos(depth=100))
@@ -79,16 +79,16 @@ def link():
     return BridgeLink("n", "->", "/n", TYPE)
 
 
-def test_each_change_of_a_slot_is_published(board, start, heard):
+def test_each_change_of_a_slot_is_published(board, start, received):
     bridge = start(relay=[{"slot": "n", "type": TYPE, "direction": "to_ros"}])
     for value in range(5):
         board.add_message(N, Int64(value))
-        heard.wait(lambda got, value=value: got[-1:] == [value])
-    assert heard == [0, 1, 2, 3, 4]
+        received.wait(lambda got, value=value: got[-1:] == [value])
+    assert received == [0, 1, 2, 3, 4]
     assert [(each.passed, each.failed) for each in bridge.links] == [(5, 0)]
 
 
-def test_an_old_command_is_not_sent(board, start, heard):
+def test_an_old_command_is_not_sent(board, start, received):
     board.add_message(N, Int64(1))
     relay = {"slot": "n", "type": TYPE, "direction": "to_ros"}
     bridge = start(relay=[relay])
@@ -96,8 +96,8 @@ def test_an_old_command_is_not_sent(board, start, heard):
     assert bridge.links[0].passed == 0
     start(relay=[relay])
     board.add_message(N, Int64(2))
-    heard.wait(len)
-    assert heard == [2]
+    received.wait(len)
+    assert received == [2]
 
 
 def test_what_a_latched_slot_has_is_sent_to_who_comes_later(board, start, peer, number, seen):
@@ -156,14 +156,14 @@ def test_a_slot_is_published_no_more_often_than_asked_for(board, blocked, to_ros
     assert all(when - begin >= 0.05 * number for number, when in enumerate(times))
 
 
-def test_what_was_added_last_is_published_before_the_end(board, start, heard):
+def test_what_was_added_last_is_published_before_the_end(board, start, received):
     bridge = start(relay=[{"slot": "n", "type": TYPE, "direction": "to_ros", "rate": 0.01}])
     board.add_message(N, Int64(1))
-    heard.wait(len)
+    received.wait(len)
     board.add_message(N, Int64(2))
     bridge.close()  # long before a hundred seconds are over
-    heard.wait(lambda got: len(got) == 2)
-    assert heard == [1, 2]
+    received.wait(lambda got: len(got) == 2)
+    assert received == [1, 2]
 
 
 def test_each_message_of_a_topic_is_added(board, start, talker):
@@ -209,26 +209,26 @@ def test_at_a_rate_only_what_is_added_is_decoded(board, number):
     assert board[N].count < 1000
 
 
-def test_both_directions_without_an_echo(board, start, talker, heard):
+def test_both_directions_without_an_echo(board, start, talker, received):
     start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
     slot = board[N]
     slot.add(Int64(1))
-    heard.wait(len)
+    received.wait(len)
     talker.publish(Int64(2))
     wait_for(lambda: slot.get() == Int64(2))
     slot.add(Int64(3))
-    heard.wait(lambda got: len(got) == 3)
-    assert heard == [1, 2, 3]  # the second by the talker alone
+    received.wait(lambda got: len(got) == 3)
+    assert received == [1, 2, 3]  # the second by the talker alone
     assert slot.count == 3  # two that were added here, one from ROS
 
 
-def test_an_equal_message_of_somebody_else_is_a_new_one(board, start, talker, heard):
+def test_an_equal_message_of_somebody_else_is_a_new_one(board, start, talker, received):
     start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
     slot = board[N]
     talker.publish(Int64(1))
     wait_for(lambda: slot.count == 1)
     slot.add(Int64(1))  # as if another process did
-    heard.wait(lambda got: len(got) == 2)
+    received.wait(lambda got: len(got) == 2)
     talker.publish(Int64(1))
     wait_for(lambda: slot.count == 3)
 
@@ -266,8 +266,8 @@ def test_from_topic_to_topic_the_bytes_are_those_that_came(board, start, peer, n
     assert got[2] == number.encode(Int64(6))
 
 
-def test_a_message_that_is_too_large_is_told_once_and_the_next_is_added(
-    board, start, peer, types, told
+def test_a_message_that_is_too_large_is_reported_once_and_the_next_is_added(
+    board, start, peer, types, reported
 ):
     text = types.message("std_msgs/msg/String")
     slot = board[Slot("s", text.message, 32)]
@@ -279,22 +279,22 @@ def test_a_message_that_is_too_large_is_told_once_and_the_next_is_added(
     publisher.publish(text.message("fits"))
     wait_for(slot.get)
     assert slot.get().data == "fits"
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "/s")]
-    assert "capacity" in told[0].text
+    assert [(notice.kind, notice.name) for notice in reported] == [(NoticeKind.BAD_MESSAGE, "/s")]
+    assert "capacity" in reported[0].text
 
 
-def test_bytes_that_are_no_message_are_told_once_and_the_next_is_added(board, number, told):
+def test_bytes_that_are_no_message_are_reported_once_and_the_next_is_added(board, number, reported):
     each = link()
-    relay = FromRos(board[N], each, LinkFaults(told), TimerThread("test"))
+    relay = FromRos(board[N], each, LinkFaults(reported), TimerThread("test"))
     for data in (b"", b"\0\1\0\0\1", number.encode(Int64(5))):
         relay.arrived(SerializedBytes(data, MessageInfo(0, 0, b""), number))
     assert board.get_message(N) == Int64(5)
     assert (each.passed, each.failed) == (1, 2)
-    assert len(told) == 1
+    assert len(reported) == 1
 
 
-def test_a_message_that_ros_cannot_have_is_told_once_and_the_next_is_published(
-    board, start, peer, types, seen, told
+def test_a_message_that_ros_cannot_have_is_reported_once_and_the_next_is_published(
+    board, start, peer, types, seen, reported
 ):
     """The board's annotations do not say how large a float32 is."""
     single, got = types.message("std_msgs/msg/Float32"), seen()
@@ -302,14 +302,16 @@ def test_a_message_that_ros_cannot_have_is_told_once_and_the_next_is_published(
     peer.node("listener").subscription("f", single, lambda a: got(a.decode().data))
     slot = board[Slot("f", single.message)]
     slot.add(single.message(1e300))
-    told.wait(len)
+    reported.wait(len)
     slot.add(single.message(2.0))
     got.wait(len)
     assert got == [2.0]
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "/f")]
+    assert [(notice.kind, notice.name) for notice in reported] == [(NoticeKind.BAD_MESSAGE, "/f")]
 
 
-def test_a_lost_way_into_ros_posts_nothing_and_is_made_up_for(board, start, memory, talker, told):
+def test_a_lost_way_into_ros_posts_nothing_and_is_made_up_for(
+    board, start, memory, talker, reported
+):
     start(relay=[{"slot": "n", "type": TYPE, "direction": "both"}])
     talker.publish(Int64(1))
     wait_for(lambda: board[N].count == 1)
@@ -319,7 +321,7 @@ def test_a_lost_way_into_ros_posts_nothing_and_is_made_up_for(board, start, memo
     talker.publish(Int64(3))
     wait_for(lambda: board[N].count == 2)
     assert board.get_message(N) == Int64(3)
-    assert [notice.kind for notice in told] == [NoticeKind.DOWN, NoticeKind.UP]
+    assert [notice.kind for notice in reported] == [NoticeKind.DOWN, NoticeKind.UP]
 
 
 def test_a_bridge_that_is_closed_leaves_no_ghost_and_adds_nothing(board, start, peer, talker):

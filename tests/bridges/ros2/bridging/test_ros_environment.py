@@ -55,8 +55,8 @@ class Doubler(Machine):
 
 
 @pytest.fixture
-def transport(memory, told):
-    with MemoryTransport(memory, notify=told) as transport:
+def transport(memory, reported):
+    with MemoryTransport(memory, notify=reported) as transport:
         yield transport
 
 

@@ -1,4 +1,4 @@
-"""Services through slots: requests to ROS, requests from ROS, and what is said when it fails."""
+"""Services through slots: requests to ROS, requests from ROS, and what is printed when it fails."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ def test_without_a_server_the_answer_says_so(board, start, slots):
     assert answer_to(board, slots, 1).failure == "no server for /spawn"
 
 
-def test_a_refusal_is_told(board, start, slots, serve):
+def test_a_refusal_is_reported(board, start, slots, serve):
     serve(lambda request: request.fail("the field is full"))
     client_of(start)
     board.add_message(slots.request, slots.request.type(number=1))
     assert "the field is full" in answer_to(board, slots, 1).failure
 
 
-def test_an_answer_that_does_not_come_in_time_is_told(board, start, slots, serve):
+def test_an_answer_that_does_not_come_in_time_is_reported(board, start, slots, serve):
     kept = []
     serve(kept.append)
     client_of(start, timeout=0.1)
@@ -87,7 +87,7 @@ def test_an_answer_that_does_not_come_in_time_is_told(board, start, slots, serve
     assert "in time" in answer_to(board, slots, 1).failure
 
 
-def test_a_request_that_ros_cannot_have_is_told(board, start, slots, serve):
+def test_a_request_that_ros_cannot_have_is_reported(board, start, slots, serve):
     serve(print)
     client_of(start)
     board.add_message(slots.request, slots.request.type(number=1, x=1e300))
@@ -118,7 +118,9 @@ def test_what_was_answered_before_the_bridge_stays_answered(board, start, slots)
     assert board[slots.answer].count == 1
 
 
-def test_requests_that_were_replaced_unseen_are_told(board, start, slots, serve, spawn, told, seen):
+def test_requests_that_were_replaced_unseen_are_reported(
+    board, start, slots, serve, spawn, reported, seen
+):
     kept = seen()
     serve(kept)
     bridge = client_of(start)
@@ -130,7 +132,7 @@ def test_requests_that_were_replaced_unseen_are_told(board, start, slots, serve,
     kept.wait(lambda got: len(got) == 2)
     kept[1].answer(spawn.response.message(name="last"))
     assert answer_to(board, slots, 4).name == "last"
-    assert ["2 of the requests" in notice.text for notice in told] == [True]
+    assert ["2 of the requests" in notice.text for notice in reported] == [True]
     assert bridge.links[0].passed == 2
 
 
@@ -211,13 +213,13 @@ def test_too_many_calls_at_once_are_refused(board, start, slots, call):
     assert not futures[0].done()
 
 
-def test_a_request_that_is_too_large_for_its_slot_fails(board, start, spawn, call, told):
+def test_a_request_that_is_too_large_for_its_slot_fails(board, start, spawn, call, reported):
     small = service_slots("spawn", spawn, 64)
     assert board[small.request].capacity == 64
     server_of(start)
     with pytest.raises(CallFailedError, match="64"):
         call("x" * 100).result(PATIENCE_S)
-    assert len(told) == 1
+    assert len(reported) == 1
 
 
 def test_a_bridge_that_ends_fails_open_calls(board, start, slots, call):

@@ -34,7 +34,7 @@ class Running:
             text=True,
             env=os.environ | {"PYTHONUNBUFFERED": "1"},
         )
-        self.said: list[str] = []
+        self.printed: list[str] = []
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -49,8 +49,8 @@ class Running:
         """Wait for a line with a text."""
         while True:
             line = self._lines.get(timeout=PATIENCE_S)
-            assert line is not None, f"ended without {text!r}: {''.join(self.said)}"
-            self.said.append(line)
+            assert line is not None, f"ended without {text!r}: {''.join(self.printed)}"
+            self.printed.append(line)
             if text in line:
                 return line
 
@@ -60,7 +60,7 @@ class Running:
         status = self.process.wait(PATIENCE_S)
         self._reader.join(PATIENCE_S)
         while (line := self._lines.get(timeout=PATIENCE_S)) is not None:
-            self.said.append(line)
+            self.printed.append(line)
         return status
 
     def close(self) -> None:

@@ -30,6 +30,6 @@ def test_any_number_of_interrupts_ends_as_one_does(run, board, router, domain, c
             status = process.process.wait(0.002)
         except subprocess.TimeoutExpired:
             continue
-        assert status == 0, "".join(process.said)
+        assert status == 0, "".join(process.printed)
         return
     raise AssertionError("it does not end")

@@ -38,7 +38,7 @@ def publish_until_added(publisher, slot, value):
     wait_for(lambda: slot.get() == Int64(value), "the value", between=publish)
 
 
-def test_a_router_that_is_killed_is_told_and_found_again(
+def test_a_router_that_is_killed_is_reported_and_found_again(
     bridge, own_router, free_port, board, domain, number
 ):
     endpoint = f"tcp/127.0.0.1:{free_port}"
@@ -55,8 +55,8 @@ def test_a_router_that_is_killed_is_told_and_found_again(
         assert newcomer.wait_graph(lambda graph: "/llfsm_bridge" in graph.nodes, PATIENCE_S)
         publish_until_added(newcomer.node("talker").publisher("n", number), board[N], 2)
     assert process.end() == 0
-    said = "".join(process.said)
-    assert said.count("no router") == said.count("connected to a router") == 1
+    printed = "".join(process.printed)
+    assert printed.count("no router") == printed.count("connected to a router") == 1
 
 
 def test_a_bridge_may_be_there_before_the_router(
@@ -64,7 +64,7 @@ def test_a_bridge_may_be_there_before_the_router(
 ):
     endpoint = f"tcp/127.0.0.1:{free_port}"
     process = bridge("ros2", "--both", f"n:{NUMBER}", at=endpoint)
-    if not any("no router" in line for line in process.said):
+    if not any("no router" in line for line in process.printed):
         process.says("no router")
     own_router()
     with ZenohTransport(domain, router=[endpoint], notify=lambda _: None) as peer:
@@ -91,7 +91,7 @@ def test_a_simulator_that_is_killed_and_comes_back_is_relayed_again(
 def test_a_bridge_that_is_killed_leaves_the_graph_and_its_successor_goes_on(
     bridge, board, peer, number, seen
 ):
-    heard = seen()
+    received = seen()
     publisher = peer.node("peer").publisher("n", number)
     first = bridge("ros2", "--both", f"n:{NUMBER}")
     publish_until_added(publisher, board[N], 1)
@@ -100,11 +100,11 @@ def test_a_bridge_that_is_killed_leaves_the_graph_and_its_successor_goes_on(
     board.add_message(N, Int64(2))  # nobody is there to send it, and it is old when somebody is
     bridge("ros2", "--both", f"n:{NUMBER}")
     assert peer.wait_graph(lambda graph: len(graph.ends("/n", Role.PUBLISHER)) == 2, PATIENCE_S)
-    peer.node("listener").subscription("n", number, lambda a: heard(a.decode().data))
+    peer.node("listener").subscription("n", number, lambda a: received(a.decode().data))
     publish_until_added(publisher, board[N], 3)
     # A 3 that arrives only now may take the place of a 4 before that is sent.
-    wait_for(lambda: 4 in heard, between=lambda: board.add_message(N, Int64(4)))
-    assert 2 not in heard
+    wait_for(lambda: 4 in received, between=lambda: board.add_message(N, Int64(4)))
+    assert 2 not in received
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def stranger(router):
         yield session
 
 
-def test_nonsense_on_a_topic_is_told_once_and_the_next_message_is_added(
+def test_nonsense_on_a_topic_is_reported_once_and_the_next_message_is_added(
     bridge, board, stranger, domain, types, peer
 ):
     text = types.message(TEXT)
@@ -140,10 +140,10 @@ def test_nonsense_on_a_topic_is_told_once_and_the_next_message_is_added(
 
     wait_for(lambda: slot.get() == String("whole"), "the whole one", between=put_whole)
     assert process.end() == 0
-    assert sum("/s: slot s" in line for line in process.said) == 1
+    assert sum("/s: slot s" in line for line in process.printed) == 1
 
 
-def test_another_type_on_a_topic_is_told_once_and_the_right_one_is_added(
+def test_another_type_on_a_topic_is_reported_once_and_the_right_one_is_added(
     bridge, board, peer, types, number
 ):
     process = bridge("ros2", "--from-ros", f"n:{NUMBER}")
@@ -155,10 +155,10 @@ def test_another_type_on_a_topic_is_told_once_and_the_right_one_is_added(
         text.publish(String("x"))
     publish_until_added(peer.node("right").publisher("n", number), board[N], 5)
     assert process.end() == 0
-    assert sum("/wrong" in line for line in process.said) == 1
+    assert sum("/wrong" in line for line in process.printed) == 1
 
 
-def test_another_version_of_a_type_is_told(bridge, peer, tmp_path):
+def test_another_version_of_a_type_is_reported(bridge, peer, tmp_path):
     from llfsm.bridges.ros2.types import TypeLibrary
 
     folder = tmp_path / "std_msgs" / "msg"

@@ -51,9 +51,9 @@ def simulator(run, domain, router):
 
 def test_flags_connect_slots_with_topics(bridge, board, peer, text, hear):
     process = bridge("ros2", "--to-ros", f"out:{TEXT}", "--from-ros", f"in:{TEXT}")
-    heard = hear("/out", text)
-    heard.repeat(lambda: board.add_message(Slot("out", String), String("hello")))
-    assert heard[0] == String("hello")
+    received = hear("/out", text)
+    received.repeat(lambda: board.add_message(Slot("out", String), String("hello")))
+    assert received[0] == String("hello")
     publisher = peer.node("talker").publisher("in", text)
     slot = board[Slot("in", String)]
     assert peer.wait_graph(lambda graph: len(graph.ends("/in", Role.SUBSCRIPTION)) == 1, PATIENCE_S)
@@ -63,9 +63,9 @@ def test_flags_connect_slots_with_topics(bridge, board, peer, text, hear):
     assert sample.message == String("there")
     assert process.end() == 0
     assert peer.wait_graph(lambda graph: "/llfsm_bridge" not in graph.nodes, PATIENCE_S)
-    said = "".join(process.said)
-    assert re.search("out -> /out: [1-9]", said)
-    assert "in <- /in: 1, " in said
+    printed = "".join(process.printed)
+    assert re.search("out -> /out: [1-9]", printed)
+    assert "in <- /in: 1, " in printed
 
 
 def test_a_file_connects_them_likewise_and_quietly(bridge, board, tmp_path, text, hear):
@@ -74,10 +74,10 @@ def test_a_file_connects_them_likewise_and_quietly(bridge, board, tmp_path, text
         f'[[relay]]\nslot = "say"\ntopic = "/said"\ntype = "{TEXT}"\ndirection = "to_ros"\n'
     )
     process = bridge("ros2", "--config", str(file), "--quiet")
-    heard = hear("/said", text)
-    heard.repeat(lambda: board.add_message(Slot("say", String), String("hello")))
+    received = hear("/said", text)
+    received.repeat(lambda: board.add_message(Slot("say", String), String("hello")))
     assert process.end(signal.SIGINT) == 0
-    assert len(process.said) == 1  # where it was
+    assert len(process.printed) == 1  # where it was
 
 
 def test_a_bridge_ends_with_its_whiteboard(bridge, board, peer, met):
@@ -91,15 +91,15 @@ def test_a_bridge_ends_with_its_whiteboard(bridge, board, peer, met):
 def test_a_command_to_stop_gets_through_at_the_end(bridge, run, board, types, hear):
     """All are asked to end at once, the bridge twice, and the machine takes its time."""
     process = bridge("turtlesim")
-    heard = hear("/turtle1/cmd_vel", types.message("geometry_msgs/msg/Twist"))
+    received = hear("/turtle1/cmd_vel", types.message("geometry_msgs/msg/Twist"))
     machine = run("run", "RosBlindTurttleBot", "--board", board.name, "-v")
-    heard.wait(lambda got: got[-1:] == [Twist(linear=Vector3(x=2.0))])
+    received.wait(lambda got: got[-1:] == [Twist(linear=Vector3(x=2.0))])
     machine.process.send_signal(signal.SIGSTOP)
     process.process.send_signal(signal.SIGTERM)
     process.process.send_signal(signal.SIGINT)
     machine.process.send_signal(signal.SIGTERM)
     machine.process.send_signal(signal.SIGCONT)
-    heard.wait(lambda got: got[-1] == Twist())
+    received.wait(lambda got: got[-1] == Twist())
     assert process.process.wait(PATIENCE_S) == 0
 
 

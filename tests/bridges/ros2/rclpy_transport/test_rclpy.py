@@ -36,13 +36,13 @@ def of_rclpy(kind, name):
 
 
 @pytest.fixture
-def told(seen):
+def reported(seen):
     return seen()
 
 
 @pytest.fixture
-def transport(fake_rclpy, told):
-    with RclpyTransport(7, notify=told) as transport:
+def transport(fake_rclpy, reported):
+    with RclpyTransport(7, notify=reported) as transport:
         yield transport
 
 
@@ -53,7 +53,7 @@ def test_it_is_opened_by_name(fake_rclpy, types):
     assert not transport.up
 
 
-def test_a_middleware_that_makes_no_node_is_said(fake_rclpy, monkeypatch):
+def test_a_middleware_that_makes_no_node_is_reported(fake_rclpy, monkeypatch):
     rclpy = import_rclpy()
 
     def fail(*_, **options):
@@ -66,7 +66,7 @@ def test_a_middleware_that_makes_no_node_is_said(fake_rclpy, monkeypatch):
                 use()
 
 
-def test_a_middleware_that_cannot_be_opened_is_said(fake_rclpy, monkeypatch):
+def test_a_middleware_that_cannot_be_opened_is_reported(fake_rclpy, monkeypatch):
     contexts = []
 
     def fail(*, context, **options):
@@ -116,33 +116,33 @@ def test_a_client_that_is_being_closed_has_no_server(transport, types):
         call.result(PATIENCE_S)
 
 
-def test_a_shutdown_by_another_part_of_the_process_is_told(fake_rclpy, told):
+def test_a_shutdown_by_another_part_of_the_process_is_reported(fake_rclpy, reported):
     def notify(notice):
-        told((notice.kind, transport.up))  # which takes the lock that rclpy holds meanwhile
+        reported((notice.kind, transport.up))  # which takes the lock that rclpy holds meanwhile
 
     with RclpyTransport(7, notify=notify) as transport:
         transport.node("me")
         with NODES_CHANGED:
             (node,) = NODES
         node.context.try_shutdown()
-        told.wait(len)
-        assert told == [(NoticeKind.DOWN, False)]
+        reported.wait(len)
+        assert reported == [(NoticeKind.DOWN, False)]
 
 
-def test_closing_it_is_no_news(transport, told):
+def test_closing_it_is_no_news(transport, reported):
     assert transport.up
     transport.close()
     assert not transport.up  # its executor's thread has shut it down
-    assert told == []
+    assert reported == []
 
 
-def test_what_comes_when_its_executor_is_gone_is_not_done(fake_rclpy, told):
+def test_what_comes_when_its_executor_is_gone_is_not_done(fake_rclpy, reported):
     world = RclpyContext(7, "", Notifier(print))
-    world.run(told, "in time")
-    told.wait(len)
+    world.run(reported, "in time")
+    reported.wait(len)
     world.close()
-    world.run(told, "late")
-    assert told == ["in time"]
+    world.run(reported, "late")
+    assert reported == ["in time"]
 
 
 def test_it_may_be_closed_in_a_callback(transport, types, seen):
@@ -204,8 +204,8 @@ def test_a_response_that_waits_for_the_executor_is_sent_before_its_server_goes(
 @pytest.mark.parametrize(
     ("kind", "name"), [("subscription", "/a"), ("client", "/spawn"), ("server", "/spawn")]
 )
-def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
-    transport, types, told, seen, kind, name
+def test_what_rclpy_cannot_take_is_reported_once_and_what_follows_is_taken(
+    transport, types, reported, seen, kind, name
 ):
     spawn, number = types.service("turtlesim/srv/Spawn"), types.message("std_msgs/msg/Int64")
     got = seen()
@@ -234,15 +234,15 @@ def test_what_rclpy_cannot_take_is_told_once_and_what_follows_is_taken(
     assert use().result(PATIENCE_S) == spawn.response.message()
     got.wait(len)
     assert not unread
-    told.wait(len)
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "")]
-    assert "failed to take" in told[0].text
+    reported.wait(len)
+    assert [(notice.kind, notice.name) for notice in reported] == [(NoticeKind.BAD_MESSAGE, "")]
+    assert "failed to take" in reported[0].text
     assert sum(not call.done() for call in lost) == (0 if kind == "subscription" else 2)
 
 
 @pytest.mark.parametrize("role", ["publisher", "subscription"])
-def test_what_the_middleware_reports_of_deadlines_and_liveliness_is_counted(
-    transport, types, told, role
+def test_what_the_middleware_reports_deadlines_and_liveliness_is_counted(
+    transport, types, reported, role
 ):
     number, qos = types.message("std_msgs/msg/Int64"), Qos(deadline_ns=500_000_000, lease_ns=10**9)
     node = transport.node("me")
@@ -259,13 +259,15 @@ def test_what_the_middleware_reports_of_deadlines_and_liveliness_is_counted(
     events.liveliness(silence)
     events.liveliness(SimpleNamespace(not_alive_count_change=-1))  # it is back
     assert end.broken == 6
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.QOS_BROKEN, "/a")] * 2
-    assert "a deadline of 0.5 s was missed" in told[0].text
-    assert "no sign of life of a publisher within 1 s" in told[1].text
+    assert [(notice.kind, notice.name) for notice in reported] == [
+        (NoticeKind.QOS_BROKEN, "/a")
+    ] * 2
+    assert "a deadline of 0.5 s was missed" in reported[0].text
+    assert "no sign of life of a publisher within 1 s" in reported[1].text
 
 
 def test_a_middleware_that_does_not_report_them_is_used_all_the_same(
-    transport, types, told, monkeypatch
+    transport, types, reported, monkeypatch
 ):
     monkeypatch.setattr(EventCallbacks, "supported", False)
     number, qos = types.message("std_msgs/msg/Int64"), Qos(deadline_ns=500_000_000)
@@ -274,11 +276,11 @@ def test_a_middleware_that_does_not_report_them_is_used_all_the_same(
     assert [end.broken for end in ends] == [0, 0]
     with NODES_CHANGED:
         assert [end.events.deadline for node in NODES for end in node.ends] == [None] * 2
-    assert told == []
+    assert reported == []
 
 
 @pytest.mark.parametrize("name", ["no_such_package/msg/Thing", "std_msgs/msg/NoSuchThing"])
-def test_a_type_that_the_environment_does_not_have_is_said(fake_rclpy, name):
+def test_a_type_that_the_environment_does_not_have_is_reported(fake_rclpy, name):
     with pytest.raises(TransportUnavailableError, match=name):
         find_class(name)
 

@@ -17,7 +17,7 @@ def thing(define):
     return lambda text, **others: define(Thing=text, **others).message("own_msgs/msg/Thing")
 
 
-def told(kind, data: bytes) -> str:
+def reported(kind, data: bytes) -> str:
     with pytest.raises(CdrError) as caught:
         kind.decode(data)
     return str(caught.value)
@@ -104,7 +104,7 @@ def test_a_float32_is_rounded_and_keeps_what_is_no_number(thing):
 def test_up_to_three_bytes_of_padding_may_follow(thing):
     kind = thing("uint8 x")
     assert kind.decode(LITTLE + b"\7" + bytes(3)).x == 7
-    assert "4 bytes are left after the message" in told(kind, LITTLE + b"\7" + bytes(4))
+    assert "4 bytes are left after the message" in reported(kind, LITTLE + b"\7" + bytes(4))
 
 
 def test_options_in_the_header_do_not_matter(thing):
@@ -116,12 +116,14 @@ def test_options_in_the_header_do_not_matter(thing):
 @pytest.mark.parametrize("header", ["0002", "0003", "0007", "0100", "ff01"])
 def test_another_encoding_is_refused(thing, header):
     data = bytes.fromhex(header) + bytes(10)
-    assert "plain CDR's 00 00 or 00 01" in told(thing("uint8 x"), data)
+    assert "plain CDR's 00 00 or 00 01" in reported(thing("uint8 x"), data)
 
 
 @pytest.mark.parametrize("size", range(4))
 def test_a_header_that_is_cut(thing, size):
-    assert f"the header needs 4 bytes, there are {size}" in told(thing("uint8 x"), LITTLE[:size])
+    assert f"the header needs 4 bytes, there are {size}" in reported(
+        thing("uint8 x"), LITTLE[:size]
+    )
 
 
 def test_what_is_no_buffer_is_a_type_error(thing):
@@ -160,15 +162,15 @@ def le(code: str, *values: object) -> bytes:
 )
 def test_bytes_that_are_no_message(thing, text, data, message):
     kind = thing(text, Part="int32 x\nstring text", Fixed="int32 x")
-    found = told(kind, data)
+    found = reported(kind, data)
     assert found.startswith("own_msgs/msg/Thing: ")
     assert message in found
 
 
 def test_big_endian_bytes_that_are_no_message(thing):
     kind = thing("int32[<=2] a\nstring b")
-    assert "a: 3 values" in told(kind, BIG + struct.pack(">I", 3))
-    assert "b: needs 5 bytes at offset 12" in told(kind, BIG + struct.pack(">II", 0, 5))
+    assert "a: 3 values" in reported(kind, BIG + struct.pack(">I", 3))
+    assert "b: needs 5 bytes at offset 12" in reported(kind, BIG + struct.pack(">II", 0, 5))
 
 
 @pytest.mark.parametrize(
@@ -191,10 +193,10 @@ def test_big_endian_bytes_that_are_no_message(thing):
 def test_a_length_beyond_the_data_allocates_nothing(thing, text, header):
     kind = thing(text, Part="int32 x\nstring text", Fixed="int32 x", Nothing="")
     data = header + b"\xff\xff\xff\xff" + bytes(64)
-    told(kind, data)  # makes what is only made once
+    reported(kind, data)  # makes what is only made once
     tracemalloc.start()
     try:
-        assert "a" in told(kind, data)
+        assert "a" in reported(kind, data)
         assert tracemalloc.get_traced_memory()[1] < 100_000
     finally:
         tracemalloc.stop()

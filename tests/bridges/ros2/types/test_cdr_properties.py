@@ -184,12 +184,12 @@ def test_bytes_that_are_no_message_are_an_error_that_names_the_field(data):
             assert repr(kind.decode(kind.encode(decoded))) == repr(decoded)
             assert candidate is not cut
             continue
-        told = re.fullmatch(rf"own/msg/{name}: (.*)", str(decoded), re.DOTALL)
-        assert told, decoded
-        field = re.match(r"(\w+)(\[\d+\])?(\.\w+(\[\d+\])?)*: ", told[1])
+        reported = re.fullmatch(rf"own/msg/{name}: (.*)", str(decoded), re.DOTALL)
+        assert reported, decoded
+        field = re.match(r"(\w+)(\[\d+\])?(\.\w+(\[\d+\])?)*: ", reported[1])
         if field is not None:
             assert field[1] in map(attribute, drawn[name])
-        elif (left := re.match(r"(\d+) bytes are left", told[1])) is not None:
+        elif (left := re.match(r"(\d+) bytes are left", reported[1])) is not None:
             assert int(left[1]) > 3
         else:
-            assert re.match(r"the (header|byte of an empty message)", told[1]), decoded
+            assert re.match(r"the (header|byte of an empty message)", reported[1]), decoded

@@ -176,7 +176,7 @@ def test_a_file_that_is_no_text(package):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("geometry_msgs/Twist", "did you mean geometry_msgs/msg/Twist"),
         ("geometry_msgs/msg/Twists", "did you mean geometry_msgs/msg/Twist"),
@@ -189,8 +189,8 @@ def test_a_file_that_is_no_text(package):
         ("", "not a type name"),
     ],
 )
-def test_types_that_nobody_defines(types, name, told):
-    with pytest.raises(UnknownTypeError, match=told):
+def test_types_that_nobody_defines(types, name, reported):
+    with pytest.raises(UnknownTypeError, match=reported):
         types.message(name)
 
 

@@ -1,4 +1,4 @@
-"""What definitions may say, and what is told of those that break the rules."""
+"""What definitions may say, and how a broken rule is reported."""
 
 import pytest
 
@@ -90,7 +90,7 @@ def test_parts_of_a_service_have_their_own_constants():
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "reported"),
     [
         ("int32", "neither a field"),
         ("int32 =5", "neither a field"),
@@ -127,11 +127,11 @@ def test_parts_of_a_service_have_their_own_constants():
         ("int32[] x [1", "written in brackets"),
     ],
 )
-def test_what_breaks_the_rules_is_told_with_its_line(line, told):
+def test_what_breaks_the_rules_is_reported_with_its_line(line, reported):
     with pytest.raises(DefinitionSyntaxError) as caught:
         parse(f"# A thing.\nint32 first\n{line}\n", "own/msg/Thing", "some/Thing.msg")
     assert str(caught.value).startswith("some/Thing.msg:3: ")
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
     assert line in str(caught.value)
 
 
@@ -141,7 +141,7 @@ def test_two_fields_of_one_name():
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "told"),
+    ("name", "text", "reported"),
     [
         ("own/msg/Thing", "int32 x\n---\n", "a .msg has 1 parts.*this one has 2"),
         ("own/srv/Ask", "int32 x\n", "a .srv has 2 parts.*this one has 1"),
@@ -150,6 +150,6 @@ def test_two_fields_of_one_name():
         ("own/srv/Ask_Request", "---", "cannot name a definition"),
     ],
 )
-def test_files_that_are_no_such_definition(name, text, told):
-    with pytest.raises(DefinitionSyntaxError, match=told):
+def test_files_that_are_no_such_definition(name, text, reported):
+    with pytest.raises(DefinitionSyntaxError, match=reported):
         parse(text, name, "file")

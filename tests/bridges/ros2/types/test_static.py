@@ -18,8 +18,10 @@ from llfsm.whiteboard.schema import describe
 def classes() -> list[type[Message]]:
     found = []
     for module in pkgutil.iter_modules(llfsm.whiteboard.messages.__path__):
-        told = vars(importlib.import_module(f"{llfsm.whiteboard.messages.__name__}.{module.name}"))
-        found += [one for one in told.values() if isinstance(one, type) and "/" in name_of(one)]
+        reported = vars(
+            importlib.import_module(f"{llfsm.whiteboard.messages.__name__}.{module.name}")
+        )
+        found += [one for one in reported.values() if isinstance(one, type) and "/" in name_of(one)]
     return sorted(set(found), key=name_of)
 
 

@@ -27,7 +27,7 @@ class Peer:
         self.process = process
 
     def do(self, *command: Any) -> list[Any]:
-        """Have a command done; return the events that it told before."""
+        """Have a command done; return the events that it reported before."""
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps(command) + "\n")
         self.process.stdin.flush()

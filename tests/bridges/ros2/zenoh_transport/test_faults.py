@@ -42,26 +42,26 @@ def kinds(notices):
     return [notice.kind for notice in notices]
 
 
-def test_a_router_that_is_killed_is_told_and_found_again_with_all_that_was_there(
+def test_a_router_that_is_killed_is_reported_and_found_again_with_all_that_was_there(
     free_port, types, seen, domain
 ):
     number = types.message("std_msgs/msg/Int64")
     where = [f"tcp/127.0.0.1:{free_port}"]
-    told, got = seen(), seen()
-    with ZenohTransport(domain, router=where, notify=told) as one:
-        assert kinds(told) == [NoticeKind.DOWN]
-        assert "llfsm router" in told[0].text
+    reported, got = seen(), seen()
+    with ZenohTransport(domain, router=where, notify=reported) as one:
+        assert kinds(reported) == [NoticeKind.DOWN]
+        assert "llfsm router" in reported[0].text
         assert not one.up
         publisher = one.node("one").publisher("a", number)
         with running_router(free_port):
-            told.wait(lambda told: kinds(told) == [NoticeKind.DOWN, NoticeKind.UP])
+            reported.wait(lambda reported: kinds(reported) == [NoticeKind.DOWN, NoticeKind.UP])
             assert one.up
-        told.wait(lambda told: len(told) == 3)
-        assert kinds(told)[2] is NoticeKind.DOWN
+        reported.wait(lambda reported: len(reported) == 3)
+        assert kinds(reported)[2] is NoticeKind.DOWN
         assert not one.up
         with running_router(free_port), ZenohTransport(domain, router=where) as two:
-            told.wait(lambda told: len(told) == 4)
-            assert kinds(told)[3] is NoticeKind.UP
+            reported.wait(lambda reported: len(reported) == 4)
+            assert kinds(reported)[3] is NoticeKind.UP
             two.node("two").subscription("a", number, got)
             for transport in (one, two):
                 assert transport.wait_graph(
@@ -74,26 +74,26 @@ def test_a_router_that_is_killed_is_told_and_found_again_with_all_that_was_there
 
 
 def test_a_router_that_is_there_is_no_news(router, domain, seen):
-    told = seen()
-    with ZenohTransport(domain, router=[router], notify=told) as transport:
+    reported = seen()
+    with ZenohTransport(domain, router=[router], notify=reported) as transport:
         assert transport.up
-    assert not told
+    assert not reported
 
 
 def test_a_transport_that_looks_for_no_router_is_up(domain, seen):
-    told = seen()
-    with ZenohTransport(domain, router=[], notify=told) as transport:
+    reported = seen()
+    with ZenohTransport(domain, router=[], notify=reported) as transport:
         assert transport.up
-    assert not told
+    assert not reported
 
 
-def test_garbage_on_a_topic_is_told_once_and_the_next_message_arrives(
+def test_garbage_on_a_topic_is_reported_once_and_the_next_message_arrives(
     router, domain, stranger, types, seen
 ):
     number = types.message("std_msgs/msg/Int64")
-    told, got = seen(), seen()
+    reported, got = seen(), seen()
     key = data_key(domain, "/a", number.dds_name, number.type_hash)
-    with ZenohTransport(domain, router=[router], notify=told) as transport:
+    with ZenohTransport(domain, router=[router], notify=reported) as transport:
         transport.node("we").subscription("a", number, lambda arrival: got(arrival.decode().data))
         attachment = pack(1, 1, b"g" * 16)
         put = zenoh_put(stranger, key)
@@ -103,7 +103,7 @@ def test_garbage_on_a_topic_is_told_once_and_the_next_message_arrives(
         put(number.encode(number.message(data=5)), attachment)
         got.wait(len)
         assert got == [5]
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "/a")]
+    assert [(notice.kind, notice.name) for notice in reported] == [(NoticeKind.BAD_MESSAGE, "/a")]
 
 
 def zenoh_put(session, key):
@@ -113,13 +113,13 @@ def zenoh_put(session, key):
     return lambda data, attachment: publisher.put(data, attachment=attachment)
 
 
-def test_a_message_with_a_bad_attachment_or_none_arrives_and_that_is_told_once(
+def test_a_message_with_a_bad_attachment_or_none_arrives_and_that_is_reported_once(
     router, domain, stranger, types, seen
 ):
     number = types.message("std_msgs/msg/Int64")
-    told, got = seen(), seen()
+    reported, got = seen(), seen()
     key = data_key(domain, "/a", number.dds_name, number.type_hash)
-    with ZenohTransport(domain, router=[router], notify=told) as transport:
+    with ZenohTransport(domain, router=[router], notify=reported) as transport:
         transport.node("we").subscription("a", number, lambda a: got((a.info, a.decode().data)))
         put = zenoh_put(stranger, key)
         data = number.encode(number.message(data=5))
@@ -128,19 +128,19 @@ def test_a_message_with_a_bad_attachment_or_none_arrives_and_that_is_told_once(
         put(data, pack(9, 8, b"g" * 16))
         got.wait(lambda got: len(got) == 6)
         assert got == [((0, 0, b""), 5)] * 5 + [((8, 9, b"g" * 16), 5)]
-    assert kinds(told) == [NoticeKind.BAD_MESSAGE]
-    assert "attachment" in told[0].text
+    assert kinds(reported) == [NoticeKind.BAD_MESSAGE]
+    assert "attachment" in reported[0].text
 
 
 def ask(session, key, **what):
     return list(session.get(key, target=zenoh.QueryTarget.ALL_COMPLETE, timeout=PATIENCE_S, **what))
 
 
-def test_a_bad_request_is_refused_and_told_once_and_the_next_is_served(
+def test_a_bad_request_is_refused_and_reported_once_and_the_next_is_served(
     router, domain, stranger, types, seen
 ):
     spawn = types.service("turtlesim/srv/Spawn")
-    told = seen()
+    reported = seen()
     key = data_key(domain, "/spawn", spawn.dds_name, spawn.type_hash)
     good = {
         "payload": spawn.request.encode(spawn.request.message(name="x")),
@@ -150,7 +150,7 @@ def test_a_bad_request_is_refused_and_told_once_and_the_next_is_served(
     def handler(request):
         request.answer(spawn.response.message(name=request.message.name))
 
-    with ZenohTransport(domain, router=[router], notify=told) as transport:
+    with ZenohTransport(domain, router=[router], notify=reported) as transport:
         transport.node("we").server("spawn", spawn, handler)
         wait_for(lambda: ask(stranger, key, **good), "the server is known there")
         for bad in [
@@ -165,7 +165,9 @@ def test_a_bad_request_is_refused_and_told_once_and_the_next_is_served(
         assert spawn.response.decode(reply.ok.payload.to_bytes()).name == "x"
         attachment = reply.ok.attachment.to_bytes()
         assert (attachment[:8], attachment[17:]) == (good["attachment"][:8], b"c" * 16)
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.BAD_MESSAGE, "/spawn")]
+    assert [(notice.kind, notice.name) for notice in reported] == [
+        (NoticeKind.BAD_MESSAGE, "/spawn")
+    ]
 
 
 def test_a_response_that_cannot_be_decoded_fails_the_call(transport, domain, stranger, types):
@@ -197,19 +199,21 @@ def test_a_token_that_says_nothing_is_passed_over(transport, domain, stranger, t
     assert not transport.graph().endpoints
 
 
-def test_another_version_of_a_type_is_told(router, domain, stranger, types, seen):
+def test_another_version_of_a_type_is_reported(router, domain, stranger, types, seen):
     pose = types.message("turtlesim/msg/Pose")
-    told = seen()
-    with ZenohTransport(domain, router=[router], notify=told) as transport:
+    reported = seen()
+    with ZenohTransport(domain, router=[router], notify=reported) as transport:
         transport.node("we").subscription("pose", pose, print)
         other = f"@ros2_lv/{domain}/b/0/1/MP/%/%/old/%pose/{pose.dds_name}/RIHS01_00/::,10:,:,:,,"
         with stranger.liveliness().declare_token(other):
             assert transport.wait_graph(
                 lambda graph: len(graph.ends("/pose", Role.PUBLISHER)) == 1, PATIENCE_S
             )
-            told.wait(len)
-    assert [(notice.kind, notice.name) for notice in told] == [(NoticeKind.TYPE_MISMATCH, "/pose")]
-    assert "RIHS01_00" in told[0].text
+            reported.wait(len)
+    assert [(notice.kind, notice.name) for notice in reported] == [
+        (NoticeKind.TYPE_MISMATCH, "/pose")
+    ]
+    assert "RIHS01_00" in reported[0].text
 
 
 FORGETFUL = """

@@ -51,7 +51,7 @@ def test_we_hear_the_peer_and_see_it_on_the_graph(transport, start_peer, twist, 
     assert end.qos == Qos(depth=10)
 
 
-def test_the_peer_hears_us_and_reads_our_tokens(transport, start_peer, twist):
+def test_the_peer_receives_us_and_reads_our_tokens(transport, start_peer, twist):
     node = transport.node("we", "/ns")
     publisher = node.publisher("/to_peer", twist, Qos(ReliabilityPolicy.BEST_EFFORT, depth=3))
     node.subscription("/to_peer", twist, lambda _: None)
@@ -60,10 +60,10 @@ def test_the_peer_hears_us_and_reads_our_tokens(transport, start_peer, twist):
     assert transport.wait_graph(
         lambda graph: len(graph.ends("/to_peer", Role.SUBSCRIPTION)) == 2, PATIENCE_S
     )
-    heard = threading.Event()
+    received = threading.Event()
 
     def publish():
-        while not heard.wait(0.05):  # its token may be here before its subscription
+        while not received.wait(0.05):  # its token may be here before its subscription
             publisher.publish(make(twist, 2.0, 1.5))
 
     with ThreadPoolExecutor() as pool:
@@ -71,7 +71,7 @@ def test_the_peer_hears_us_and_reads_our_tokens(transport, start_peer, twist):
         try:
             assert peer.event() == ["message", 2.0, 1.5]
         finally:
-            heard.set()
+            received.set()
     (ends,) = (event[1] for event in peer.do("topic", "/to_peer", 3) if event[0] == "info")
     assert ends["publishers"] == [["/ns", "we", twist.type_hash, "2::,3:,:,:,,"]]
     assert ["/ns", "we", twist.type_hash, "::,10:,:,:,,"] in ends["subscribers"]

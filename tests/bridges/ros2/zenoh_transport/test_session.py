@@ -41,7 +41,7 @@ def test_a_router_is_looked_for_where_the_argument_or_the_environment_says(monke
 
 
 @pytest.mark.parametrize("text", ["mode", "mode=", "no/such/key=1", "mode='queen'", "=1"])
-def test_an_override_that_is_none_is_said(monkeypatch, text):
+def test_an_override_that_is_none_is_reported(monkeypatch, text):
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", text)
     with pytest.raises(
         TransportUnavailableError, match=f"ZENOH_CONFIG_OVERRIDE: {text}: "
@@ -50,13 +50,13 @@ def test_an_override_that_is_none_is_said(monkeypatch, text):
     assert ".rs" not in str(raised.value)
 
 
-def test_a_router_that_is_no_endpoint_is_said():
+def test_a_router_that_is_no_endpoint_is_reported():
     with pytest.raises(TransportUnavailableError, match=r"^router: 'nonsense' is not an endpoint"):
         open_session(["nonsense"])
 
 
 @pytest.mark.parametrize("content", [None, "{", "{mode: 'queen'}"])
-def test_a_file_that_is_none_is_said(monkeypatch, tmp_path, content):
+def test_a_file_that_is_none_is_reported(monkeypatch, tmp_path, content):
     file = tmp_path / "session.json5"
     if content is not None:
         file.write_text(content)
@@ -106,6 +106,6 @@ def test_who_stalls_for_half_a_minute_keeps_its_connections(monkeypatch, opened)
     assert leases == [60_000]
 
 
-def test_a_router_that_is_none_is_said():
+def test_a_router_that_is_none_is_reported():
     with pytest.raises(TransportUnavailableError, match="nonsense"):
         open_session(["nonsense"])

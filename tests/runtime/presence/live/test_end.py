@@ -63,7 +63,7 @@ def test_no_machine_is_loaded_after_code_of_one_raised(board: Board):
     assert [status_of(board, name).loaded for name in ("Fails", "Idle")] == [False, False]
 
 
-def test_a_run_that_is_refused_tells_of_no_machine(board: Board):
+def test_a_run_that_is_refused_reports_no_machine(board: Board):
     arrangement = Arrangement([Idle], whiteboard=board, clock=ManualClock())
     arrangement.run(max_rounds=2)
     with pytest.raises(ArrangementEndedError):

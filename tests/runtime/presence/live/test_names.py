@@ -127,7 +127,7 @@ def test_white_space_in_a_name_is_no_obstacle(board: Board):
 
 
 @pytest.mark.parametrize("names", [("a b", "a_b"), ("x" * 300, "x" * 301), ("\x01", "\x02")])
-def test_machines_whose_names_look_alike_there_are_told_of_apart(names: tuple[str, str]):
+def test_machines_whose_names_look_alike_there_are_distinguished(names: tuple[str, str]):
     class FiniteBoard(LocalBoard):
         """Refuse to be asked for ever."""
 

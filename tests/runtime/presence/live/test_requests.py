@@ -75,7 +75,7 @@ def test_a_resume_after_a_pending_restart_is_refused_and_the_restart_stays(board
     assert answers == [Status.RUNNING, Status.SUSPENDED, Status.ERROR, Status.RUNNING]
 
 
-def test_a_pending_request_is_told(board: Board):
+def test_a_pending_request_is_reported(board: Board):
     seen = []
 
     def look(sleeps: int) -> None:

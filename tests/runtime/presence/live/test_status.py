@@ -18,7 +18,7 @@ from llfsm.whiteboard.messages.llfsm import status_slot
 from .machines import Caller, Clock, Idle, Spins, Steps, ask, status_of
 
 
-def test_whenever_the_arrangement_sleeps_the_board_tells_how_each_machine_is(board: Board):
+def test_whenever_the_arrangement_sleeps_the_board_reports_how_each_machine_is(board: Board):
     seen = []
 
     def look(sleeps: int) -> None:
@@ -35,7 +35,7 @@ def test_whenever_the_arrangement_sleeps_the_board_tells_how_each_machine_is(boa
     assert status_of(board, "Idle").suspended is False  # as it is gone
     states = [state for state, _ in seen]
     assert states[:9] == ["first"] * 3 + ["second"] * 3 + ["third"] * 3
-    assert {ms for _, ms in seen} == {0}  # told when it changed, and no beat was due
+    assert {ms for _, ms in seen} == {0}  # published when it changed, and no beat was due
 
 
 def test_who_called_a_machine_is_published_as_long_as_that_is_loaded(board: Board):
@@ -59,7 +59,7 @@ def test_who_called_a_machine_is_published_as_long_as_that_is_loaded(board: Boar
     assert seen == [["", "Caller"], ["", ""]]
 
 
-def test_what_is_told_of_a_machine(board: Board):
+def test_what_is_reported_a_machine(board: Board):
     seen = []
 
     def look(sleeps: int) -> None:
@@ -75,7 +75,7 @@ def test_what_is_told_of_a_machine(board: Board):
     assert status.in_state_s == 0.25
 
 
-def test_a_status_that_holds_is_told_four_times_a_second(board: Board):
+def test_a_status_that_holds_is_reported_four_times_a_second(board: Board):
     times_ms: list[float] = []
     slot = board[status_slot("Idle")]
 
@@ -94,7 +94,7 @@ def test_a_status_that_holds_is_told_four_times_a_second(board: Board):
 
 
 @pytest.mark.parametrize("busy_ms", [1, 3, 7, 19, 21])
-def test_while_rounds_never_rest_a_status_is_told_at_most_fifty_times_a_second(
+def test_while_rounds_never_rest_a_status_is_reported_at_most_fifty_times_a_second(
     board: Board, busy_ms: int
 ):
     clock = ManualClock()
@@ -108,7 +108,7 @@ def test_while_rounds_never_rest_a_status_is_told_at_most_fifty_times_a_second(
 
 
 @pytest.mark.parametrize("timed", [False, True])
-def test_at_each_beat_the_ringlets_so_far_are_told(board: Board, timed: bool):
+def test_at_each_beat_the_ringlets_so_far_are_reported(board: Board, timed: bool):
     ringlets = []
 
     def look(sleeps: int) -> None:
@@ -121,7 +121,7 @@ def test_at_each_beat_the_ringlets_so_far_are_told(board: Board, timed: bool):
     assert len(set(ringlets)) == 4
 
 
-def test_overruns_are_told(board: Board):
+def test_overruns_are_reported(board: Board):
     clock, seen = ManualClock(), []
 
     class Late(Machine):
@@ -140,7 +140,9 @@ def test_overruns_are_told(board: Board):
 
 
 @pytest.mark.parametrize("suspended", [False, True])
-def test_a_machine_loaded_meanwhile_is_told_of_before_the_next_sleep(board: Board, suspended: bool):
+def test_a_machine_loaded_meanwhile_is_reported_before_the_next_sleep(
+    board: Board, suspended: bool
+):
     def look(sleeps: int) -> None:
         if sleeps == 3:
             load = arrangement.load_suspended if suspended else arrangement.load
