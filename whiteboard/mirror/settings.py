@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from ..messages.fleet import HOSTS
 from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER, WILL_BELL
+from ..own_slots import is_own
 from .naming import require_host_name
 
 __all__ = [
@@ -45,7 +46,7 @@ class KeepSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Globs of the slots whose latest messages are kept; none of `llfsm/` is."""
 
     def __post_init__(self) -> None:
-        if ours := [glob for glob in self.slots if glob.startswith("llfsm/")]:
+        if ours := [glob for glob in self.slots if is_own(glob)]:
             raise ValueError(f"slots: {ours[0]!r} keeps nothing, as no slot of llfsm/ is kept")
 
 
