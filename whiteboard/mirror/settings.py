@@ -14,6 +14,7 @@ from msgspec import Meta
 from ..messages.fleet import HOSTS
 from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER, WILL_BELL
 from ..own_slots import is_own
+from .endpoint_syntax import PORT
 from .naming import require_host_name
 
 __all__ = [
@@ -25,7 +26,7 @@ __all__ = [
     "matcher",
 ]
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # Zenoh's port, which a router of ROS uses, too
+DEFAULT_ENDPOINT = f"tcp/127.0.0.1:{PORT}"
 
 _CertificateName = Annotated[str, Meta(pattern=r"^[^/*$?#\s]{1,64}$")]
 _Rate = Annotated[float, Meta(gt=0, le=10_000)]
