@@ -231,7 +231,7 @@ def pause_text(status: MachineStatus, silent_s: float = 0.0) -> str:
     if status.paused_left_s is None:
         return f"{clock}; the machines wait until they are continued"
     left_s = max(0.0, status.paused_left_s - silent_s)
-    return f"{clock}; the machines go on in {left_s:.0f} s, unless that is renewed"
+    return f"{clock}; the machines continue in {left_s:.0f} s unless the pause is renewed"
 
 
 def is_live(sample: Sample[MachineStatus], host: str = "") -> bool:

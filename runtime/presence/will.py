@@ -1,4 +1,4 @@
-"""Last wills: what is posted for a machine whose process dies without an end.
+"""Last wills: what is posted for a machine whose process dies without shutting down.
 
 While a machine with safe values is loaded, those for a failure stand on the board as its last will.
 A machine that leaves withdraws it. If the process dies before, or falls silent, guards post them.

@@ -248,7 +248,7 @@ class SafeValue(Message):
 
 
 class LastWill(Message):
-    """What guards post if the process of a machine dies without an end.
+    """What guards post if the process of a machine dies without shutting down.
 
     The machine runs in process `pid` of `host`, which started `born` clock ticks after boot and
     whose id is one of the PID namespace `namespace`. If that publishes no status for `silent_ms`,
