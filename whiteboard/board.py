@@ -301,7 +301,7 @@ class Board(ABC):
 
     @abstractmethod
     def watcher(self) -> Callable[[float], list[str]]:
-        """Return a function that waits until any slot has a new message; its argument: seconds.
+        """Return a function `wait(seconds)` that waits until any slot has a new message.
 
         It returns the names of the slots with messages added since its last call; none when the
         time has passed, or :meth:`read_slots` has changed.
@@ -323,7 +323,7 @@ class Board(ABC):
 
     @abstractmethod
     def waiter(self) -> Waiter:
-        """Return what waits, in one thread, for new messages in any of several slots.
+        """Return a `Waiter`, with which one thread waits for several slots.
 
         The slots must be bound by this board. Messages in others do not wake it, and adding them
         costs nothing more.

@@ -34,6 +34,8 @@ from typing import NoReturn
 
 from llfsm.errors import LlfsmError, did_you_mean
 
+from .own_slots import is_own
+
 __all__ = [
     "BoardClosedError",
     "BoardCorruptError",
@@ -59,7 +61,6 @@ __all__ = [
 ]
 
 
-_OWN = "llfsm/"  # slots in which llfsm's processes find each other
 _KEEPS_READ = "/."  # of `messages.fleet`, which cannot be imported here
 
 
@@ -122,7 +123,7 @@ class SlotNotFoundError(SlotError):
     """The board has no slot of that name; the message lists those it has, without llfsm's own."""
 
     def __init__(self, board: str, name: str, slots: Iterable[str]):
-        known = [s for s in slots if not s.startswith(_OWN) and not s.endswith(_KEEPS_READ)]
+        known = [s for s in slots if not is_own(s) and not s.endswith(_KEEPS_READ)]
         super().__init__(
             f"board {board!r} has no slot {name!r}; its slots: {', '.join(known) or 'none'}"
             f"{did_you_mean(name, known)}"

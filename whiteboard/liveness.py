@@ -16,10 +16,12 @@ __all__ = [
     "born",
     "host_name",
     "identity",
+    "is_alive",
     "is_local",
     "lives",
     "pid_namespace",
     "process_text",
+    "this_process",
     "writer_lives",
 ]
 
@@ -73,12 +75,18 @@ def is_local(process: Process) -> bool:
     return process.host == host_name() and process.namespace == pid_namespace()
 
 
-def process_text(process: Process) -> str:
-    """Return a process's id, and where that is if not here."""
+def this_process() -> tuple[int, int, str, int]:
+    """Return this process's id, start, host and namespace, in the order of fields of messages."""
+    pid = os.getpid()
+    return pid, born(pid), host_name(), pid_namespace()
+
+
+def process_text(process: Process, word: str = "pid") -> str:
+    """Return a process's id after `word`, and where that is if not here."""
     if is_local(process):
-        return f"pid {process.pid}"
+        return f"{word} {process.pid}"
     here = process.host == host_name()
-    return f"pid {process.pid} {'in another PID namespace' if here else f'on {process.host}'}"
+    return f"{word} {process.pid} {'in another PID namespace' if here else f'on {process.host}'}"
 
 
 def born(pid: int) -> int:
@@ -96,6 +104,17 @@ def born(pid: int) -> int:
 def lives(pid: int, started: int) -> bool:
     """Return whether the process that started at `started` (see `born`) still runs."""
     return started != 0 and born(pid) == started
+
+
+def is_alive(process: Process, *, elsewhere: bool) -> bool:
+    """Return whether a process still runs; `elsewhere` is the answer where it cannot be looked up.
+
+    That is in another PID namespace, as of a container, and on another host. The reader decides by
+    what else it knows, such as how old the process's latest message is.
+    """
+    if is_local(process):
+        return lives(process.pid, process.born)
+    return elsewhere and process.born != 0
 
 
 def writer_lives(sample: Sample[Any]) -> bool:

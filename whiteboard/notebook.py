@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from .own_slots import is_own
 from .poller import BoardPoller, is_data
 from .schema import to_plain
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["board_html", "html_table"]
 
-_OURS = "llfsm/"  # slots of llfsm's own processes
 _LONGEST = 200  # characters of a message
 
 
@@ -32,7 +32,7 @@ def board_html(board: Board) -> str:
 
 
 def _slots(board: Board) -> Iterator[Sequence[object]]:
-    poller = BoardPoller(board, wants=lambda name: is_data(name) and not name.startswith(_OURS))
+    poller = BoardPoller(board, wants=lambda name: is_data(name) and not is_own(name))
     poller.poll()
     for slot in poller.slots.values():
         text = slot.problem

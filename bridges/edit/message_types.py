@@ -13,6 +13,7 @@ from llfsm.bridges.ros2.errors import RosTypeError
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.whiteboard import Message
+from llfsm.whiteboard.own_slots import is_own
 
 from .class_text import class_name, class_text
 
@@ -22,7 +23,6 @@ _BASE: Final = {
     "llfsm.runtime": ("Actuator", "Sensor"),
     "llfsm.whiteboard": ("Message", "Slot"),
 }
-_OF_LLFSM: Final = "llfsm/"  # how the names of slots begin with which its processes talk
 
 
 def offered(source: PageSource | None) -> dict[str, Any]:
@@ -33,7 +33,7 @@ def offered(source: PageSource | None) -> dict[str, Any]:
     types, slots = list(_known()), {}
     names = {each["type"] for each in types}
     for info in source.snapshot().slots.values() if source is not None else ():
-        if info.problem or info.name.startswith(_OF_LLFSM):
+        if info.problem or is_own(info.name):
             continue
         slots[info.name] = info.type_name
         if info.type_name not in names:

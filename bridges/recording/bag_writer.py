@@ -15,6 +15,7 @@ from mcap.well_known import Profile, SchemaEncoding
 
 from llfsm.runtime.engine.failure import logger
 from llfsm.whiteboard import Message, Sample, Slot
+from llfsm.whiteboard.own_slots import is_own
 
 from ..ros2.errors import RosNameError, RosTypeError
 from ..ros2.ros_names import Names
@@ -46,7 +47,7 @@ class BagWriter(RecordingWriter):
             super().add(slot, sample, new=new)
 
     def _find(self, slot: Slot[Any]) -> RosMessage[Any] | None:
-        if slot.name.startswith("llfsm/"):
+        if is_own(slot.name):
             return None
         try:
             Names("bag").full(f"/{slot.name}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import time
 from collections.abc import Iterator
 from typing import Final
 
@@ -10,9 +10,9 @@ import msgspec
 
 from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.journal.entries import Entry, entries_of
-from llfsm.runtime.journal.handover import find_recorder
-from llfsm.whiteboard import BoardClosedError, BoundSlot, Whiteboard, WhiteboardError
-from llfsm.whiteboard.liveness import born, lives
+from llfsm.runtime.journal.handover import BEAT_NS, is_there
+from llfsm.whiteboard import BoardClosedError, BoundSlot, Sample, Whiteboard, WhiteboardError
+from llfsm.whiteboard.liveness import identity, process_text, this_process
 from llfsm.whiteboard.messages.llfsm import (
     JOURNALS,
     RECORDER,
@@ -32,7 +32,8 @@ _LARGEST: Final = 1 << 27  # bytes of a batch of entries: a longer one is nonsen
 class JournalRecorder:
     """Announce on a board that its machines are recorded, and write their journals.
 
-    `other` is the process that records them already, or 0. If there is one, this recorder is idle.
+    `other` is the process that records them already, in words. If there is one, this recorder is
+    idle. So it is once another one has replaced it, because it was held up in its container.
     """
 
     def __init__(self, board: Whiteboard, writer: RecordingWriter):
@@ -45,21 +46,28 @@ class JournalRecorder:
         self._full = False
         self.journals = 0
         """How many journals were begun."""
-        pid = os.getpid()
-        self._me = Recorder(pid, born(pid))
+        self._me = Recorder(*this_process())
+        self._count = 0  # of the latest message about this recorder; 0 if it is idle
+        self._beat_ns = 0  # when the next is due
         names = {info.name for info in board.slots()}
         while f"{JOURNALS}{len(self._slots)}" in names or not self._slots:
             self._add_slot()
         self._taken = [slot.count for slot in self._slots]  # that was meant for an earlier recorder
         self.other = self._claim()
 
-    def _claim(self) -> int:
-        while True:
-            recorder, count = find_recorder(self._board), self._recorder.count
-            if recorder is not None:
-                return recorder.pid
-            if self._recorder.add_after(self._with_taken(), count):
-                return 0
+    def _claim(self) -> str:
+        while not self._count:
+            before = self._recorder.sample()
+            if before is not None and is_there(before):
+                return process_text(before.message, "process")
+            self._tell(0 if before is None else before.count)
+        return ""
+
+    def _tell(self, after: int) -> None:
+        """Post what was taken, in place of the message of that count."""
+        taken = msgspec.structs.replace(self._me, taken=tuple(self._taken))
+        self._count = self._recorder.add_after(taken, after)
+        self._beat_ns = time.monotonic_ns() + BEAT_NS
 
     def _add_slot(self) -> None:
         self._slots.append(self._board[journal_slot(len(self._slots))])
@@ -78,20 +86,21 @@ class JournalRecorder:
             self._full = True
             logger().warning("no more machines can be recorded: %s", error)
 
-    def _with_taken(self) -> Recorder:
-        return msgspec.structs.replace(self._me, taken=tuple(self._taken))
-
     def poll(self) -> None:
         """Write what has arrived."""
+        if not self._count:
+            return
         new = False
         for number, slot in enumerate(self._slots):
             if slot.count != self._taken[number]:
                 new = True
                 self._take(number, slot)
-        if new:
-            if self._taken[-1] and not self._full:
-                self._add_spare_slot()
-            self._recorder.add(self._with_taken())
+        if new and self._taken[-1] and not self._full:
+            self._add_spare_slot()
+        if new or time.monotonic_ns() >= self._beat_ns:
+            self._tell(self._count)
+            if not self._count:
+                logger().warning("another process records the machines now, this one only slots")
 
     @property
     def idle(self) -> bool:
@@ -103,7 +112,7 @@ class JournalRecorder:
         for journal in self._journals.values():
             journal.close()
         try:
-            self._recorder.add(Recorder())
+            self._recorder.add_after(Recorder(), self._count)
         except BoardClosedError:
             pass
         except WhiteboardError as error:
@@ -129,7 +138,7 @@ class JournalRecorder:
                 journal.close()
             self._journals[number] = journal = _IncomingJournal(part, self._writer)
             self.journals += 1
-        journal.take(part)
+        journal.take(sample)
 
 
 class _IncomingJournal:
@@ -137,6 +146,7 @@ class _IncomingJournal:
 
     def __init__(self, first: JournalPart, writer: RecordingWriter):
         self._first = first
+        self._latest: Sample[JournalPart] | None = None
         self._next = first.number
         self._left = bytearray()
         self._ended = False
@@ -146,15 +156,17 @@ class _IncomingJournal:
 
     def is_of(self, part: JournalPart) -> bool:
         """Return whether a part belongs to it."""
-        return (part.pid, part.session) == (self._first.pid, self._first.session)
+        first = self._first
+        return part.session == first.session and identity(part) == identity(first)
 
     @property
     def over(self) -> bool:
         """Whether no more parts can arrive."""
-        return self._ended or not lives(self._first.pid, self._first.born)
+        return self._ended or self._latest is None or not is_there(self._latest)
 
-    def take(self, part: JournalPart) -> None:
+    def take(self, sample: Sample[JournalPart]) -> None:
         """Write the entries of a part."""
+        part, self._latest = sample.message, sample
         if self._ended:
             return
         if part.number != self._next:

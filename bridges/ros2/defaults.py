@@ -9,12 +9,13 @@ from __future__ import annotations
 import importlib.util
 import os
 
+from llfsm.whiteboard.mirror.endpoint_syntax import PORT
+
 from .errors import DomainIdError
 
 __all__ = [
     "DOMAINS",
     "ROUTER",
-    "ROUTER_PORT",
     "TRANSPORTS",
     "check_domain",
     "choose_transport",
@@ -26,8 +27,7 @@ TRANSPORTS = ("auto", "rclpy", "zenoh")
 
 DOMAINS = range(233)  # above, DDS has no ports left
 
-ROUTER_PORT = 7447  # Zenoh's own default, and so that of rmw_zenohd and of a whiteboard's daemon
-ROUTER = f"tcp/localhost:{ROUTER_PORT}"
+ROUTER = f"tcp/localhost:{PORT}"  # where rmw_zenohd listens
 
 
 def choose_transport(name: str, *, router: bool) -> str:

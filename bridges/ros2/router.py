@@ -7,9 +7,8 @@ import socket
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from llfsm.whiteboard.mirror.endpoint_syntax import endpoint_problem
+from llfsm.whiteboard.mirror.endpoint_syntax import PORT, endpoint_problem
 
-from .defaults import ROUTER_PORT
 from .errors import RouterError, TransportUnavailableError
 from .opening import explaining_missing
 
@@ -21,7 +20,7 @@ __all__ = ["loopback", "loopback_address", "open_router", "serves"]
 _LOOPBACK = re.compile(r"tcp/(localhost|127\.0\.0\.1|\[::1\]):(\d+)")
 
 
-def loopback(port: int = ROUTER_PORT) -> list[str]:
+def loopback(port: int = PORT) -> list[str]:
     """Return the endpoints that only this host reaches, on IPv6 too if it has that."""
     endpoints = [f"tcp/127.0.0.1:{port}"]
     try:

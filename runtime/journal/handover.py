@@ -7,39 +7,51 @@ late. What a stalled recorder does not take is kept, up to a limit.
 
 from __future__ import annotations
 
-import os
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
 
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, WhiteboardError
-from llfsm.whiteboard.liveness import born, lives
+from llfsm.whiteboard.liveness import identity, is_alive, this_process
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
 
 from ..engine.failure import logger
 from .entries import Journal
 
 if TYPE_CHECKING:
-    from llfsm.whiteboard import Board, BoundSlot
+    from llfsm.whiteboard import Board, BoundSlot, Sample
 
     from ..engine.arrangement import Arrangement
 
-__all__ = ["HANDOVER_LIMIT", "Handover", "Reporter", "find_recorder"]
+__all__ = [
+    "BEAT_NS", "HANDOVER_LIMIT", "SILENT_S", "Handover", "Reporter", "find_recorder", "is_there",
+]  # fmt: skip
 
 HANDOVER_LIMIT: Final = 64 << 20
 """Bytes that are kept for a recorder before it counts as stalled."""
 
+SILENT_S: Final = 5.0
+"""A recorder or an arrangement of another container that has posted nothing for so long is gone."""
+BEAT_NS: Final = 250_000_000
+"""Between two signs of life, and two looks for the other side's."""
+
+_QUIET_NS: Final = 4 * BEAT_NS  # a journal without entries posts a part all the same
 _SLOTS: Final = 64  # journals that a board may carry at a time
-_ROOM: Final = journal_slot(0).capacity - 128  # bytes of a journal in one part
-_BEAT_NS: Final = 250_000_000  # between two checks that the recorder lives
+_ROOM: Final = journal_slot(0).capacity - 256  # bytes of a journal in one part
 
 
 def find_recorder(board: Board) -> Recorder | None:
     """Return the process that records a board's machines; None if there is none or it died."""
-    recorder = board[RECORDER].get()
-    if recorder is None or not lives(recorder.pid, recorder.born):
-        return None
-    return recorder
+    sample = board[RECORDER].sample()
+    return sample.message if sample is not None and is_there(sample) else None
+
+
+def is_there(sample: Sample[Any]) -> bool:
+    """Return whether the process lives that has posted a `Recorder` or a `JournalPart`."""
+    silent_s = (time.monotonic_ns() - sample.stamp_ns) / 1e9
+    return is_alive(sample.message, elsewhere=silent_s < SILENT_S)
 
 
 class Handover:
@@ -64,29 +76,34 @@ class Handover:
         self._patience_s = patience_s
         self.works = True
         self._recorder: BoundSlot[Recorder] = board[RECORDER]
-        self._to = recorder.pid, recorder.born
-        pid = os.getpid()
-        self._open = JournalPart(pid, born(pid), time.monotonic_ns(), whole, 0)
+        self._to = identity(recorder)
+        self._open = JournalPart(*this_process(), time.monotonic_ns(), whole, 0)
         self._left = bytearray()
         self._part = 0
         self._warned = False  # that something was lost
         self._beat_ns = 0
+        self._posted_ns = time.monotonic_ns()
+        self._is_due = False  # a sign of life
         self._place, self._slot, self._count = self._claim(board, recorder)
 
     def _claim(self, board: Board, recorder: Recorder) -> tuple[int, BoundSlot[JournalPart], int]:
-        """Post that a journal begins, on a free slot from which everything was taken."""
-        for place in range(_SLOTS):
-            slot = board[journal_slot(place)]
-            before = slot.sample()
-            if before is not None:
-                last = before.message
-                if not last.over and lives(last.pid, last.born):
-                    continue
-                if _taken(recorder, place) < before.count:
-                    continue
-            count = slot.add_after(self._open, 0 if before is None else before.count)
-            if count:  # else another process has claimed it meanwhile
-                return place, slot, count
+        """Post that a journal begins, on a free slot from which everything was taken.
+
+        One whose process is silent in another container may only be held up there: such a slot is
+        taken if there is no other.
+        """
+        for may_live in (lambda sample: is_alive(sample.message, elsewhere=True), is_there):
+            for place in range(_SLOTS):
+                slot = board[journal_slot(place)]
+                before = slot.sample()
+                if before is not None:
+                    if not before.message.over and may_live(before):
+                        continue
+                    if _taken(recorder, place) < before.count:
+                        continue
+                count = slot.add_after(self._open, 0 if before is None else before.count)
+                if count:  # else another process has claimed it meanwhile
+                    return place, slot, count
         raise BoardFullError(f"{board.name}: {_SLOTS} arrangements are recorded on it already")
 
     def go_on(self) -> None:
@@ -95,12 +112,12 @@ class Handover:
             return
         try:
             recorder = self._recorder.get()
-            if recorder is None or (recorder.pid, recorder.born) != self._to:
+            if recorder is None or identity(recorder) != self._to:
                 self._stop()
-            elif self._is_dead(recorder):
+            elif self._is_dead():
                 logger().warning("the recorder is gone: the machines go on unrecorded")
                 self._stop()
-            elif (self._left or self.journal.ended) and self._is_taken(recorder):
+            elif (self._left or self._is_due or self.journal.ended) and self._is_taken(recorder):
                 self._post()
         except BoardClosedError:
             self.works = False
@@ -140,12 +157,14 @@ class Handover:
             self._warned = True
             logger().warning("the recorder does not keep up: events are lost on the way to it")
 
-    def _is_dead(self, recorder: Recorder) -> bool:
+    def _is_dead(self) -> bool:
         now_ns = time.monotonic_ns()
         if now_ns < self._beat_ns:
             return False
-        self._beat_ns = now_ns + _BEAT_NS
-        return not lives(recorder.pid, recorder.born)
+        self._beat_ns = now_ns + BEAT_NS
+        self._is_due = now_ns - self._posted_ns >= _QUIET_NS
+        sample = self._recorder.sample()
+        return sample is None or not is_there(sample)
 
     def _is_taken(self, recorder: Recorder) -> bool:
         return _taken(recorder, self._place) >= self._count
@@ -153,7 +172,10 @@ class Handover:
     def _post(self) -> None:
         data = bytes(self._left[:_ROOM])
         del self._left[:_ROOM]
-        self._add(data, over=self.journal.ended and not self._left)
+        over = self.journal.ended and not self._left
+        self._add(data, over=over)
+        if not (self.works or over):
+            logger().warning("another journal has this one's slot: the machines go on unrecorded")
 
     def _stop(self) -> None:
         """Leave the slot to others."""
@@ -164,10 +186,8 @@ class Handover:
 
     def _add(self, data: bytes, *, over: bool) -> None:
         self._part += 1
-        first = self._open
-        part = JournalPart(
-            first.pid, first.born, first.session, first.whole, self._part, over, data
-        )
+        part = msgspec.structs.replace(self._open, number=self._part, over=over, data=data)
+        self._posted_ns, self._is_due = time.monotonic_ns(), False
         self._count = self._slot.add_after(part, self._count)
         self.works = not over and self._count > 0
 

@@ -31,6 +31,7 @@ from llfsm.whiteboard.liveness import (
     lives,
     pid_namespace,
     process_text,
+    this_process,
 )
 from llfsm.whiteboard.messages.llfsm import (
     COMMANDERS,
@@ -82,10 +83,7 @@ class Claims:
                     claims.remove(number)
 
         for slot, exclusive in slots.items():
-            pid = os.getpid()
-            mine = Commander(
-                machine, pid, born(pid), host_name(), pid_namespace(), number, exclusive
-            )
+            mine = Commander(machine, *this_process(), number, exclusive)
             try:
                 if slot not in self._slots:
                     self._slots[slot] = _SlotClaims(self._board, slot)
@@ -281,7 +279,7 @@ def _is_own(commander: Commander) -> bool:
 
 def _named(commander: Commander) -> str:
     if not commander.machine:
-        return process_text(commander).replace("pid", "process", 1)
+        return process_text(commander, "process")
     alone = ", exclusive" if commander.exclusive else ""
     return f"{commander.machine} ({process_text(commander)}{alone})"
 

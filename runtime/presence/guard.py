@@ -1,4 +1,4 @@
-"""Guards: they execute the last wills of machines whose processes died without an end."""
+"""Guards: they execute the last wills of machines whose processes died without shutting down."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ class Guard:
         if will is None:
             return None
         if watched.process is not None and watched.process.died:
-            return _Death("died without an end")
+            return _Death("died without shutting down")
         local = watched.process is not None
         limit_s = will.silent_ms / 1e3 if local else self._mirror().partition_s
         silent_s = self._silent_s(watched.machine, will) if limit_s else 0.0
@@ -235,7 +235,7 @@ class Guard:
         outcome = execute(
             self._board, here, silent_ns=death.silent_ns, is_commanded=self._is_commanded
         )
-        what = f"{watched.machine}: its process {sample.message.pid} {death.why}"
+        what = f"{watched.machine}: process {sample.message.pid} {death.why}"
         if outcome.posted:
             _log.warning("%s; posted its safe values to %s", what, ", ".join(outcome.posted))
         if outcome.failed and outcome.failed != watched.failed:

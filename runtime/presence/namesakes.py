@@ -72,4 +72,4 @@ class Namesakes:
 
 
 def _process(status: MachineStatus) -> str:
-    return process_text(status).replace("pid", "process", 1)
+    return process_text(status, "process")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Sample
 
 __all__ = [
-    "PATIENCE_S", "SILENT_S", "Condition", "Directory", "RemoteMachine", "condition_of", "is_live",
-    "pause_text",
+    "PATIENCE_S", "SILENT_S", "Condition", "Directory", "RemoteMachine", "StatusSlots",
+    "condition_of", "is_live", "pause_text",
 ]  # fmt: skip
 
 Condition: TypeAlias = Literal["running", "suspended", "paused", "failed", "hung", "silent"]
@@ -139,6 +139,36 @@ class RemoteMachine:
         self._board.add_message(BELL, Bell(self.name))
 
 
+class StatusSlots:
+    """The statuses of a board's machines: `bound` as of the last look, by names of slots.
+
+    Looking for one makes no slot, and does not count as reading it.
+    """
+
+    def __init__(self, board: Board):
+        self._board = board
+        self.bound: dict[str, BoundSlot[MachineStatus]] = {}
+
+    def look(self, wants: Callable[[str], bool] = lambda _: True) -> None:
+        """Drop the slots that were given up, and bind those new ones whose names it `wants`."""
+        listed = [info.name for info in self._board.slots() if info.name.startswith(MACHINES)]
+        for name in self.bound.keys() - {*listed}:
+            del self.bound[name]
+            self._board.forget(status_slot(name.removeprefix(MACHINES)))
+        for name in listed:
+            if name not in self.bound and wants(name):
+                with suppress(SlotError):  # not a machine's status, whatever its name
+                    self.bound[name] = self._board[status_slot(name.removeprefix(MACHINES))]
+
+    def samples(self) -> Iterator[tuple[str, Sample[MachineStatus]]]:
+        """Yield the name and the latest status of each machine, also of those that are gone."""
+        for name, slot in self.bound.items():
+            with suppress(MessageUnreadableError):
+                sample = slot.sample()
+                if sample is not None:
+                    yield name.removeprefix(MACHINES), sample
+
+
 class Directory:
     """The machines that all processes run on a board. Looking for one makes no slot there.
 
@@ -149,7 +179,7 @@ class Directory:
     def __init__(self, board: Board, *, host: str = ""):
         self._board = board
         self._host = host or host_name()
-        self._slots: dict[str, BoundSlot[MachineStatus]] = {}  # by name of the slot
+        self._slots = StatusSlots(board)
 
     def find(self, name: str, known: Iterable[str] | None = None) -> RemoteMachine:
         """Return the machine of that name, or raise `UnknownMachineError` naming those there are.
@@ -157,9 +187,10 @@ class Directory:
         `known` are the machines of the asking arrangement, if one asks; they are others.
         """
         slot = status_slot(name).name
-        if slot not in self._slots:
-            self._look()
-        sample = self._slots[slot].sample() if slot in self._slots else None
+        if slot not in self._slots.bound:
+            self._slots.look()
+        bound = self._slots.bound.get(slot)
+        sample = None if bound is None else bound.sample()
         if sample is None or not is_live(sample, self._host):
             others = {machine.name for machine in self.machines()} - {*(known or ())}
             if known is None:
@@ -177,22 +208,8 @@ class Directory:
 
     def statuses(self) -> Iterator[tuple[str, Sample[MachineStatus]]]:
         """Yield the name and the latest status of each machine, also of those that are gone."""
-        self._look()
-        for slot, bound in self._slots.items():
-            with suppress(MessageUnreadableError):
-                sample = bound.sample()
-                if sample is not None:
-                    yield slot.removeprefix(MACHINES), sample
-
-    def _look(self) -> None:
-        listed = [slot.name for slot in self._board.slots() if slot.name.startswith(MACHINES)]
-        for name in self._slots.keys() - {*listed}:  # it was given up
-            del self._slots[name]
-            self._board.forget(status_slot(name.removeprefix(MACHINES)))
-        for name in listed:
-            if name not in self._slots:
-                with suppress(SlotError):  # not a machine's status, whatever its name
-                    self._slots[name] = self._board[status_slot(name.removeprefix(MACHINES))]
+        self._slots.look()
+        yield from self._slots.samples()
 
 
 def condition_of(status: MachineStatus, silent_s: float) -> Condition:
@@ -214,7 +231,7 @@ def pause_text(status: MachineStatus, silent_s: float = 0.0) -> str:
     if status.paused_left_s is None:
         return f"{clock}; the machines wait until they are continued"
     left_s = max(0.0, status.paused_left_s - silent_s)
-    return f"{clock}; the machines go on in {left_s:.0f} s, unless that is renewed"
+    return f"{clock}; the machines continue in {left_s:.0f} s unless the pause is renewed"
 
 
 def is_live(sample: Sample[MachineStatus], host: str = "") -> bool:

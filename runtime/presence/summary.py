@@ -11,12 +11,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from llfsm.whiteboard import Board, Sample, Slot, WhiteboardError
+from llfsm.whiteboard import Board, Sample, WhiteboardError
 from llfsm.whiteboard.messages.fleet import HostSummary, MachineTrouble, summary_slot
-from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, MirrorStatus, status_slot
+from llfsm.whiteboard.messages.llfsm import MachineStatus, MirrorStatus
 from llfsm.whiteboard.mirror.naming import Naming
 
-from .remote import condition_of, is_live
+from .remote import StatusSlots, condition_of, is_live
 
 __all__ = ["summary_publisher"]
 
@@ -31,32 +31,20 @@ def summary_publisher(board: Board, *, died_s: float = 3600.0) -> Callable[[Mirr
     It takes the status of the host's daemon. A machine that has died, or whose failure has ended
     its process, is reported for `died_s` seconds, or until it runs again.
     """
-    slots: dict[str, Slot[MachineStatus]] = {}
+    slots = StatusSlots(board)
 
     def publish(status: MirrorStatus) -> None:
         if not status.name:  # others would not know whose it is
             return
         with suppress(WhiteboardError):  # mirroring goes on without
-            _look(board, Naming(status.name, status.fleet), slots)
-            board.add_message(summary_slot(), _summary(board, status, slots, died_s))
+            slots.look(Naming(status.name, status.fleet).is_own)  # others may not be read here
+            board.add_message(summary_slot(), _summary(status, slots, died_s))
 
     return publish
 
 
-def _look(board: Board, naming: Naming, slots: dict[str, Slot[MachineStatus]]) -> None:
-    """Find the statuses of the host's own machines; those of others may not be read here."""
-    listed = {info.name for info in board.slots() if info.name.startswith(MACHINES)}
-    for name in slots.keys() - listed:
-        board.forget(slots.pop(name))
-    for name in sorted(listed - slots.keys()):
-        if naming.is_own(name):
-            slots[name] = status_slot(name.removeprefix(MACHINES))
-
-
-def _summary(
-    board: Board, status: MirrorStatus, slots: dict[str, Slot[MachineStatus]], died_s: float
-) -> HostSummary:
-    samples = dict(_samples(board, slots, died_s))
+def _summary(status: MirrorStatus, slots: StatusSlots, died_s: float) -> HostSummary:
+    samples = dict(sorted(_samples(slots, died_s)))
     troubles = [each for name, sample in samples.items() for each in _troubles(name, sample)]
     return HostSummary(
         system=socket.gethostname()[:255],
@@ -72,16 +60,11 @@ def _summary(
     )
 
 
-def _samples(
-    board: Board, slots: dict[str, Slot[MachineStatus]], died_s: float
-) -> Iterator[tuple[str, Sample[MachineStatus]]]:
-    for name, slot in slots.items():
-        with suppress(WhiteboardError):  # not a machine's status, whatever its name
-            sample = board[slot].sample()
-            if sample is None or not (sample.message.loaded or sample.message.failed):
-                continue
-            if not _is_over(sample, died_s):
-                yield name.removeprefix(MACHINES), sample
+def _samples(slots: StatusSlots, died_s: float) -> Iterator[tuple[str, Sample[MachineStatus]]]:
+    for name, sample in slots.samples():
+        counts = sample.message.loaded or sample.message.failed
+        if counts and not _is_over(sample, died_s):
+            yield name, sample
 
 
 def _is_over(sample: Sample[MachineStatus], before_s: float) -> bool:

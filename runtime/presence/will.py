@@ -1,4 +1,4 @@
-"""Last wills: what is posted for a machine whose process dies without an end.
+"""Last wills: what is posted for a machine whose process dies without shutting down.
 
 While a machine with safe values is loaded, those for a failure stand on the board as its last will.
 A machine that leaves withdraws it. If the process dies before, or falls silent, guards post them.
@@ -11,7 +11,6 @@ for another one, which may die, too.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -25,15 +24,7 @@ from llfsm.whiteboard.errors import (
     MessageTooLargeError,
     WhiteboardError,
 )
-from llfsm.whiteboard.liveness import (
-    born,
-    host_name,
-    identity,
-    is_local,
-    lives,
-    pid_namespace,
-    writer_lives,
-)
+from llfsm.whiteboard.liveness import identity, is_alive, this_process, writer_lives
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,
     WILL_BELL,
@@ -61,12 +52,8 @@ class Will:
         self._board = board
         self._machine = machine
         self._slot = board[will_slot(machine)]
-        pid = os.getpid()
         self._will = LastWill(
-            pid,
-            born(pid),
-            host_name(),
-            pid_namespace(),
+            *this_process(),
             tuple(SafeValue(slot.name, slot.encoder.encode(message)) for slot, message in values),
             silent_ms,
         )
@@ -162,7 +149,7 @@ def reserve(board: Board, will: LastWill) -> None:
 
 
 def _is_gone(will: LastWill) -> bool:
-    return not (is_local(will) and lives(will.pid, will.born))
+    return not is_alive(will, elsewhere=False)
 
 
 def _bind(board: Board, value: SafeValue) -> tuple[BoundSlot[Any], Message]:
@@ -199,7 +186,7 @@ def _is_by(latest: Sample[Any], will: LastWill) -> bool:
     """Return whether a message is of the process that left the will, not of a later one."""
     if latest.writer != will.pid:
         return False
-    return not is_local(will) or lives(will.pid, will.born) or not writer_lives(latest)
+    return is_alive(will, elsewhere=True) or not writer_lives(latest)
 
 
 def _is_mirrored(board: Board, latest: Sample[Any], daemon: int) -> bool:

@@ -45,9 +45,9 @@ def test_the_safe_value_of_a_killed_machine_is_posted(
         guard = llfsm.start(*command)
     with Whiteboard(board) as shared:
         wait_for(lambda: shared.get_message(DRIVE) == SAFE, "the safe value is posted")
-    line = wait_for_line(guard, "died without an end")
+    line = wait_for_line(guard, "died without shutting down")
     assert line == (
-        f"Drives: its process {machine.pid} died without an end; "
+        f"Drives: process {machine.pid} died without shutting down; "
         f"posted its safe values to drive, lamp\n"
     )
     guard.send_signal(signal.SIGTERM)

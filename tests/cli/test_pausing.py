@@ -35,9 +35,9 @@ def test_pause_step_and_continue(llfsm: Llfsm, board: str, running: subprocess.P
     done = llfsm.run("pause", "-b", board, "--for", "900")
     assert (done.returncode, done.stderr) == (0, "")
     assert "until `llfsm continue`\n" in done.stdout
-    assert "the states' clocks run on; the machines go on in 900 s" in done.stdout
+    assert "the states' clocks run on; the machines continue in 900 s" in done.stdout
     done = llfsm.run("pause", "-b", board, "--for", "2")  # which does not shorten it
-    assert re.search("the machines go on in [89].. s", done.stdout)
+    assert re.search("the machines continue in [89].. s", done.stdout)
     assert " 2 s" not in done.stdout
     found = rows(llfsm, "-b", board)
     assert {row["status"] for row in found.values()} == {"paused"}
@@ -46,7 +46,9 @@ def test_pause_step_and_continue(llfsm: Llfsm, board: str, running: subprocess.P
     why, how = listed.splitlines()[-2:]
     assert why == f"the machines of process {running.pid} are paused: pause"
     clock = "the states' clocks run on"
-    assert re.fullmatch(rf"  {clock}; the machines go on in \d+ s, unless that is renewed", how)
+    assert re.fullmatch(
+        rf"  {clock}; the machines continue in \d+ s unless the pause is renewed", how
+    )
     row = found["Stubborn"]
     assert (row["clock"], 0 < row["paused_left_s"] <= 900) == ("runs", True)
     for number in (1, 2):

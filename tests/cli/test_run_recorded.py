@@ -16,7 +16,7 @@ from llfsm.runtime.journal.handover import Handover
 from llfsm.runtime.plans.plan import Plan
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.liveness import born
+from llfsm.whiteboard.liveness import this_process
 from llfsm.whiteboard.messages.llfsm import RECORDER, Recorder
 from waiting import wait_for
 
@@ -120,7 +120,7 @@ def test_machines_run_though_they_cannot_be_recorded(
     board: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Whiteboard(board) as wb:
-        recorder = Recorder(os.getpid(), born(os.getpid()))
+        recorder = Recorder(*this_process())
         wb.add_message(RECORDER, recorder)
         for _ in range(64):  # as many as a board has room for
             Handover(wb, recorder, whole=True)

@@ -81,7 +81,7 @@ def test_journals_and_what_is_not_wanted_are_left_out() -> None:
     board = Whiteboard.local()
     board.add_message(A, Int32(7))
     board.add_message(B, Bool(True))
-    board.add_message(journal_slot(0), JournalPart(1, 2, 3, True, 0))
+    board.add_message(journal_slot(0), JournalPart(1, 2, "", 0, 3, True, 0))
     assert values(BoardPoller(board).poll()) == {"a": 7, "b": True}
     assert values(BoardPoller(board, wants="b".__eq__).poll()) == {"b": True}
     everything = BoardPoller(board, wants=lambda _: True)

@@ -248,7 +248,7 @@ class SafeValue(Message):
 
 
 class LastWill(Message):
-    """What guards post if the process of a machine dies without an end.
+    """What guards post if the process of a machine dies without shutting down.
 
     The machine runs in process `pid` of `host`, which started `born` clock ticks after boot and
     whose id is one of the PID namespace `namespace`. If that publishes no status for `silent_ms`,
@@ -281,13 +281,17 @@ VIEWER = Slot("llfsm/viewer", Viewer)
 
 
 class Recorder(Message):
-    """The recorder: process `pid`, started `born` clock ticks after boot; 0 if there is none.
+    """The recorder: published when it has taken something, and at least four times a second.
 
-    `taken` holds, for each journal slot by its number, the count up to which it was read.
+    It is process `pid` in PID namespace `namespace` of `host`, started `born` clock ticks after
+    boot; 0 if there is none. `taken` holds, for each journal slot by its number, the count up to
+    which it was read.
     """
 
     pid: int = 0
     born: int = 0
+    host: str = ""
+    namespace: int = 0
     taken: tuple[int, ...] = ()
 
 
@@ -297,13 +301,16 @@ RECORDER = Slot("llfsm/recorder", Recorder)
 class JournalPart(Message):
     """A part of an arrangement's journal, on its way to the recorder.
 
-    Process `pid`, started `born` clock ticks after boot, began this journal at `session`,
-    nanoseconds of the host's monotonic clock; `whole` if that was before its machines ran. Parts
-    are numbered from 0; a missing number means lost data. `over` marks the last part.
+    Process `pid` in PID namespace `namespace` of `host`, started `born` clock ticks after boot,
+    began this journal at `session`, nanoseconds of the host's monotonic clock; `whole` if that was
+    before its machines ran. Parts are numbered from 0; a missing number means lost data. `over`
+    marks the last part. One without data tells that the process lives.
     """
 
     pid: int
     born: int
+    host: str
+    namespace: int
     session: int
     whole: bool
     number: int

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["endpoint_problem"]
+__all__ = ["PORT", "endpoint_problem"]
 
-_PORT = 7447  # Zenoh's own
+PORT = 7447
+"""Zenoh's own, and so that of a board's daemon and of a router of ROS."""
+
 _WITH_PORT = ("tcp", "tls", "quic", "udp", "ws")
 _ADDRESS = re.compile(r"[^:?#\s]+|\[[^\]?#\s]+\]")
 _ADDRESS_AND_PORT = re.compile(rf"({_ADDRESS.pattern}):\d+")
@@ -37,7 +39,7 @@ def _problem(text: str, protocol: str, address: str) -> str:
     elif re.fullmatch(r":?\d+", address):
         meant = f"localhost:{address.lstrip(':')}"
     elif _ADDRESS.fullmatch(address) and (text != address or _HOST.match(address)):
-        meant = f"{address}:{_PORT}"
+        meant = f"{address}:{PORT}"
     else:
-        return f"{text!r} is not an endpoint such as tcp/robot.local:{_PORT}"
+        return f"{text!r} is not an endpoint such as tcp/robot.local:{PORT}"
     return f"{text!r} is not an endpoint; did you mean {protocol}/{meant}?"

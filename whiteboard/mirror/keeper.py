@@ -27,6 +27,7 @@ from ..errors import (
     BoardPermissionError,
     WhiteboardError,
 )
+from ..own_slots import is_own
 from .batches import Declaration, Value
 from .refusals import Refused
 from .settings import KeepSettings, matcher
@@ -40,7 +41,6 @@ Refuse: TypeAlias = Callable[[str, str], object]
 """Counts what was refused, and why, and logs it once."""
 
 _PAUSE_S = 1.0  # between two writes
-_OF_PROCESSES = "llfsm/"  # slots about processes, which end with them
 
 
 class Kept(NamedTuple):
@@ -159,7 +159,7 @@ class Keeper:
             wait([self._writing])
 
     def _keeps(self, slot: str) -> bool:
-        return self._matches(slot) and not slot.startswith(_OF_PROCESSES)
+        return self._matches(slot) and not is_own(slot)  # those end with their processes
 
     def _take(self, store: Store) -> None:
         """Take the latest messages of the slots that have changed, with their versions."""

@@ -27,6 +27,7 @@ from msgspec.structs import replace
 
 from ..errors import NetworkError
 from ..messages.llfsm import WILLS, LastWill
+from ..own_slots import OWN
 from .batches import Declaration, Value
 
 __all__ = ["Naming", "require_host_name"]
@@ -34,7 +35,6 @@ __all__ = ["Naming", "require_host_name"]
 T = TypeVar("T", Value, Declaration)
 
 _HOST_NAME = re.compile(r"(?!llfsm$)[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-_OURS = "llfsm/"
 _MAX_BYTES = 255  # of a slot's name
 _WILL = msgspec.msgpack.Decoder(LastWill)
 
@@ -160,10 +160,10 @@ def _renamed_will(will: LastWill, rename: Callable[[str], str]) -> LastWill:
 
 def _split(name: str) -> tuple[str, str]:
     """Return what is before the place of a host's folder, and the rest."""
-    if not name.startswith(_OURS):
+    if not name.startswith(OWN):
         return "", name
-    kind, _, rest = name.removeprefix(_OURS).partition("/")
-    return f"{_OURS}{kind}/", rest
+    kind, _, rest = name.removeprefix(OWN).partition("/")
+    return f"{OWN}{kind}/", rest
 
 
 def _host_in(rest: str) -> tuple[str, str]:

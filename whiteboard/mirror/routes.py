@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ..own_slots import OWN
 from .groups import EVERY_GROUP, group_of
 from .merge import Version
 from .naming import Naming
@@ -14,7 +15,6 @@ from .store import Cell, Store
 __all__ = ["RateLimit", "Route", "Routes"]
 
 _EARLY_NS = 5_000_000
-_OURS = "llfsm/"
 _BURST = 2  # arrivals may come at this multiple of the slot's rate; more are held back
 
 
@@ -119,7 +119,7 @@ class Routes:
         """Return the route of a slot with a message, whose group is offered if it may leave."""
         route = self._routes.get(name) or self.usable(name)
         if route is not None and route.leaves:
-            self.offered[route.group] = name.startswith(_OURS)
+            self.offered[route.group] = name.startswith(OWN)
         return route
 
     def in_order(self, groups: Iterable[str]) -> list[str]:

@@ -13,6 +13,8 @@ from msgspec import Meta
 
 from ..messages.fleet import HOSTS
 from ..messages.llfsm import BELL, JOURNALS, MIRROR, RECORDER, WILL_BELL
+from ..own_slots import is_own
+from .endpoint_syntax import PORT
 from .naming import require_host_name
 
 __all__ = [
@@ -24,7 +26,7 @@ __all__ = [
     "matcher",
 ]
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # Zenoh's port, which a router of ROS uses, too
+DEFAULT_ENDPOINT = f"tcp/127.0.0.1:{PORT}"
 
 _CertificateName = Annotated[str, Meta(pattern=r"^[^/*$?#\s]{1,64}$")]
 _Rate = Annotated[float, Meta(gt=0, le=10_000)]
@@ -45,7 +47,7 @@ class KeepSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Globs of the slots whose latest messages are kept; none of `llfsm/` is."""
 
     def __post_init__(self) -> None:
-        if ours := [glob for glob in self.slots if glob.startswith("llfsm/")]:
+        if ours := [glob for glob in self.slots if is_own(glob)]:
             raise ValueError(f"slots: {ours[0]!r} keeps nothing, as no slot of llfsm/ is kept")
 
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any
 
 from llfsm.whiteboard import Board, BoundSlot, Sample
-from llfsm.whiteboard.errors import WhiteboardError
+from llfsm.whiteboard.errors import BoardClosedError, MessageUnreadableError, SlotError
 from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.llfsm import WILLS, LastWill, will_slot
 
@@ -27,7 +27,7 @@ class SenderWill:
         for info in board.slots():
             if not info.name.startswith(WILLS):
                 continue
-            with suppress(WhiteboardError):  # not a will, whatever its name
+            with suppress(SlotError, MessageUnreadableError):  # not a will, whatever its name
                 will = board[will_slot(info.name.removeprefix(WILLS))]
                 sample = will.sample()
                 if sample is None or sample.writer != goal.writer:
@@ -42,7 +42,7 @@ class SenderWill:
 
     def _is_executed(self, will: BoundSlot[LastWill]) -> bool:
         sample = None
-        with suppress(WhiteboardError):
+        with suppress(MessageUnreadableError, BoardClosedError):  # or the bridge ends
             sample = will.sample()
         if sample is None:  # withdrawn, and its name given up
             return False

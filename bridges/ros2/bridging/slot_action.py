@@ -65,7 +65,7 @@ class SlotAction:
 
     def _on_thread(self, do: Callable[..., None]) -> Callable[..., None]:
         def guarded(*arguments: Any) -> None:
-            with suppress(TransportClosedError):  # the bridge ends
+            with suppress(BoardClosedError, TransportClosedError):  # the bridge ends
                 try:
                     do(*arguments)
                 except CdrError as error:  # a value that ROS cannot have

@@ -12,6 +12,7 @@ from llfsm.runtime.presence.shown import Shown
 from llfsm.whiteboard import Board, Message, Sample
 from llfsm.whiteboard.messages.llfsm import status_slot
 from llfsm.whiteboard.messages.turtlesim import Pose
+from llfsm.whiteboard.own_slots import is_own
 from llfsm.whiteboard.poller import BoardPoller, is_data
 from llfsm.whiteboard.schema import to_plain
 
@@ -34,7 +35,6 @@ _STYLES = {
     "silent": "red",
 }
 _RATE_S = 1.0  # over which changes are counted
-OWN_SLOTS = "llfsm/"  # slots of llfsm's own processes: machines have a table of their own
 
 
 class SlotRow(NamedTuple):
@@ -91,7 +91,7 @@ class Watcher:
         ]
 
     def _is_shown(self, slot: str) -> bool:
-        return is_data(slot) and not slot.startswith(OWN_SLOTS) and self._shown.has(slot)
+        return is_data(slot) and not is_own(slot) and self._shown.has(slot)
 
     def _rate(self, name: str, count: int) -> float:
         now = time.monotonic()

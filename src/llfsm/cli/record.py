@@ -157,7 +157,7 @@ def _receiver(board: Whiteboard, writer: RecordingWriter) -> JournalRecorder | N
         click.echo(f"only slots are recorded, no events of machines: {error}", err=True)
         return None
     if receiver.other:
-        text = f"process {receiver.other} records the machines already, this one only slots"
+        text = f"{receiver.other} records the machines already, this one only slots"
         click.echo(text, err=True)
         return None
     return receiver

@@ -13,9 +13,9 @@ from llfsm.bridges.recording.bags import BagTopics
 from llfsm.bridges.recording.board_replay import BoardReplay
 from llfsm.bridges.recording.reader import Recording
 from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.whiteboard.own_slots import is_own
 from llfsm.whiteboard.schema import to_plain
 
-from .board_tables import OWN_SLOTS
 from .bridge.configured import Configured
 from .numbers import Number
 from .options import BoardPlace, board_option, recording_argument, slots_option, topics_option
@@ -95,7 +95,7 @@ def _open(file: Path, config: Path | None, from_s: float) -> Recording:
 def _step(player: BoardReplay, from_s: float, is_over: Callable[[], bool]) -> None:
     """Post step by step, and wait for Enter after each in which something is to be seen."""
     for step in player.steps(from_s=from_s):
-        posted = [each for each in step.posted if not each.slot.startswith(OWN_SLOTS)]
+        posted = [each for each in step.posted if not is_own(each.slot)]
         if not (posted or step.moved):
             continue
         click.echo(f"{step.now_ns / 1e9:.6f} s  {step.text}".rstrip())

@@ -25,7 +25,7 @@ from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import BoardFullError, BoundSlot, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
-from llfsm.whiteboard.liveness import born
+from llfsm.whiteboard.liveness import host_name, pid_namespace, this_process
 from llfsm.whiteboard.message import M
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
 from waiting import wait_for
@@ -254,11 +254,10 @@ def test_an_invalid_journal_is_one_warning_and_the_others_go_on(
         bad = [board[journal_slot(number)] for number in range(8)][-1]
         receiver = JournalRecorder(board, writer)
         arrangement = arrange(board, clock)
-        pid = os.getpid()
         receiver.poll()
-        bad.add(JournalPart(pid, born(pid), 1, True, 0))
+        bad.add(JournalPart(*this_process(), 1, True, 0))
         receiver.poll()
-        bad.add(JournalPart(pid, born(pid), 1, True, 1, data=data))
+        bad.add(JournalPart(*this_process(), 1, True, 1, data=data))
         for _ in range(10):
             clock.advance(ms=30)
             arrangement.round()
@@ -271,12 +270,11 @@ def test_an_invalid_journal_is_one_warning_and_the_others_go_on(
 
 
 def test_parts_meant_for_an_earlier_recorder_are_left_out(board: Whiteboard, file: Path) -> None:
-    pid = os.getpid()
     slot = board[journal_slot(0)]
-    slot.add(JournalPart(pid, born(pid), 5, True, 0))
+    slot.add(JournalPart(*this_process(), 5, True, 0))
     with RecordingWriter(file, {}) as writer:
         receiver = JournalRecorder(board, writer)
-        slot.add(JournalPart(pid, born(pid), 5, True, 1, data=b"????"))
+        slot.add(JournalPart(*this_process(), 5, True, 1, data=b"????"))
         receiver.poll()
         recorder = find_recorder(board)
         assert recorder is not None
@@ -313,12 +311,15 @@ def test_arrangements_and_definitions_are_metadata_and_attachments(
 
 
 def test_an_old_recorder_is_replaced(board: Whiteboard, file: Path) -> None:
-    board.add_message(journal_slot(0), JournalPart(1, 2, 3, True, 0))
-    board.add_message(RECORDER, Recorder(os.getpid(), 1))  # a process of that number has died
+    here = host_name(), pid_namespace()
+    board.add_message(journal_slot(0), JournalPart(1, 2, *here, 3, True, 0))
+    board.add_message(
+        RECORDER, Recorder(os.getpid(), 1, *here)
+    )  # a process of that number has died
     with RecordingWriter(file, {}) as writer:
         receiver = JournalRecorder(board, writer)
         assert not receiver.other
-        assert JournalRecorder(board, writer).other == os.getpid()
+        assert JournalRecorder(board, writer).other == f"process {os.getpid()}"
         receiver.close()
 
 

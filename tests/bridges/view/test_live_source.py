@@ -249,7 +249,7 @@ def test_states_that_were_not_seen_are_marked_as_skipped() -> None:
 def test_journals_are_not_shown(board: str, source: LiveSource) -> None:
     with Whiteboard(board) as wb:
         wb.add_message(LAMP, Bool(True))
-        wb.add_message(journal_slot(0), JournalPart(1, 2, 3, True, 0, data=bytes(100_000)))
+        wb.add_message(journal_slot(0), JournalPart(1, 2, "", 0, 3, True, 0, data=bytes(100_000)))
         assert "lamp" in source.snapshot().samples
         assert [*source.snapshot().slots] == ["lamp"]
         wb.remove()

@@ -20,7 +20,7 @@ from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.runtime.presence.reporting import Presence
 from llfsm.whiteboard import Board, BoardFullError, Slot, Whiteboard
-from llfsm.whiteboard.liveness import born
+from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
     JOURNALS,
     RECORDER,
@@ -30,6 +30,7 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 from llfsm.whiteboard.messages.std_msgs import Int32
 from thoroughness import examples
+from waiting import wait_for
 
 NUMBER = Slot("number", Int32)
 SEEN = Slot("seen", Int32)
@@ -56,7 +57,8 @@ class Taker:
 
     def __init__(self, board: Board, pid: int = 0):
         self._board = board
-        self._me = pid or os.getpid(), born(pid or os.getpid())
+        pid = pid or os.getpid()
+        self._me = pid, born(pid), host_name(), pid_namespace()
         self._taken: list[int] = []
         self.parts: list[JournalPart] = []
         self.tell()
@@ -93,16 +95,17 @@ def journals_on(board: Board) -> list[str]:
 
 def test_nobody_records_unless_a_process_that_lives_says_so() -> None:
     board = Whiteboard.local()
+    here = host_name(), pid_namespace()
     assert find_recorder(board) is None
     board.add_message(RECORDER, Recorder())
     assert find_recorder(board) is None
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        board.add_message(RECORDER, Recorder(process.pid, born(process.pid)))
+        board.add_message(RECORDER, Recorder(process.pid, born(process.pid), *here))
         assert find_recorder(board) is not None
         process.kill()
         process.wait()
         assert find_recorder(board) is None
-    board.add_message(RECORDER, Recorder(os.getpid(), born(os.getpid()) - 1))
+    board.add_message(RECORDER, Recorder(os.getpid(), born(os.getpid()) - 1, *here))
     assert find_recorder(board) is None
 
 
@@ -185,6 +188,77 @@ def test_a_recorder_that_died_is_noticed(caplog: pytest.LogCaptureFixture) -> No
     handover.go_on()
     assert not handover.works
     assert caplog.text.count("the recorder is gone: the machines go on unrecorded") == 1
+
+
+CONTAINED = 1, 1, host_name(), pid_namespace() + 1  # it cannot be looked up from here
+
+
+def test_a_recorder_in_another_container_is_there_as_long_as_it_posts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    board = Whiteboard.local()
+    board.add_message(RECORDER, Recorder(*CONTAINED))
+    recorder = find_recorder(board)
+    assert recorder is not None
+    handover = Handover(board, recorder, whole=True)
+    handover.go_on()
+    assert handover.works
+    monkeypatch.setattr(module, "SILENT_S", 0.0)
+    assert find_recorder(board) is None
+    monkeypatch.undo()
+    board.add_message(RECORDER, Recorder())  # it has ended
+    assert find_recorder(board) is None
+
+
+def test_a_journal_in_another_container_keeps_its_slot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though everything was taken, and unless it is silent and there is no other slot."""
+    board = Whiteboard.local()
+    board.add_message(journal_slot(0), JournalPart(*CONTAINED, 3, whole=True, number=0))
+    taker = Taker(board)
+    taker.take()
+    Handover(board, taker.tell(), whole=True)
+    monkeypatch.setattr(module, "SILENT_S", 0.0)
+    for _ in range(62):
+        Handover(board, taker.tell(), whole=True)
+    kept = board.get_message(journal_slot(0))
+    assert kept is not None
+    assert kept.namespace == CONTAINED[-1]
+    monkeypatch.undo()
+    with pytest.raises(BoardFullError):
+        Handover(board, taker.tell(), whole=True)
+    monkeypatch.setattr(module, "SILENT_S", 0.0)
+    Handover(board, taker.tell(), whole=True)
+    replaced = board.get_message(journal_slot(0))
+    assert replaced is not None
+    assert replaced.pid == os.getpid()
+
+
+def test_who_loses_its_slot_logs_that_it_is_not_recorded(caplog: pytest.LogCaptureFixture) -> None:
+    board = Whiteboard.local()
+    taker = Taker(board)
+    handover = Handover(board, taker.tell(), whole=True)
+    board.add_message(journal_slot(0), JournalPart(*CONTAINED, 3, whole=True, number=0))
+    taker.take()
+    handover.write(b"entry")
+    assert not handover.works
+    assert caplog.text.count("another journal has this one's slot") == 1
+    last = board.get_message(journal_slot(0))
+    assert last is not None
+    assert last.namespace == CONTAINED[-1]
+
+
+def test_a_journal_without_entries_posts_signs_of_life() -> None:
+    board = Whiteboard.local()
+    taker = Taker(board)
+    handover = Handover(board, taker.tell(), whole=True)
+
+    def parts() -> int:
+        handover.go_on()
+        taker.take()
+        return len(taker.parts)
+
+    wait_for(lambda: parts() > 1, "a sign of life")
+    assert [(part.number, part.data, part.over) for part in taker.parts[1:]] == [(1, b"", False)]
 
 
 @pytest.fixture

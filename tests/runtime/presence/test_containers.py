@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 from collections.abc import Callable
 
 import pytest
 
+from containers import UNSHARE, needs_containers
 from llfsm.runtime.presence.commanders import contested_slots
 from llfsm.runtime.presence.remote import Directory
 from llfsm.whiteboard import Whiteboard
@@ -15,17 +15,7 @@ from waiting import wait_for
 
 from .claims import Process
 
-UNSHARE = ("unshare", "--pid", "--fork", "--kill-child", "--mount-proc")
-
-
-def _is_permitted() -> bool:
-    try:
-        return subprocess.run([*UNSHARE, "true"], capture_output=True, check=False).returncode == 0
-    except FileNotFoundError:
-        return False
-
-
-pytestmark = pytest.mark.skipif(not _is_permitted(), reason="no new PID namespace is permitted")
+pytestmark = needs_containers
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""A machine whose process dies without an end: guards post its safe values, once."""
+"""A machine whose process dies without shutting down: guards post its safe values, once."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_a_process_that_died_before_the_guard_came_is_dead_as_well(
     guard.look()
     assert board.get_message(DRIVE) == SAFE
     assert caplog.messages == [
-        f"Drives: its process {process.pid} died without an end; "
+        f"Drives: process {process.pid} died without shutting down; "
         f"posted its safe values to drive, lamp"
     ]
 

@@ -10,6 +10,7 @@ from llfsm.runtime.debugging.published_causes import why_of
 from llfsm.runtime.engine.failure import one_line
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard.message_text import parse_message
+from llfsm.whiteboard.own_slots import is_own
 
 from ..why import why_lines
 
@@ -166,7 +167,7 @@ class Prompt:
     def _slots(self) -> list[str]:
         board = self._session.arrangement.whiteboard
         slots = () if board is None else board.slots()
-        return [info.name for info in slots if not info.name.startswith("llfsm/")]
+        return [info.name for info in slots if not is_own(info.name)]
 
     def _places(self) -> Iterator[str]:
         for machine in self._session.arrangement.machines:

@@ -23,6 +23,7 @@ from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.plans.plan import Plan
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard, WhiteboardError
+from llfsm.whiteboard.liveness import process_text
 
 from ..options import BoardPlace
 
@@ -55,8 +56,9 @@ def recorded(
     recorder = find_recorder(board)
     if file is not None:
         if recorder is not None:
+            process = process_text(recorder, "process")
             raise click.ClickException(
-                f"process {recorder.pid} records the machines of {board.name!r} already: "
+                f"{process} records the machines of {board.name!r} already: "
                 f"end it, or leave out --record; nothing was run"
             )
         with _recorder(file, board, patience_s):
