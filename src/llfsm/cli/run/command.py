@@ -30,7 +30,7 @@ from ..options import (
     local_option,
     supervised_options,
 )
-from ..ros_options import RosCommand, check_ros_arguments, open_chosen, ros_arguments, ros_options
+from ..ros_options import RosCommand, open_chosen, require_ros, ros_arguments, ros_options
 from .arguments import parse_arguments
 from .nonstop import run_nonstop
 from .recorder_process import MakeEnvironment, recorded
@@ -166,7 +166,6 @@ class _Priority(Integer):
 @click.option(
     "--lifecycle",
     is_flag=True,
-    default=None,
     help="With --ros: be a managed node, whose lifecycle others control.",
 )
 @ros_options(" (with --ros or --ros-time)")
@@ -200,7 +199,7 @@ def run(
     ros: bool,
     config: Path | None,
     node: str | None,
-    lifecycle: bool | None,
+    lifecycle: bool,
     transport: str,
     domain: int | None,
     router: tuple[str, ...],
@@ -237,7 +236,8 @@ def run(
         raise click.UsageError(f"--local shares nothing with other processes: leave out {shared}")
     if nonstop and not hasattr(os, "fork"):
         raise click.UsageError("-n needs the fork of Linux or macOS: leave it out")
-    check_ros_arguments(ros=ros, config=config, node=node, lifecycle=lifecycle)
+    require_ros("config", "node", "lifecycle", ros=ros)
+    require_ros("transport", "domain", "router", ros=ros or ros_time, by="--ros or --ros-time")
     if lifecycle and recording is not None:
         raise click.UsageError("--record keeps one run, --lifecycle may start several")
     resolved = parse_arguments(machines, table, suspended, preloaded)
