@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-import sys
 
 import click
 
 from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 
+from .console import log_to_console
 from .options import BoardPlace, board_option, end_with_input, until_eof_option
 
 __all__ = ["guard"]
@@ -27,7 +27,7 @@ def guard(board: BoardPlace, until_eof: bool) -> None:
     \b
     llfsm guard -b robot
     """
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    log_to_console(logging.INFO)
     logging.getLogger("llfsm.guard").setLevel(logging.DEBUG)  # which whiteboard is guarded, too
     asked = StopRequest()
     with stop_on_signals(lambda _: asked.make()), GuardThread(*board):

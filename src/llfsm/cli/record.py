@@ -24,6 +24,7 @@ from llfsm.whiteboard import (
 from llfsm.whiteboard.liveness import host_name
 
 from . import VERSION
+from .console import log_to_console
 from .ending import ending_once
 from .numbers import Number
 from .options import (
@@ -80,7 +81,7 @@ def record(
     llfsm record -o poses.mcap --slots '*/pose' --max-time 60
     llfsm record -o robot7.mcap --host robot7
     """
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    log_to_console(logging.WARNING)
     if until_eof:
         end_with_input()
     signals: list[str] = []  # that asked this process to end

@@ -18,6 +18,7 @@ from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator, run
 from llfsm.runtime.engine.signals import StopRequest
 
+from .console import log_to_console
 from .ending import ignore_interrupts, stop_for_good
 from .options import BoardPlace, board_option, end_with_input, given_option, supervised_options
 from .ros_options import RosCommand, open_chosen, require_ros, ros_arguments, ros_options
@@ -92,11 +93,7 @@ def turtlesim(
     if ros and (given := given_option("board", "directory", "remove_board")):
         raise click.UsageError(f"--ros touches no whiteboard: leave out {given}")
     arguments = ros_arguments()
-    logging.basicConfig(
-        level=logging.INFO,
-        format="%(message)s",
-        handlers=[logging.StreamHandler() if arguments.stdout else logging.NullHandler()],
-    )
+    log_to_console(logging.INFO, is_on=arguments.stdout)
     asked = StopRequest()
     stop_for_good(asked.make)
     if until_eof:

@@ -34,7 +34,7 @@ from ..ros_options import RosCommand, open_chosen, require_ros, ros_arguments, r
 from .arguments import parse_arguments
 from .nonstop import run_nonstop
 from .recorder_process import MakeEnvironment, recorded
-from .report import log_to_console
+from .report import log_machines
 from .running import Reports, load_machines, run_machines
 
 __all__ = ["run"]
@@ -261,7 +261,7 @@ def run(
         raise click.UsageError(
             "--record with --ros needs a whiteboard for the recorder: add --board"
         )
-    log_to_console(ros_arguments() if ros else None)
+    log_machines(is_on=not ros or ros_arguments().stdout)
     where = ["a whiteboard of this process"] if local else []
     if place is not None:
         where.append(f"whiteboard {place.name}")
