@@ -8,7 +8,7 @@ import click
 
 from llfsm.runtime.converting import write_converted
 
-from .machine_names import find_bundle, find_machine
+from .machine_names import find_bundle, find_machine_class
 from .options import output_option
 
 __all__ = ["convert"]
@@ -28,5 +28,5 @@ def convert(machine: str, output: Path) -> None:
     llfsm convert Patrol.machine -o classes
     """
     folder = find_bundle(machine)
-    wrote = write_converted(find_machine(machine) if folder is None else folder, output)
+    wrote = write_converted(find_machine_class(machine) if folder is None else folder, output)
     click.echo(f"wrote {wrote}")

@@ -14,7 +14,7 @@ from llfsm.runtime.drawing import arrange, overview, to_dot, to_mermaid, to_png,
 from llfsm.runtime.drawing.overview import links_of
 from llfsm.runtime.engine.table import Table
 
-from .machine_names import find_bundle, find_machine
+from .machine_names import find_bundle, find_machine_class
 from .run.arguments import parse_arguments
 
 __all__ = ["draw"]
@@ -106,7 +106,7 @@ def _table(machine: str) -> tuple[Table, str]:
     if folder is not None:
         bundle = read_bundle(folder)
         return outline(bundle), bundle.name
-    found = find_machine(machine)
+    found = find_machine_class(machine)
     found.table.layout = class_layout(found)
     return found.table, found.__name__
 

@@ -15,7 +15,7 @@ from llfsm.runtime.editing import Document
 from llfsm.runtime.editing.class_document import ClassDocument
 from llfsm.runtime.plans.plan import names_of, read_plan
 
-from .machine_names import find_bundle, find_machine
+from .machine_names import find_bundle, find_machine_class
 from .options import directory_option, end_with_input, until_eof_option
 from .page import page_options, serve
 
@@ -109,7 +109,7 @@ def _document(machine: str, folders: Sequence[Path]) -> Document:
     if folder is not None:
         document = Document(folder)
     else:
-        cls = find_machine(machine, folders)
+        cls = find_machine_class(machine, folders)
         document = ClassDocument(ClassName(class_file(cls), cls.__module__, cls.__qualname__))
     if document.recovered:
         click.echo(f"{document.path}: an interrupted edit has been taken back", err=True)
