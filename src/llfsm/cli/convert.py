@@ -18,7 +18,7 @@ __all__ = ["convert"]
 @click.argument("machine")
 @output_option("it")
 def convert(machine: str, output: Path) -> None:
-    """Make a bundle of a class, or a class of a bundle, which does the same.
+    """Make a bundle from a class, or a class from a bundle, which does the same.
 
     MACHINE is patrol.py:Patrol, module:Class or a .machine bundle of Python. Its layout comes with
     it: that of a class is in a file beside it, Patrol.layout. Existing files are never replaced.

@@ -48,11 +48,11 @@ _SUFFIXES = {
 def draw(machine: str, output: Path | None, form: str | None, sections: bool | None) -> None:
     """Draw MACHINE: one that ships, patrol.py:Patrol, or a .machine bundle.
 
-    Of an arrangement file, draw which machine reads and posts which slot, and asks what of which
-    other machine.
+    For an arrangement file, draw which slots each machine reads and posts, and which requests it
+    sends to other machines.
 
-    A bundle may be of Python or C++; its code is not run. Its layout is kept, and that in a file
-    beside a class; without one, states are laid out from the initial state down.
+    A bundle may be of Python or C++; its code is not run. The layout of a bundle, or of the file
+    beside a class, is kept; without one, states are laid out from the initial state down.
 
     \b
     llfsm draw RosWallTurttleBot -o wall.svg

@@ -102,7 +102,7 @@ def bridge_options(command: Command) -> Command:
         board_option,
         ros_options(),
         click.option(
-            "--node", metavar="NAME", help="The bridge's name in ROS, as robot/llfsm_bridge."
+            "--node", metavar="NAME", help="The bridge's name in ROS, such as robot/llfsm_bridge."
         ),
     ):
         optioned = option(optioned)
@@ -142,7 +142,8 @@ def router_option(
         "--router",
         metavar="ENDPOINT",
         multiple=multiple,
-        help=f"Where a Zenoh router is{only}, as tcp/192.168.1.5:7447{note}.  [default: {default}]",
+        help=f"Where a Zenoh router is{only}, such as tcp/192.168.1.5:7447{note}.  "
+        f"[default: {default}]",
     )
 
 

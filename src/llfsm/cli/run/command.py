@@ -66,7 +66,7 @@ class _Priority(Integer):
     "-v",
     "verbose",
     count=True,
-    help="Print state changes: machine number, state number, machine, state; -vv: its path.",
+    help="Print state changes: machine number, state number, machine, state; -vv adds its path.",
 )
 @click.option("-s", "report", is_flag=True, help="Print suspends, resumes and restarts.")
 @click.option(
@@ -80,12 +80,12 @@ class _Priority(Integer):
     "idle_us",
     metavar="US",
     type=Integer(0),
-    help="Sleep this many microseconds (10000) after a round in which no transition fired.",
+    help="Sleep this many microseconds (default 10000) after a round in which no transition fired.",
 )
 @click.option(
     "--no-wake",
     is_flag=True,
-    help="Sleep to the end, as clfsm does; else a new message for a machine ends the sleep.",
+    help="Always sleep to the end, as clfsm does; else a new message for a machine ends the sleep.",
 )
 @click.option(
     "--period",
@@ -104,7 +104,7 @@ class _Priority(Integer):
     "watchdog_ms",
     metavar="MS",
     type=Integer(1),
-    help="Report code of a machine that runs longer than MS milliseconds; post its safe values.",
+    help="Report machine code that runs longer than MS milliseconds, and post its safe values.",
 )
 @click.option(
     "--realtime",
@@ -112,15 +112,15 @@ class _Priority(Integer):
     type=_Priority(1, 99),
     is_flag=False,
     flag_value=50,
-    help="Run at this priority (50) of SCHED_FIFO with locked memory; refused without the right.",
+    help="Run at this SCHED_FIFO priority (default 50) with locked memory; an error if forbidden.",
 )
-@click.option("--cpu", metavar="N", type=Integer(0), help="With --realtime: run on core N alone.")
+@click.option("--cpu", metavar="N", type=Integer(0), help="With --realtime: run only on core N.")
 @click.option(
     "--will-after",
     "will_after_ms",
     metavar="MS",
     type=Integer(500),
-    help="Let guards post the safe values also if this process is silent for MS milliseconds.",
+    help="Let guards also post the safe values if this process is silent for MS milliseconds.",
 )
 @break_option
 @click.option(
@@ -136,7 +136,7 @@ class _Priority(Integer):
     "recording",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Record the whiteboard and all that the machines do, for llfsm rerun.",
+    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
 )
 @click.option(
     "--ros-time",
@@ -146,7 +146,7 @@ class _Priority(Integer):
 @click.option(
     "--ros",
     is_flag=True,
-    help="Be a ROS node: sensors and actuators are topics, and a whiteboard is used if named.",
+    help="Run as a ROS node: sensors and actuators are topics, and a whiteboard is used if named.",
 )
 @click.option(
     "--config",
@@ -159,7 +159,7 @@ class _Priority(Integer):
 @click.option(
     "--lifecycle",
     is_flag=True,
-    help="With --ros: be a managed node, whose lifecycle others control.",
+    help="With --ros: run as a managed node, whose lifecycle others control.",
 )
 @ros_options(" (with --ros or --ros-time)")
 @board_option
@@ -193,7 +193,7 @@ def run(
     """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
 
     A machine is one that ships, patrol.py:Patrol, or the folder of a bundle; name=machine
-    gives it a name, name:variable=value sets a variable, name:slot:=other replaces a slot.
+    gives it a name, name:variable=value sets a variable, and name:slot:=other replaces a slot.
     Instead of machines, name an arrangement file (.toml).
 
     \b
