@@ -143,8 +143,10 @@ def test_it_joins_a_graph_that_has_a_router_and_a_simulator(
 @pytest.mark.parametrize(
     ("options", "status", "printed"),
     [
-        (["--domain", "3"], 2, "--transport, --domain, --router and --no-simulator are for --ros"),
-        (["--no-simulator"], 2, "are for --ros"),
+        (["--domain", "3"], 2, "--ros is needed for --domain"),
+        (["--transport", "auto"], 2, "--ros is needed for --transport"),
+        (["--router", "tcp/localhost:1"], 2, "--ros is needed for --router"),
+        (["--no-simulator"], 2, "--ros is needed for --no-simulator"),
         (["--ros", "--no-simulator", "--picture", "x"], 2, "--picture: a simulator draws the path"),
         (["--ros", "--domain", "233"], 2, "233 is not in the range"),
         (["--ros", "--record", "x.mcap"], 2, "--record is not for --ros"),

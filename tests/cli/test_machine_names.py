@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import pytest
 
-from llfsm.cli.machine_names import MachineImportError, find_machine
+from llfsm.cli.machine_names import MachineImportError, find_machine_class
 
 ONE = """
 from llfsm.runtime import Machine, State
@@ -28,14 +28,14 @@ def write(file: Path, text: str) -> None:
 )
 def test_a_module_in_the_current_folder(here: Path, name: str) -> None:
     write(here / "rover.py", ONE.format(name="Rover"))
-    assert find_machine(name.format(here=here)).table.path == "rover:Rover"
+    assert find_machine_class(name.format(here=here)).table.path == "rover:Rover"
 
 
 @pytest.mark.parametrize("name", ["robots/rover.py:Rover", "robots/rover"])
 def test_a_file_in_another_folder_imports_its_neighbours(here: Path, name: str) -> None:
     write(here / "robots" / "parts.py", "WHEELS = 4\n")
     write(here / "robots" / "rover.py", "from parts import WHEELS\n" + ONE.format(name="Rover"))
-    assert find_machine(name).table.path == "rover:Rover"
+    assert find_machine_class(name).table.path == "rover:Rover"
 
 
 def test_a_file_of_a_package_may_import_relatively(here: Path) -> None:
@@ -43,12 +43,12 @@ def test_a_file_of_a_package_may_import_relatively(here: Path) -> None:
     write(here / "src" / "fleet" / "parts.py", "WHEELS = 4\n")
     text = "from .parts import WHEELS\n" + ONE.format(name="Rover")
     write(here / "src" / "fleet" / "rover.py", text)
-    assert find_machine("src/fleet/rover.py").table.path == "fleet.rover:Rover"
+    assert find_machine_class("src/fleet/rover.py").table.path == "fleet.rover:Rover"
 
 
 def test_a_machine_that_ships_comes_before_a_file(here: Path) -> None:
     write(here / "RosPingPong.py", ONE.format(name="Mine"))
-    assert find_machine("RosPingPong").table.path == "llfsm.machines.ping_pong:RosPingPong"
+    assert find_machine_class("RosPingPong").table.path == "llfsm.machines.ping_pong:RosPingPong"
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_the_error_names_what_was_meant(here: Path, name: str, error: str) -> No
     write(here / "json.py", ONE.format(name="Robot"))
     (here / "Lamp.machine").mkdir()
     with pytest.raises(click.UsageError) as caught:
-        find_machine(name)
+        find_machine_class(name)
     assert error in caught.value.message
 
 
@@ -100,7 +100,7 @@ def test_a_wrong_declaration_is_one_line_with_its_state(
 ) -> None:
     write(here / "wrong.py", ONE.format(name="Wrong") + f"    {declaration}\n")
     with pytest.raises(MachineImportError) as caught:
-        find_machine("wrong.py")
+        find_machine_class("wrong.py")
     assert caught.value.file == str(here / "wrong.py")
     assert caught.value.line == 6
     assert error in str(caught.value)

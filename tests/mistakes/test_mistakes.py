@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from calling import own_logging
-from llfsm.cli.machine_names import find_machine
+from llfsm.cli.machine_names import find_machine_class
 from llfsm.cli.root import main
 from llfsm.runtime import Arrangement, ExecutionError, ManualClock
 from llfsm.whiteboard import Slot, Whiteboard
@@ -142,7 +142,7 @@ def test_what_check_misses_is_reported_with_its_place(here: Path, mistake: dict[
     (here / "robot.py").write_text(HEAD + mistake["code"])
     board, clock = LocalBoard("robot"), ManualClock()
     board.add_message(Slot("pose", Pose), Pose(x=5.0))
-    robot = find_machine("robot:M")
+    robot = find_machine_class("robot:M")
     with Arrangement([robot], whiteboard=board, clock=clock) as arrangement:
 
         def run() -> None:

@@ -25,7 +25,7 @@ from llfsm.runtime.plans.toml_files import line_of
 from llfsm.whiteboard import Whiteboard
 
 from .called_bundles import with_called_bundles
-from .machine_names import MachineImportError, find_bundle, find_machine, search_modules_in
+from .machine_names import MachineImportError, find_bundle, find_machine_class, search_modules_in
 from .run.arguments import parse_arguments
 
 __all__ = ["check"]
@@ -114,7 +114,7 @@ def _readable(names: Sequence[str]) -> Iterator[Path | type[Machine]]:
         planned = _planned(Path(name)) if name.endswith(".toml") else [(name, (Path(),))]
         for definition, folders in planned:
             with suppress(MachineImportError, click.UsageError):
-                yield find_bundle(definition, folders) or find_machine(definition, folders)
+                yield find_bundle(definition, folders) or find_machine_class(definition, folders)
 
 
 def _check_machine(name: str, folders: Sequence[Path] = (Path(),)) -> list[Finding]:
@@ -125,7 +125,7 @@ def _check_machine(name: str, folders: Sequence[Path] = (Path(),)) -> list[Findi
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnreachableStateWarning)  # a rule finds these
-            machine = find_machine(name, folders)
+            machine = find_machine_class(name, folders)
     except MachineImportError as error:
         return [Finding(error.file, error.line, "error", error.problem)]
     return check_class(machine)

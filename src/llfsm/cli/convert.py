@@ -8,7 +8,7 @@ import click
 
 from llfsm.runtime.converting import write_converted
 
-from .machine_names import find_bundle, find_machine
+from .machine_names import find_bundle, find_machine_class
 from .options import output_option
 
 __all__ = ["convert"]
@@ -18,7 +18,7 @@ __all__ = ["convert"]
 @click.argument("machine")
 @output_option("it")
 def convert(machine: str, output: Path) -> None:
-    """Make a bundle of a class, or a class of a bundle, which does the same.
+    """Make a bundle from a class, or a class from a bundle, which does the same.
 
     MACHINE is patrol.py:Patrol, module:Class or a .machine bundle of Python. Its layout comes with
     it: that of a class is in a file beside it, Patrol.layout. Existing files are never replaced.
@@ -28,5 +28,5 @@ def convert(machine: str, output: Path) -> None:
     llfsm convert Patrol.machine -o classes
     """
     folder = find_bundle(machine)
-    wrote = write_converted(find_machine(machine) if folder is None else folder, output)
+    wrote = write_converted(find_machine_class(machine) if folder is None else folder, output)
     click.echo(f"wrote {wrote}")

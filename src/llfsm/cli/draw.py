@@ -14,7 +14,7 @@ from llfsm.runtime.drawing import arrange, overview, to_dot, to_mermaid, to_png,
 from llfsm.runtime.drawing.overview import links_of
 from llfsm.runtime.engine.table import Table
 
-from .machine_names import find_bundle, find_machine
+from .machine_names import find_bundle, find_machine_class
 from .run.arguments import parse_arguments
 
 __all__ = ["draw"]
@@ -48,11 +48,11 @@ _SUFFIXES = {
 def draw(machine: str, output: Path | None, form: str | None, sections: bool | None) -> None:
     """Draw MACHINE: one that ships, patrol.py:Patrol, or a .machine bundle.
 
-    Of an arrangement file, draw which machine reads and posts which slot, and asks what of which
-    other machine.
+    For an arrangement file, draw which slots each machine reads and posts, and which requests it
+    sends to other machines.
 
-    A bundle may be of Python or C++; its code is not run. Its layout is kept, and that in a file
-    beside a class; without one, states are laid out from the initial state down.
+    A bundle may be of Python or C++; its code is not run. The layout of a bundle, or of the file
+    beside a class, is kept; without one, states are laid out from the initial state down.
 
     \b
     llfsm draw RosWallTurttleBot -o wall.svg
@@ -106,7 +106,7 @@ def _table(machine: str) -> tuple[Table, str]:
     if folder is not None:
         bundle = read_bundle(folder)
         return outline(bundle), bundle.name
-    found = find_machine(machine)
+    found = find_machine_class(machine)
     found.table.layout = class_layout(found)
     return found.table, found.__name__
 

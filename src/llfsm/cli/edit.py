@@ -15,7 +15,7 @@ from llfsm.runtime.editing import Document
 from llfsm.runtime.editing.class_document import ClassDocument
 from llfsm.runtime.plans.plan import names_of, read_plan
 
-from .machine_names import find_bundle, find_machine
+from .machine_names import find_bundle, find_machine_class
 from .options import directory_option, end_with_input, until_eof_option
 from .page import page_options, serve
 
@@ -64,14 +64,14 @@ def edit(
 ) -> None:
     """Draw, write, check and simulate MACHINE, a .machine bundle, on a page, until Ctrl-C.
 
-    Of an arrangement file, each machine has a tab, beside an overview of what they read, post and
-    ask of each other.
+    For an arrangement file, each machine has a tab, beside an overview of what they read, post and
+    request of each other.
 
     Each edit is written at once, and nothing else in the bundle changes. `llfsm new` makes a bundle
-    to start from. Its code is run only by the page's button Simulate. Of a C++ bundle, only the
-    layout is edited, and so it is of a class, patrol.py:Patrol: its module is imported whenever it
-    changes, and its layout is kept beside it, in Patrol.layout. The page needs the token in the
-    address that is printed: $LLFSM_VIEW_TOKEN, or else a new one.
+    to start from. Its code is run only by the page's button Simulate. For a C++ bundle or a class,
+    patrol.py:Patrol, only the layout is edited. A class's module is imported whenever it changes,
+    and its layout is kept beside it, in Patrol.layout. The page needs the token in the printed
+    address: $LLFSM_VIEW_TOKEN, or else a new one.
 
     \b
     llfsm edit Patrol
@@ -109,7 +109,7 @@ def _document(machine: str, folders: Sequence[Path]) -> Document:
     if folder is not None:
         document = Document(folder)
     else:
-        cls = find_machine(machine, folders)
+        cls = find_machine_class(machine, folders)
         document = ClassDocument(ClassName(class_file(cls), cls.__module__, cls.__qualname__))
     if document.recovered:
         click.echo(f"{document.path}: an interrupted edit has been taken back", err=True)

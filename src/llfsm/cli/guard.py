@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-import sys
 
 import click
 
 from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 
+from .console import log_to_console
 from .options import BoardPlace, board_option, end_with_input, until_eof_option
 
 __all__ = ["guard"]
@@ -19,15 +19,15 @@ __all__ = ["guard"]
 @board_option
 @until_eof_option
 def guard(board: BoardPlace, until_eof: bool) -> None:
-    """Post the safe values of machines whose processes die without an end, until Ctrl-C.
+    """Post the safe values of machines whose processes die without a clean end, until Ctrl-C.
 
-    Bridges, `llfsm whiteboard daemon` and `llfsm view` do so, too; one guard is enough, and of
-    several only one posts. The whiteboard may be created later, removed and created again.
+    Bridges, `llfsm whiteboard daemon` and `llfsm view` do so, too. One guard is enough; of several,
+    only one posts. The whiteboard may be created later, removed and created again.
 
     \b
     llfsm guard -b robot
     """
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    log_to_console(logging.INFO)
     logging.getLogger("llfsm.guard").setLevel(logging.DEBUG)  # which whiteboard is guarded, too
     asked = StopRequest()
     with stop_on_signals(lambda _: asked.make()), GuardThread(*board):

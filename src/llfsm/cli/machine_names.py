@@ -21,7 +21,7 @@ from llfsm.runtime.engine.machine import Machine
 __all__ = [
     "MachineImportError",
     "find_bundle",
-    "find_machine",
+    "find_machine_class",
     "find_object",
     "search_modules_in",
 ]
@@ -71,7 +71,7 @@ def find_bundle(name: str, folders: Iterable[Path] = _HERE) -> Path | None:
     return None
 
 
-def find_machine(name: str, folders: Sequence[Path] = _HERE) -> type[Machine]:
+def find_machine_class(name: str, folders: Sequence[Path] = _HERE) -> type[Machine]:
     """Return the class of a machine, however it is named.
 
     `name` is one of the machines that ship, a bundle, ``package.module:Class``, or

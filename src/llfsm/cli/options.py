@@ -42,7 +42,7 @@ directory_option = click.option(
     metavar="DIR",
     type=click.Path(file_okay=False),
     default=str(DIRECTORY),
-    help="The folder of whiteboards' files; by default /dev/shm.",
+    help="The folder of the whiteboards' files; by default /dev/shm.",
 )
 
 
@@ -105,13 +105,14 @@ break_option = click.option(
     "breakpoints",
     metavar="BREAKPOINT",
     multiple=True,
-    help="Pause at Machine:STATE, Machine:STATE->TARGET, Machine! or @slot, with ` if CONDITION`.",
+    help="Pause at Machine:STATE, Machine:STATE->TARGET, Machine! or @slot; ` if CONDITION` may "
+    "follow.",
 )
 
 local_option = click.option(
     "--local",
     is_flag=True,
-    help="Use a whiteboard of this process alone, which needs no shared memory.",
+    help="Use a whiteboard private to this process, which needs no shared memory.",
 )
 
 recording_argument = click.argument("file", type=click.Path(path_type=Path))
@@ -141,14 +142,14 @@ topics_option = click.option(
     "--config",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="A bridge's configuration: the slots of a bag's topics; by default, their names.",
+    help="A bridge's configuration, which maps a bag's topics to slots; by default, by name.",
 )
 
 slots_option = click.option(
     "--slots",
     metavar="GLOB",
     multiple=True,
-    help="Only slots whose names match, as 'turtle1/*'. May be repeated.",
+    help="Only slots whose names match, such as 'turtle1/*'. May be repeated.",
 )
 
 trust_option = click.option(
@@ -158,7 +159,9 @@ trust_option = click.option(
 )
 
 until_eof_option = click.option(
-    "--until-eof", is_flag=True, help="End when standard input is closed, as by a supervisor."
+    "--until-eof",
+    is_flag=True,
+    help="End when standard input closes, as under a supervisor.",
 )
 
 

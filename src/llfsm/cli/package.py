@@ -22,7 +22,7 @@ from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import read_bundle, require_python
 from llfsm.runtime.checking.bundles import check_bundle
 
-from .machine_names import find_bundle, find_machine
+from .machine_names import find_bundle, find_machine_class
 from .options import output_option
 
 __all__ = ["PackageError", "package", "package_name", "write_package"]
@@ -132,7 +132,7 @@ def package(machine: str, output: Path) -> None:
     """
     folder = find_bundle(machine)
     if folder is None:
-        cls = find_machine(machine)
+        cls = find_machine_class(machine)
         target = write_package(cls.__name__, cls.table.path, output)
     else:
         bundle = read_bundle(folder)

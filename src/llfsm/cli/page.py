@@ -7,7 +7,6 @@ import os
 import secrets
 import signal
 import socket
-import sys
 import tempfile
 import threading
 import webbrowser
@@ -20,6 +19,7 @@ from urllib.parse import urlencode
 
 import click
 
+from .console import log_to_console
 from .numbers import Integer
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def serve(
     """
     token = page_token()
     server = make_server(make_app, token)
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    log_to_console(logging.WARNING)
     listener = listen(host, port)
 
     def end(_: int, __: FrameType | None) -> None:

@@ -41,7 +41,7 @@ def _lease_option(help_text: str) -> Callable[[F], F]:
     )
 
 
-_lease = _lease_option("Go on after so long, unless paused or stepped again.")
+_lease = _lease_option("Go on after SECONDS seconds, unless paused or stepped again.")
 
 
 @click.command()
@@ -51,7 +51,7 @@ _lease = _lease_option("Go on after so long, unless paused or stepped again.")
 def pause(machine: str | None, lease_s: float, board: BoardPlace) -> None:
     """Pause all machines of the process that runs MACHINE, before their next turn.
 
-    MACHINE may be left out where one process runs all.
+    MACHINE may be omitted if one process runs all machines.
 
     \b
     llfsm pause
@@ -70,14 +70,14 @@ def pause(machine: str | None, lease_s: float, board: BoardPlace) -> None:
     type=click.Choice(get_args(Step)),
     default="turn",
     show_default=True,
-    help="The end of a turn, of a round, a transition, or MACHINE leaves its state.",
+    help="Pause after a turn, a round or a transition, or when MACHINE leaves its state.",
 )
 @_lease
 @board_option
 def step(machine: str | None, until: Step, lease_s: float, board: BoardPlace) -> None:
     """Let all machines of the process that runs MACHINE go on, and pause them again.
 
-    MACHINE may be left out where one process runs all.
+    MACHINE may be omitted if one process runs all machines.
 
     \b
     llfsm step
@@ -94,7 +94,7 @@ def step(machine: str | None, until: Step, lease_s: float, board: BoardPlace) ->
 def continue_(machine: str | None, board: BoardPlace) -> None:
     """Let all machines of the process that runs MACHINE go on.
 
-    MACHINE may be left out where one process runs all.
+    MACHINE may be omitted if one process runs all machines.
 
     \b
     llfsm continue
@@ -109,7 +109,7 @@ def continue_(machine: str | None, board: BoardPlace) -> None:
 @click.argument("sensor")
 @click.argument("message", required=False)
 @click.option("--release", is_flag=True, help="End the override.")
-@_lease_option("End the override after so long, unless it is renewed.")
+@_lease_option("End the override after SECONDS seconds, unless it is renewed.")
 @board_option
 def override(
     machine: str,
@@ -119,9 +119,9 @@ def override(
     lease_s: float,
     board: BoardPlace,
 ) -> None:
-    """Let SENSOR of MACHINE find MESSAGE, in JSON, for a while, or until the machine ends.
+    """Let SENSOR of MACHINE read MESSAGE, in JSON, for a while or until the machine ends.
 
-    Nothing is posted: others read what is in the slot. `null` is as if there were no message.
+    Nothing is posted: others read what is in the slot. `null` stands for no message.
 
     \b
     llfsm override Wall pose '{"x": 9.5}'

@@ -50,8 +50,8 @@ _HEADS = ("MACHINE", "STATE", "STATUS", "SINCE", "RINGLETS", "OVERRUNS", "PID", 
 def ps(board: BoardPlace, every: bool, fleet: bool, host: str, as_json: bool) -> None:
     """List the running machines of all processes.
 
-    A machine is `silent` if its process is stopped or has not ended a ringlet for a second. The
-    machines of other hosts are those that travel to this one; with --fleet or --host they do so.
+    A machine is `silent` if its process is stopped or has not ended a ringlet for a second.
+    Machines of other hosts are listed if they are mirrored here; --fleet and --host request them.
 
     \b
     llfsm ps

@@ -24,6 +24,7 @@ from llfsm.whiteboard import (
 from llfsm.whiteboard.liveness import host_name
 
 from . import VERSION
+from .console import log_to_console
 from .ending import ending_once
 from .numbers import Number
 from .options import (
@@ -70,17 +71,17 @@ def record(
     """Record a whiteboard and its machines until Ctrl-C or until the whiteboard is removed.
 
     A whiteboard that does not exist yet is created. `llfsm view` and other MCAP tools can read the
-    recording; if this process is killed, all but the last second. `llfsm rerun` can run machines
-    again that start after the recorder; of machines that run already, events are recorded from
-    now on. With --cdr it is a bag, as of rosbag2: slots with ROS types only. Of another host of the
-    fleet, machines' statuses and variables are recorded, not their events.
+    recording; if this process is killed, at most the last second is lost. Machines that start after
+    the recorder can be rerun. For machines already running, only events from now on are recorded.
+    With --cdr, it is a rosbag2 bag of the slots with ROS types. For another host of the fleet,
+    machines' statuses and variables are recorded, but not their events.
 
     \b
     llfsm record -o run.mcap
     llfsm record -o poses.mcap --slots '*/pose' --max-time 60
     llfsm record -o robot7.mcap --host robot7
     """
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    log_to_console(logging.WARNING)
     if until_eof:
         end_with_input()
     signals: list[str] = []  # that asked this process to end
@@ -131,7 +132,7 @@ def _record(
             if journals is not None:
                 journals.close()
     missed = sum(writer.missed().values())
-    text = f"{output}: {writer.messages} messages, {missed} more came too fast"
+    text = f"{output}: {writer.messages} messages recorded, {missed} missed"
     if journals is not None and journals.journals:
         text += f"; {writer.events} events of machines"
         text += ", and some were lost" if writer.lost else ""

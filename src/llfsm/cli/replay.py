@@ -45,7 +45,9 @@ __all__ = ["replay"]
 )
 @click.option("--loop", is_flag=True, help="Start over at the end, until Ctrl-C.")
 @click.option(
-    "--step", is_flag=True, help="At each Enter, go on to the next message or transition."
+    "--step",
+    is_flag=True,
+    help="Go on to the next message or transition at each Enter.",
 )
 def replay(
     file: Path,
@@ -59,9 +61,9 @@ def replay(
 ) -> None:
     """Post the messages of a recording to a whiteboard, at their recorded times.
 
-    FILE may be a bag of rosbag2, too: an MCAP file, a .db3 file or the folder of a bag.
+    FILE may also be a rosbag2 bag: an MCAP file, a .db3 file or the folder of a bag.
 
-    Requests to machines, as to suspend, are left out unless --slots names their slots.
+    Requests to machines, such as suspend, are left out unless --slots names their slots.
 
     \b
     llfsm replay run.mcap -b again --speed 2

@@ -97,10 +97,10 @@ reload = _command(
     "reload",
     "Restart a machine from the current version of its bundle.\n\n"
     "The bundle is read from the folder from which the machine was loaded. Meanwhile, the machine "
-    "takes its turns, and it goes on as it is if the bundle has an error.",
+    "takes its turns; if the bundle has an error, it goes on as it is.",
 )
 stop = _command(
     "stop",
-    "Ask a machine to end; if it has not ended after a second, it is unloaded.\n\n"
+    "Stop a running machine; if it has not ended after a second, it is unloaded.\n\n"
     "Other machines of its process go on.",
 )

@@ -36,7 +36,7 @@ __all__ = ["rerun"]
     "recorded",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Of a bag: record what the machines do on its topics.",
+    help="For a bag: record what the machines do on its topics.",
 )
 def rerun(
     file: Path,
@@ -48,11 +48,11 @@ def rerun(
 ) -> None:
     """Run MACHINES on the inputs of a recording and report the first difference in behaviour.
 
-    The recording must have begun before the machines, as with `llfsm run --record`. MACHINES take
-    the places of the recorded ones, in the same order. The exit status is 0 if all that is
-    compared is as recorded, else 1.
+    The recording must have started before the machines, as with `llfsm run --record`. MACHINES take
+    the places of the recorded ones, in the same order. The exit status is 0 if
+    everything compared is as recorded, else 1.
 
-    FILE may be a bag of rosbag2. The machines then read its topics, and what they post is compared
+    FILE may be a rosbag2 bag. The machines then read its topics, and what they post is compared
     with the topics of the slots to which they post.
 
     \b

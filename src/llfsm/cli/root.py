@@ -30,7 +30,7 @@ _COMMANDS = {
         "llfsm.cli.requests:reload",
         "Restart a machine from the current version of its bundle.",
     ),
-    "stop": ("llfsm.cli.requests:stop", "Ask a machine to end."),
+    "stop": ("llfsm.cli.requests:stop", "Stop a running machine."),
     "debug": ("llfsm.cli.debug.command:debug", "Run machines from a prompt, step by step."),
     "dap": ("llfsm.cli.dap.command:dap", "Let an editor debug machines."),
     "pause": ("llfsm.cli.pausing:pause", "Pause running machines between two turns."),
@@ -41,7 +41,7 @@ _COMMANDS = {
     "check": ("llfsm.cli.check:check", "Check machines without running them."),
     "verify": (
         "llfsm.cli.verify.command:verify",
-        "Explore all that machines can do, and decide properties.",
+        "Explore everything machines can do; decide properties.",
     ),
     "draw": ("llfsm.cli.draw:draw", "Draw a machine."),
     "show": ("llfsm.cli.show:show", "Show the states and transitions of a machine."),
@@ -51,7 +51,7 @@ _COMMANDS = {
     ),
     "convert": (
         "llfsm.cli.convert:convert",
-        "Make a bundle of a class, or a class of a bundle.",
+        "Make a bundle from a class, or a class from a bundle.",
     ),
     "package": (
         "llfsm.cli.package:package",

@@ -12,7 +12,7 @@ from llfsm.bridges.ros2.defaults import DOMAINS, TRANSPORTS
 from llfsm.bridges.ros2.errors import RosArgumentError
 
 from .numbers import Integer
-from .options import BoardPlace, board_option, supervised_options
+from .options import BoardPlace, board_option, given_option, supervised_options
 
 if TYPE_CHECKING:  # what commands that have such options need only with ROS
     from llfsm.bridges.ros2.ros_arguments import RosArguments
@@ -23,11 +23,12 @@ __all__ = [
     "Command",
     "RosCommand",
     "bridge_options",
-    "check_ros_arguments",
     "domain_option",
     "open_chosen",
+    "require_ros",
     "ros_arguments",
     "ros_options",
+    "router_option",
     "transport_option",
 ]
 
@@ -61,13 +62,16 @@ def ros_arguments() -> RosArguments:
     return found
 
 
-def check_ros_arguments(*, ros: bool, **options: object) -> None:
-    """Refuse `options` that are given, and arguments of ROS, without ``--ros``."""
-    given = [f"--{name}" for name, value in options.items() if value is not None]
-    if _META in click.get_current_context().meta:
-        given.append(_BEGIN)
-    if given and not ros:
-        raise click.UsageError(f"--ros is needed for {given[0]}")
+def require_ros(*names: str, ros: bool, by: str = "--ros") -> None:
+    """Without `ros`, refuse those of the command's parameters `names` that are given.
+
+    Arguments of ROS are refused, too. `by` names what would ask for ROS.
+    """
+    given = given_option(*names)
+    if given is None and _META in click.get_current_context().meta:
+        given = _BEGIN
+    if given is not None and not ros:
+        raise click.UsageError(f"{by} is needed for {given}")
 
 
 class BridgeOptions(NamedTuple):
@@ -98,7 +102,7 @@ def bridge_options(command: Command) -> Command:
         board_option,
         ros_options(),
         click.option(
-            "--node", metavar="NAME", help="The bridge's name in ROS, as robot/llfsm_bridge."
+            "--node", metavar="NAME", help="The bridge's name in ROS, such as robot/llfsm_bridge."
         ),
     ):
         optioned = option(optioned)
@@ -125,15 +129,22 @@ def ros_options(only: str = "") -> Callable[[Command], Command]:
     """
 
     def add(command: Command) -> Command:
-        router = click.option(
-            "--router",
-            metavar="ENDPOINT",
-            multiple=True,
-            help=f"Where a Zenoh router is{only}, as tcp/192.168.1.5:7447.  [default: this host]",
-        )
-        return transport_option(only)(domain_option(only)(router(command)))
+        return transport_option(only)(domain_option(only)(router_option(only)(command)))
 
     return add
+
+
+def router_option(
+    only: str, note: str = "", default: str = "this host", *, multiple: bool = True
+) -> Callable[[Command], Command]:
+    """Return a decorator that adds ``--router``; its help text ends with ``note``."""
+    return click.option(
+        "--router",
+        metavar="ENDPOINT",
+        multiple=multiple,
+        help=f"Where a Zenoh router is{only}, such as tcp/192.168.1.5:7447{note}.  "
+        f"[default: {default}]",
+    )
 
 
 def domain_option(

@@ -19,8 +19,8 @@ __all__ = ["router"]
     "--listen",
     metavar="ENDPOINT",
     multiple=True,
-    help="Where to listen, as tcp/0.0.0.0:7447 (all hosts that reach this one). May be repeated.  "
-    "[default: port 7447 of this host alone]",
+    help="Where to listen, such as tcp/0.0.0.0:7447 (all hosts that reach this one). May be "
+    "repeated.  [default: port 7447 of this host alone]",
 )
 @until_eof_option
 def router(listen: tuple[str, ...], until_eof: bool) -> None:

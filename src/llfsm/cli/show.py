@@ -13,7 +13,7 @@ from llfsm.runtime.converting.class_outline import declared_lines
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import body_of
 
-from .machine_names import find_bundle, find_machine
+from .machine_names import find_bundle, find_machine_class
 
 __all__ = ["show"]
 
@@ -39,7 +39,11 @@ def show(machine: str) -> None:
     llfsm show path/to/Patrol.machine
     """
     folder = find_bundle(machine)
-    lines = _of_class(find_machine(machine)) if folder is None else _of_bundle(read_bundle(folder))
+    lines = (
+        _of_class(find_machine_class(machine))
+        if folder is None
+        else _of_bundle(read_bundle(folder))
+    )
     for line in lines:
         click.echo(line)
 

@@ -33,8 +33,8 @@ def top(board: BoardPlace, fleet: bool, host: str, once: bool) -> None:
     """Show a whiteboard's slots and machines, refreshed four times a second, until Ctrl-C.
 
     For each machine it shows what `llfsm ps` lists; for each slot the number of messages, their
-    rate, and the last one with its age and writer. What other hosts have is shown as far as it
-    travels to this one; with --fleet or --host it does so.
+    rate, and the last one with its age and writer. Slots and machines of other hosts are shown if
+    they are mirrored here; --fleet and --host request them.
 
     \b
     llfsm top -b demo

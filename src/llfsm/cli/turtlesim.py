@@ -18,9 +18,10 @@ from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator, run
 from llfsm.runtime.engine.signals import StopRequest
 
+from .console import log_to_console
 from .ending import ignore_interrupts, stop_for_good
 from .options import BoardPlace, board_option, end_with_input, given_option, supervised_options
-from .ros_options import RosCommand, check_ros_arguments, open_chosen, ros_arguments, ros_options
+from .ros_options import RosCommand, open_chosen, require_ros, ros_arguments, ros_options
 
 __all__ = ["draw_field", "turtlesim"]
 
@@ -88,14 +89,11 @@ def turtlesim(
     llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 2}}'
     llfsm turtlesim --ros --transport zenoh
     """
-    _check_options("ros" if ros else "board")
-    check_ros_arguments(ros=ros)
+    require_ros("clock", "transport", "domain", "router", ros=ros)
+    if ros and (given := given_option("board", "directory", "remove_board")):
+        raise click.UsageError(f"--ros touches no whiteboard: leave out {given}")
     arguments = ros_arguments()
-    logging.basicConfig(
-        level=logging.INFO,
-        format="%(message)s",
-        handlers=[logging.StreamHandler() if arguments.stdout else logging.NullHandler()],
-    )
+    log_to_console(logging.INFO, is_on=arguments.stdout)
     asked = StopRequest()
     stop_for_good(asked.make)
     if until_eof:
@@ -116,17 +114,6 @@ def draw_field(simulator: Simulator, picture: Path) -> tuple[Path, ...]:
     if not picture.suffix and importlib.util.find_spec("PIL") is None:
         picture = picture.with_suffix(".svg")
     return draw(simulator, picture)
-
-
-def _check_options(world: str) -> None:
-    """Refuse the options that apply to the other of the two worlds only."""
-    other = {
-        "ros": ("board", "directory", "remove_board"),
-        "board": ("clock", "transport", "domain", "router"),
-    }[world]
-    if flag := given_option(*other):
-        hint = "touches no whiteboard: leave out" if world == "ros" else "is needed for"
-        raise click.UsageError(f"--ros {hint} {flag}")
 
 
 def _run_on_board(

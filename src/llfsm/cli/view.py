@@ -44,7 +44,7 @@ __all__ = ["view"]
     callback=lambda _, __, value: _host(value),
     help="Show only this host of the fleet.",
 )
-@click.option("--fleet", is_flag=True, help="A table of all hosts, with a page for each.")
+@click.option("--fleet", is_flag=True, help="Show a table of all hosts, with a page for each.")
 @page_options
 @click.option("--control", is_flag=True, help="Let the page control machines and post messages.")
 @trust_option
@@ -66,9 +66,9 @@ def view(
     """Show a whiteboard and its machines on a page in the browser, until Ctrl-C.
 
     The whiteboard may be created later, removed and created again. RECORDING, a file of `llfsm
-    record` or a bag of rosbag2, is shown instead of a whiteboard, with a slider over its time. With
-    MACHINES, named as for llfsm rerun, it shows what guards saw at any time: they run again. The
-    page needs the token in the address that is printed: $LLFSM_VIEW_TOKEN, or else a new one.
+    record` or a rosbag2 bag, is shown instead of a whiteboard, with a slider over its time.
+    MACHINES, named as for llfsm rerun, run again, and the page shows what guards saw at any time.
+    It needs the token in the printed address: $LLFSM_VIEW_TOKEN, or else a new one.
 
     \b
     llfsm view -b demo

@@ -26,9 +26,8 @@ __all__ = ["cause_value", "fetch_why", "why", "why_lines"]
 def why(machine: str, board: BoardPlace) -> None:
     """Show why MACHINE is still in its state: each transition, with the values that it saw.
 
-    Those are of its last turn, if that is known; else they are as they would be now: a `?` is then
-    a guard whose value cannot be known without a call that may have an effect, or before the state
-    is entered.
+    Values are from its last turn or, if there is none, computed now. `?` marks a guard that cannot
+    be evaluated without side effects or before the state is entered.
 
     \b
     llfsm why Wall

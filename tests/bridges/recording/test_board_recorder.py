@@ -157,8 +157,8 @@ def test_the_end_of_the_board_is_the_end(llfsm: Any, board: Whiteboard, file: Pa
     status, printed = end_of(process)
     assert status == 0
     assert printed in (  # without a poll between the two
-        "run.mcap: 2 messages, 0 more came too fast\n",
-        "run.mcap: 1 messages, 1 more came too fast\n",
+        "run.mcap: 2 messages recorded, 0 missed\n",
+        "run.mcap: 1 messages recorded, 1 missed\n",
     )
     assert numbers(file)[-1] == 7
     assert Recording(file).complete

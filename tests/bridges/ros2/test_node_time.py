@@ -17,7 +17,7 @@ from llfsm.bridges.ros2.qos import Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.stamps import from_ns, to_ns
 from llfsm.bridges.ros2.standard_node import equip
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
-from llfsm.cli.run import ros_time
+from llfsm.cli.run import ros_world
 from llfsm.runtime import SimulatedClock
 from own_boards import own_board
 from waiting import PATIENCE_S, wait_for
@@ -164,7 +164,7 @@ def test_ctrl_c_ends_a_run_that_waits_for_a_time(tmp_path: Path, router, monkeyp
                 signal.raise_signal(signal.SIGINT)
             return super().wait_set(0)
 
-    monkeypatch.setattr(ros_time, "SimulatedClock", Interrupted)
+    monkeypatch.setattr(ros_world, "SimulatedClock", Interrupted)
     done = call(
         *("run", "RosPingPong", "--ros-time", "--transport", "zenoh", "--router", router),
         *("--domain", "87"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 from contextlib import closing
 from pathlib import Path
 from typing import get_args
@@ -24,6 +23,7 @@ from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard.board_files import default_name
 
+from ..console import log_to_console
 from ..numbers import Integer, Number
 from ..options import BoardPlace, directory_option
 
@@ -76,7 +76,7 @@ def gusimplewhiteboard(
     llfsm bridge gusimplewhiteboard --in 12 turtle1/cmd_vel geometry_msgs/Twist 6d
     llfsm bridge gusimplewhiteboard robot.toml
     """
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    log_to_console(logging.INFO)
     config = RelayConfiguration() if config_file is None else read_configuration(config_file)
     relays = [
         ConfiguredRelay(number=number, slot=slot, type=kind, layout=layout, direction=direction)

@@ -27,14 +27,14 @@ __all__ = ["ros2"]
     "--to-ros",
     metavar="SLOT:TYPE",
     multiple=True,
-    help="Publish a slot's messages on the topic of its name, as pinpong:std_msgs/msg/String. "
+    help="Publish a slot's messages on the topic of its name, such as pinpong:std_msgs/msg/String. "
     "May be repeated, as may the next two.",
 )
 @click.option(
     "--from-ros",
     metavar="TOPIC:TYPE",
     multiple=True,
-    help="Add a topic's messages to the slot of its name, as turtle1/pose:turtlesim/msg/Pose.",
+    help="Add a topic's messages to the slot of its name, such as turtle1/pose:turtlesim/msg/Pose.",
 )
 @click.option("--both", metavar="NAME:TYPE", multiple=True, help="Do both; nothing is echoed.")
 @bridge_options
@@ -47,7 +47,7 @@ def ros2(
 ) -> None:
     """Relay messages between slots and topics, and serve services, until Ctrl-C.
 
-    It is a node, and takes the arguments of ROS after --ros-args.
+    It is a ROS node, and takes arguments of ROS after --ros-args.
 
     \b
     llfsm bridge ros2 --config bridge.toml

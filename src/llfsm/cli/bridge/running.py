@@ -15,6 +15,7 @@ from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard import SlotTypeError, Whiteboard
 
+from ..console import log_to_console
 from ..ending import ending_once, stop_for_good
 from ..options import end_with_input
 from ..ros_options import BridgeOptions, open_chosen, ros_arguments
@@ -34,11 +35,7 @@ def run_bridge(configured: Configured, options: BridgeOptions) -> None:
     Once it relays, a second signal changes nothing.
     """
     arguments = ros_arguments()
-    logging.basicConfig(
-        level=logging.INFO,
-        format="%(message)s",
-        handlers=[logging.StreamHandler() if arguments.stdout else logging.NullHandler()],
-    )
+    log_to_console(logging.INFO, is_on=arguments.stdout)
     try:
         asked, named = StopRequest(), configured.named(options.node)
         ending_once(lambda: _run(named, options, arguments, asked), asked.is_made)

@@ -27,7 +27,7 @@ __all__ = ["turtlesim"]
 def turtlesim(turtles: tuple[str, ...], options: BridgeOptions) -> None:
     """Connect machines with the turtles of turtlesim_node, until Ctrl-C.
 
-    It is a node, and takes the arguments of ROS after --ros-args.
+    It is a ROS node, and takes arguments of ROS after --ros-args.
 
     For each turtle, <turtle>/cmd_vel is published to ROS, and <turtle>/pose and
     <turtle>/color_sensor are received from it. The slot pinpong is published on the topic pinpong.

@@ -20,7 +20,7 @@ __all__ = ["dap"]
 def dap() -> None:
     """Let an editor debug machines, by the Debug Adapter Protocol on standard input and output.
 
-    An editor starts this; see how-to/debugging.md for what it has to know.
+    An editor starts this; how-to/debugging.md shows how to set it up.
 
     \b
     llfsm dap

@@ -43,13 +43,13 @@ _RECORDING = ".mcap"
     "recording",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Record the whiteboard and all that the machines do, for llfsm rerun.",
+    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
 )
 @click.option(
     "--pdb",
     "place",
     metavar="PLACE",
-    help="Of a recording: open Python's debugger when [MACHINE:]STATE.SECTION runs first.",
+    help="For a recording: open Python's debugger when [MACHINE:]STATE.SECTION first runs.",
 )
 @trust_option
 @board_option
@@ -64,7 +64,7 @@ def debug(
     """Run MACHINES, named as for llfsm run, from a prompt.
 
     They are paused before their first turn; `help` shows the commands. They end with the prompt,
-    also when the connection to its terminal is lost. The first of MACHINES may be a recording: the
+    even if the connection to its terminal is lost. The first of MACHINES may be a recording: the
     others, named as for llfsm rerun, run again in it, forwards and backwards.
 
     \b

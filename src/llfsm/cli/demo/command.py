@@ -62,7 +62,7 @@ class _EndError(Exception):
     "demo-NAME.",
 )
 @board_option(default="demo")
-@click.option("--view", is_flag=True, help="Show it on a page as well, and print its address.")
+@click.option("--view", is_flag=True, help="Also show it on a page, and print its address.")
 @click.option(
     "--record",
     metavar="FILE",
@@ -81,7 +81,7 @@ def demo(
     local: bool,
     graph: RosGraph | None,
 ) -> None:
-    """Watch machines and a turtle simulator, each in a process, work on one whiteboard.
+    """Watch machines and a turtle simulator, each in its own process, share one whiteboard.
 
     \b
     wall      a turtle that keeps away from the walls

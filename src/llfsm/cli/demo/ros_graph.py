@@ -13,7 +13,7 @@ from llfsm.bridges.ros2.defaults import ROUTER, TRANSPORTS, default_domain, need
 from llfsm.bridges.ros2.router import loopback_address, serves
 
 from ..options import BoardPlace
-from ..ros_options import Command, domain_option, transport_option
+from ..ros_options import Command, domain_option, require_ros, router_option, transport_option
 from .processes import Processes
 
 __all__ = ["RosGraph", "graph_options"]
@@ -88,11 +88,8 @@ def graph_options(command: Command) -> Command:
 
     @functools.wraps(command)
     def with_graph(ros: bool, **arguments: Any) -> Any:
+        require_ros(*RosGraph._fields, ros=ros)
         graph = RosGraph(**{name: arguments.pop(name) for name in RosGraph._fields})
-        if graph != RosGraph() and not ros:
-            raise click.UsageError(
-                "--transport, --domain, --router and --no-simulator are for --ros"
-            )
         return command(**arguments, graph=graph if ros else None)
 
     optioned: Command = with_graph
@@ -104,11 +101,11 @@ def graph_options(command: Command) -> Command:
             default=True,
             help="Use turtlesim_node, which you start, instead of our simulator (with --ros).",
         ),
-        click.option(
-            "--router",
-            metavar="ENDPOINT",
-            help="Where a Zenoh router is (with --ros); one is started if that is on this host and "
-            f"nothing listens there.  [default: {ROUTER}]",
+        router_option(
+            " (with --ros)",
+            "; one is started if that is on this host and nothing listens there",
+            ROUTER,
+            multiple=False,
         ),
         domain_option(
             " (with --ros)",

@@ -16,7 +16,7 @@ from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.plans.dispatch import read_dispatch_table
 from llfsm.runtime.plans.plan import Plan, PlannedMachine, names_of, read_plan
 
-from ..machine_names import find_machine
+from ..machine_names import find_machine_class
 
 __all__ = ["ResolvedPlan", "parse_arguments"]
 
@@ -76,7 +76,7 @@ class _MachineFinder:
         if name in self._classes:
             return self._classes[name]
         try:
-            return find_machine(name, self._folders)
+            return find_machine_class(name, self._folders)
         except click.UsageError:
             return None  # the arrangement's error names the machines that can be loaded
 
@@ -128,7 +128,7 @@ def _named(text: str) -> PlannedMachine:
 def _find(planned: PlannedMachine, folders: Sequence[Path], source: str) -> type[Machine]:
     """Return the class of a machine; `source` is the file that names it, "" for an argument."""
     try:
-        return find_machine(planned.definition, folders)
+        return find_machine_class(planned.definition, folders)
     except click.UsageError as error:
         why = f"{source}{error.message}"
         if planned.name is not None and not source:

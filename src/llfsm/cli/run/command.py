@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 import os
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 from msgspec.structs import replace
 
-from llfsm.runtime.engine.clock import Clock, DebugClock
-from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.plans.plan import Plan
-from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.whiteboard import Whiteboard
 
 from .. import VERSION
-from ..ending import ignore_interrupts
 from ..numbers import Integer
 from ..options import (
     BoardPlace,
@@ -30,12 +23,12 @@ from ..options import (
     local_option,
     supervised_options,
 )
-from ..ros_options import RosCommand, check_ros_arguments, open_chosen, ros_arguments, ros_options
+from ..ros_options import RosCommand, require_ros, ros_arguments, ros_options
 from .arguments import parse_arguments
 from .nonstop import run_nonstop
-from .recorder_process import MakeEnvironment, recorded
-from .report import log_to_console
+from .report import log_machines
 from .running import Reports, load_machines, run_machines
+from .world import RosOptions, WorldOptions, open_world
 
 __all__ = ["run"]
 
@@ -73,7 +66,7 @@ class _Priority(Integer):
     "-v",
     "verbose",
     count=True,
-    help="Print state changes: machine number, state number, machine, state; -vv: its path.",
+    help="Print state changes: machine number, state number, machine, state; -vv adds its path.",
 )
 @click.option("-s", "report", is_flag=True, help="Print suspends, resumes and restarts.")
 @click.option(
@@ -87,12 +80,12 @@ class _Priority(Integer):
     "idle_us",
     metavar="US",
     type=Integer(0),
-    help="Sleep this many microseconds (10000) after a round in which no transition fired.",
+    help="Sleep this many microseconds (default 10000) after a round in which no transition fired.",
 )
 @click.option(
     "--no-wake",
     is_flag=True,
-    help="Sleep to the end, as clfsm does; else a new message for a machine ends the sleep.",
+    help="Always sleep to the end, as clfsm does; else a new message for a machine ends the sleep.",
 )
 @click.option(
     "--period",
@@ -111,7 +104,7 @@ class _Priority(Integer):
     "watchdog_ms",
     metavar="MS",
     type=Integer(1),
-    help="Report code of a machine that runs longer than MS milliseconds; post its safe values.",
+    help="Report machine code that runs longer than MS milliseconds, and post its safe values.",
 )
 @click.option(
     "--realtime",
@@ -119,15 +112,15 @@ class _Priority(Integer):
     type=_Priority(1, 99),
     is_flag=False,
     flag_value=50,
-    help="Run at this priority (50) of SCHED_FIFO with locked memory; refused without the right.",
+    help="Run at this SCHED_FIFO priority (default 50) with locked memory; an error if forbidden.",
 )
-@click.option("--cpu", metavar="N", type=Integer(0), help="With --realtime: run on core N alone.")
+@click.option("--cpu", metavar="N", type=Integer(0), help="With --realtime: run only on core N.")
 @click.option(
     "--will-after",
     "will_after_ms",
     metavar="MS",
     type=Integer(500),
-    help="Let guards post the safe values also if this process is silent for MS milliseconds.",
+    help="Let guards also post the safe values if this process is silent for MS milliseconds.",
 )
 @break_option
 @click.option(
@@ -143,7 +136,7 @@ class _Priority(Integer):
     "recording",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Record the whiteboard and all that the machines do, for llfsm rerun.",
+    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
 )
 @click.option(
     "--ros-time",
@@ -153,7 +146,7 @@ class _Priority(Integer):
 @click.option(
     "--ros",
     is_flag=True,
-    help="Be a ROS node: sensors and actuators are topics, and a whiteboard is used if named.",
+    help="Run as a ROS node: sensors and actuators are topics, and a whiteboard is used if named.",
 )
 @click.option(
     "--config",
@@ -166,8 +159,7 @@ class _Priority(Integer):
 @click.option(
     "--lifecycle",
     is_flag=True,
-    default=None,
-    help="With --ros: be a managed node, whose lifecycle others control.",
+    help="With --ros: run as a managed node, whose lifecycle others control.",
 )
 @ros_options(" (with --ros or --ros-time)")
 @board_option
@@ -183,24 +175,12 @@ def run(
     timed: bool,
     nonstop: bool,
     quiet: bool,
-    keep: bool,
-    idle_us: int | None,
-    no_wake: bool,
-    period_us: int | None,
-    on_error: Literal["stop", "suspend"] | None,
-    watchdog_ms: int | None,
-    realtime: int | None,
-    cpu: int | None,
-    will_after_ms: int | None,
-    breakpoints: tuple[str, ...],
-    on_pause: Literal["keep", "safe"] | None,
-    debug_clock: bool,
     recording: Path | None,
     ros_time: bool,
     ros: bool,
     config: Path | None,
     node: str | None,
-    lifecycle: bool | None,
+    lifecycle: bool,
     transport: str,
     domain: int | None,
     router: tuple[str, ...],
@@ -208,11 +188,12 @@ def run(
     local: bool,
     until_eof: bool,
     remove_board: bool,
+    **overrides: Any,
 ) -> None:
     """Run MACHINES, in this order, until all accept or are suspended, or Ctrl-C.
 
     A machine is one that ships, patrol.py:Patrol, or the folder of a bundle; name=machine
-    gives it a name, name:variable=value sets a variable, name:slot:=other replaces a slot.
+    gives it a name, name:variable=value sets a variable, and name:slot:=other replaces a slot.
     Instead of machines, name an arrangement file (.toml).
 
     \b
@@ -224,6 +205,55 @@ def run(
     llfsm run RosPingPong -v --local
     llfsm run --ros patrol.py:Patrol --ros-args -r __ns:=/robot
     """
+    _check_options(
+        nonstop=nonstop,
+        local=local,
+        ros=ros,
+        ros_time=ros_time,
+        lifecycle=lifecycle,
+        recording=recording,
+    )
+    resolved = parse_arguments(machines, table, suspended, preloaded)
+    plan = _with_options(resolved.plan, **overrides)
+    place = None if local else _place(plan, board, default=not ros)
+    if recording is not None and place is None:
+        raise click.UsageError(
+            "--record with --ros needs a whiteboard for the recorder: add --board"
+        )
+    graph = RosOptions(ros, ros_time, lifecycle, config, node, transport, domain, router)
+    joined = graph if ros or ros_time else None
+    options = WorldOptions(place, local, remove_board, recording, nonstop, joined)
+    log_machines(is_on=not ros or ros_arguments().stdout)
+    with open_world(options, plan, resolved.classes.values()) as world:
+        load = partial(load_machines, resolved, plan, Reports(verbose, report, timed))
+        if lifecycle:
+            from .ros_world import managed_machines
+
+            execute = managed_machines(world.environment, load, plan.will_after_ms)
+        else:
+            arrangement = load(world.environment)
+            execute = partial(run_machines, arrangement, timed=timed)
+        if not quiet:
+            names = ", ".join(resolved.classes)
+            click.echo(f"llfsm {VERSION}: {names} on {', '.join(world.names)}", err=True)
+        if until_eof:
+            end_with_input()
+        if nonstop:
+            run_nonstop(execute, arrangement.stop)
+        else:
+            execute()
+
+
+def _check_options(
+    *,
+    nonstop: bool,
+    local: bool,
+    ros: bool,
+    ros_time: bool,
+    lifecycle: bool,
+    recording: Path | None,
+) -> None:
+    """Refuse options that do not go together."""
     if nonstop and recording is not None:
         raise click.UsageError("--record keeps one run, -n may start several: leave out one")
     if nonstop and (ros or ros_time):
@@ -237,94 +267,21 @@ def run(
         raise click.UsageError(f"--local shares nothing with other processes: leave out {shared}")
     if nonstop and not hasattr(os, "fork"):
         raise click.UsageError("-n needs the fork of Linux or macOS: leave it out")
-    check_ros_arguments(ros=ros, config=config, node=node, lifecycle=lifecycle)
+    require_ros("config", "node", "lifecycle", ros=ros)
+    require_ros("transport", "domain", "router", ros=ros or ros_time, by="--ros or --ros-time")
     if lifecycle and recording is not None:
         raise click.UsageError("--record keeps one run, --lifecycle may start several")
-    resolved = parse_arguments(machines, table, suspended, preloaded)
-    plan = _with_options(
-        resolved.plan,
-        keep=keep,
-        no_wake=no_wake,
-        idle_us=idle_us,
-        period_us=period_us,
-        on_error=on_error,
-        watchdog_ms=watchdog_ms,
-        realtime=realtime,
-        cpu=cpu,
-        will_after_ms=will_after_ms,
-        breakpoints=breakpoints or None,
-        on_pause=on_pause,
-        debug_clock=debug_clock or None,
-    )
-    place = None if local else _place(plan, board, default=not ros)
-    if recording is not None and place is None:
-        raise click.UsageError(
-            "--record with --ros needs a whiteboard for the recorder: add --board"
-        )
-    log_to_console(ros_arguments() if ros else None)
-    where = ["a whiteboard of this process"] if local else []
-    if place is not None:
-        where.append(f"whiteboard {place.name}")
-    with ExitStack() as stack:
-        clock: Clock | None = DebugClock() if plan.debug_clock else None
-        live: MakeEnvironment = LiveEnvironment
-        if ros:
-            # here, as few machines need ROS
-            from .ros_world import connections, on_ros, uses_simulated_time
-
-            connected = connections(plan, resolved.classes.values(), config, node, place)
-            ros_time = ros_time or uses_simulated_time(connected)
-        if ros_time and plan.debug_clock:
-            raise click.UsageError("the time on /clock passes with its publisher: no --debug-clock")
-        if ros or ros_time:
-            enclave = ros_arguments().enclave
-            opened = stack.enter_context(open_chosen(transport, domain, router, enclave))
-        if ros_time:
-            from .ros_time import ros_clock
-
-            clock = stack.enter_context(ros_clock(opened))
-        # Before what connects it with ROS, which at the end publishes what is on it.
-        wb = None if place is None else stack.enter_context(place.open())
-        removal = stack.enter_context(ExitStack())
-        if ros:
-            logging.getLogger().setLevel(ros_arguments().log_level(connected.node.full_node))
-            live = stack.enter_context(on_ros(opened, connected, begin=not lifecycle))
-            where.append(f"ROS domain {opened.domain} as {connected.node.full_node}")
-        if local:
-            environment: Environment = live(stack.enter_context(Whiteboard.local()), clock)
-        elif wb is None or lifecycle:
-            environment = live(wb, clock)
-        else:
-            environment = stack.enter_context(
-                recorded(recording, wb, plan, clock, live, forks=nonstop)
-            )
-        if wb is not None and remove_board:
-            removal.callback(wb.remove)
-
-        load = partial(load_machines, resolved, plan, Reports(verbose, report, timed))
-        if lifecycle:
-            from .ros_world import managed_machines
-
-            managed = managed_machines(environment, load, plan.will_after_ms)
-        arrangement = None if lifecycle else load(environment)
-        if not quiet:
-            names = ", ".join(resolved.classes)
-            click.echo(f"llfsm {VERSION}: {names} on {', '.join(where)}", err=True)
-        if until_eof:
-            end_with_input()
-        if arrangement is None:
-            managed.run()
-            ignore_interrupts()
-            return
-
-        execute = partial(run_machines, arrangement, timed=timed)
-        if nonstop:
-            run_nonstop(execute, arrangement.stop)
-        else:
-            execute()
 
 
-def _with_options(plan: Plan, *, keep: bool, no_wake: bool, **given: object) -> Plan:
+def _with_options(
+    plan: Plan,
+    *,
+    keep: bool,
+    no_wake: bool,
+    breakpoints: tuple[str, ...],
+    debug_clock: bool,
+    **given: object,
+) -> Plan:
     """Return the plan with the options of the command line, which override it."""
     if given["period_us"] is not None and any(machine.period_us for machine in plan.machines):
         raise click.UsageError("--period: the machines have periods of their own")
@@ -332,6 +289,8 @@ def _with_options(plan: Plan, *, keep: bool, no_wake: bool, **given: object) -> 
         plan,
         unload_accepting=plan.unload_accepting and not keep,
         wake=plan.wake and not no_wake,
+        breakpoints=breakpoints or plan.breakpoints,
+        debug_clock=debug_clock or plan.debug_clock,
         **{name: value for name, value in given.items() if value is not None},
     )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import click
 
@@ -14,15 +13,14 @@ from llfsm.runtime.engine.events import Event, Request, Turn
 from llfsm.runtime.engine.histogram import Spread
 from llfsm.runtime.engine.statistics import MachineStatistics
 
-if TYPE_CHECKING:
-    from llfsm.bridges.ros2.ros_arguments import RosArguments
+from ..console import log_to_console
 
 __all__ = [
     "StateReport",
     "SuspensionReport",
     "conditions",
     "latency_drawing",
-    "log_to_console",
+    "log_machines",
     "timing_table",
 ]
 
@@ -140,10 +138,9 @@ def _spread(spread: Spread | None) -> str:
     return "-" if spread is None else f"{spread.p50:.1f} / {spread.p99:.1f} / {spread.max:.1f}"
 
 
-def log_to_console(arguments: RosArguments | None) -> None:
+def log_machines(*, is_on: bool) -> None:
     """Log messages of machines to standard output, warnings and errors to standard error."""
     messages, problems = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
     messages.addFilter(lambda record: record.levelno < logging.WARNING)
     problems.setLevel(logging.WARNING)
-    handlers = [messages, problems] if arguments is None or arguments.stdout else []
-    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=handlers)
+    log_to_console(logging.INFO, messages, problems, is_on=is_on)

@@ -49,7 +49,7 @@ class _Interrupted(click.ClickException):
     "properties",
     metavar="MODULE:NAME",
     multiple=True,
-    help="A property to decide, or MODULE alone: all that it defines. May be repeated.",
+    help="A property to decide, or MODULE for all that it defines. May be repeated.",
 )
 @click.option(
     "--sensor",
@@ -70,7 +70,7 @@ class _Interrupted(click.ClickException):
     type=click.Choice(["turns", "rounds"]),
     help="When the environment may change: at each turn (the default), or once a round.",
 )
-@click.option("--stop", is_flag=True, help="A stop may come before any turn, as by Ctrl-C.")
+@click.option("--stop", is_flag=True, help="A stop, as by Ctrl-C, may come before any turn.")
 @click.option(
     "--suspend",
     metavar="MACHINE",
@@ -83,8 +83,8 @@ class _Interrupted(click.ClickException):
     multiple=True,
     help="Replace a variable's value by the function's result after each turn.",
 )
-@click.option("--max-states", metavar="N", type=Integer(1), help="End at so many states.")
-@click.option("--max-seconds", metavar="S", type=Number(0), help="End after this time.")
+@click.option("--max-states", metavar="N", type=Integer(1), help="Stop after N states.")
+@click.option("--max-seconds", metavar="S", type=Number(0), help="Stop after S seconds.")
 @click.option(
     "--record",
     "recording",
@@ -125,11 +125,11 @@ def verify(
     exports: tuple[Path, ...],
     as_json: bool,
 ) -> None:
-    """Explore all that MACHINES can do, and decide whether properties hold.
+    """Explore everything that MACHINES can do, and decide whether properties hold.
 
-    Machines are named as for `llfsm run`; of an arrangement file, the table [verify] counts, too.
-    The exit status is 0 if all properties hold, 1 if one is violated, 2 for wrong usage, and 3 if
-    one is undecided because the exploration was ended: by --max-states, --max-seconds or Ctrl-C.
+    Machines are named as for `llfsm run`; for an arrangement file, its table [verify] applies,
+    too. The exit status is 0 if all properties hold, 1 if one is violated, 2 for wrong usage, and 3
+    if one is undecided because --max-states, --max-seconds or Ctrl-C stopped the exploration.
 
     \b
     llfsm verify OvenTimer OvenCooker -p oven_properties:no_radiation

@@ -68,7 +68,7 @@ def get(slot: str, board: BoardPlace) -> None:
     "--type",
     "kind",
     metavar="TYPE",
-    help="For a new slot: package.module:Class, or a shipped type, as geometry_msgs/Twist.",
+    help="For a new slot: package.module:Class, or a shipped type, such as geometry_msgs/Twist.",
 )
 @board_option
 def add(slot: str, message: str, kind: str | None, board: BoardPlace) -> None:

@@ -23,6 +23,7 @@ from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
 from llfsm.whiteboard.mirror.settings import DEFAULT_ENDPOINT, Settings
 from llfsm.whiteboard.schema import to_plain
 
+from ..console import log_to_console
 from ..options import BoardPlace, board_option
 
 __all__ = ["daemon", "read_status", "status"]
@@ -64,7 +65,7 @@ def daemon(board: BoardPlace, config: Path | None, **flags: object) -> None:
     from llfsm.whiteboard.mirror.zenoh_internals import refusal_log
 
     settings = _settings(config, flags)
-    logging.basicConfig(format="%(message)s", level=logging.WARNING)
+    log_to_console(logging.WARNING)
     with ExitStack() as stack:
         wb = stack.enter_context(board.opened())
         # Only Zenoh's own configuration brings certificates, which can be refused.
