@@ -109,7 +109,7 @@ export class Debugging {
     if (span !== null) return clocks;
     if (ends === null) return `${clocks} The machines wait until they are continued.`;
     const left = Math.max(0, Math.ceil(ends - now));
-    const end = this.pause ? `${Math.max(left, LEASE_S)} s after the last such page is closed` : `in ${left} s, unless that is renewed`;
+    const end = this.pause ? `${Math.max(left, LEASE_S)} s after the last such page is closed` : `in ${left} s, unless the pause is renewed`;
     return `${clocks} The machines go on ${end}.`;
   }
 

@@ -19,7 +19,7 @@ __all__ = ["guard"]
 @board_option
 @until_eof_option
 def guard(board: BoardPlace, until_eof: bool) -> None:
-    """Post the safe values of machines whose processes die without a clean end, until Ctrl-C.
+    """Post the safe values of machines whose processes die without shutting down, until Ctrl-C.
 
     Bridges, `llfsm whiteboard daemon` and `llfsm view` do so, too. One guard is enough; of several,
     only one posts. The whiteboard may be created later, removed and created again.
