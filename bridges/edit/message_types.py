@@ -12,7 +12,7 @@ from llfsm.bridges.view.page_source import PageSource
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.message_text import shipped_types
 
-from .class_text import class_name, class_text
+from .message_class_text import class_name, message_class_text
 
 __all__ = ["offered", "ros_class"]
 
@@ -36,7 +36,7 @@ def offered(source: PageSource | None) -> dict[str, Any]:
         slots[info.name] = info.type_name
         if info.type_name not in names:
             try:
-                text = class_text(info.schema)
+                text = message_class_text(info.schema)
             except ValueError:  # it has no text
                 continue
             names.add(info.type_name)

@@ -243,7 +243,7 @@ class Debugger:
         if lease_s is not None:
             self._overrides.begin(machine, slot.name, lease_s)
 
-    def overridden(self, machine: str, slot: str) -> None:
+    def end_lease(self, machine: str, slot: str) -> None:
         """End the lease of what was overridden before: it does not end the override after it."""
         self._overrides.end(machine, slot)
 

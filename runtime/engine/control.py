@@ -124,7 +124,7 @@ class Control:
         slot = self.slot_of(name, sensor)
         self.environment.override(name, slot, message)
         if self.instrument is not None:
-            self.instrument.overridden(name, slot.name)
+            self.instrument.end_lease(name, slot.name)
         self.read_again(slot.name)
         self.environment.wake()
 

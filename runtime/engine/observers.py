@@ -30,8 +30,8 @@ class Instrument(Protocol):
         """Do what is due; called several times a second where requests come from outside."""
         ...
 
-    def overridden(self, machine: str, slot: str) -> None:
-        """Note that a machine's sensors of a slot are overridden anew, without a lease."""
+    def end_lease(self, machine: str, slot: str) -> None:
+        """End the lease of what was overridden before: it does not end the override after it."""
         ...
 
     def left_s(self, machine: str, sensor: str) -> float | None:
