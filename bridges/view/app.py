@@ -12,8 +12,8 @@ from starlette.routing import Route, WebSocketRoute
 from .access import AccessMiddleware
 from .connections import log_exhaustion_once
 from .page_files import ASSETS, PageFiles, is_open
+from .page_session import SourcePage
 from .page_source import PageSource
-from .source_page import SourcePage
 
 __all__ = ["make_app"]
 

@@ -29,8 +29,8 @@ from .fleet_source import FleetEncoder, FleetSource
 from .live_source import LiveSource
 from .page_files import ASSETS, PageFiles, json_response
 from .page_requests import decode
+from .page_session import SourcePage
 from .page_socket import serve_page
-from .source_page import SourcePage
 
 __all__ = ["make_fleet_app"]
 

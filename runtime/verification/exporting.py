@@ -13,11 +13,11 @@ from typing import Final, NamedTuple, TextIO
 
 from ..engine.errors import ConfigurationError
 from .breadth_first import Search, Successor
-from .checking import PackedSituation
 from .properties import Property, evaluate
+from .property_search import PackedSituation
+from .state_view import View
 from .tables import Tables
 from .values import message_text
-from .view import View
 
 __all__ = ["EXPORTS", "ExportedState", "export", "nodes_of"]
 

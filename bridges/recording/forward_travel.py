@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .rerun import Rerun
     from .travel_host import TravelHost
 
-__all__ = ["GoneElsewhere", "GoneOn", "HostedDebugger", "HostedTravel", "Moment", "OtherMoment"]
+__all__ = ["ForwardTravel", "GoneElsewhere", "GoneOn", "HostedDebugger", "Moment", "OtherMoment"]
 
 
 class Moment(NamedTuple):
@@ -57,7 +57,7 @@ class GoneElsewhere(BaseException):
         self.elsewhere = OtherMoment(jump)
 
 
-class HostedTravel(Travel):
+class ForwardTravel(Travel):
     """Go through a recording in one thread, forwards only."""
 
     def __init__(self, host: TravelHost, *arguments: Any):

@@ -9,10 +9,10 @@ from .errors import PredicateError
 from .packing import FieldName
 from .properties import Property, evaluate
 from .standings import ControlState
+from .state_view import View
 from .system import RelearnError
 from .tables import Tables
 from .values import Variables
-from .view import View
 
 if TYPE_CHECKING:
     from ..engine.seat import Seat
