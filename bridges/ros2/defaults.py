@@ -13,6 +13,7 @@ from .errors import DomainIdError
 
 __all__ = [
     "DOMAINS",
+    "ROS_ARGUMENTS",
     "ROUTER",
     "ROUTER_PORT",
     "TRANSPORTS",
@@ -28,6 +29,9 @@ DOMAINS = range(233)  # above, DDS has no ports left
 
 ROUTER_PORT = 7447  # Zenoh's own default, and so that of rmw_zenohd and of a whiteboard's daemon
 ROUTER = f"tcp/localhost:{ROUTER_PORT}"
+
+ROS_ARGUMENTS = "--ros-args"
+"""What precedes ROS's own arguments on a command line."""
 
 
 def choose_transport(name: str, *, router: bool) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from llfsm.bridges.ros2.defaults import DOMAINS, TRANSPORTS
+from llfsm.bridges.ros2.defaults import DOMAINS, ROS_ARGUMENTS, TRANSPORTS
 from llfsm.bridges.ros2.errors import RosArgumentError
 
 from .numbers import Integer
@@ -35,7 +35,6 @@ Command = Callable[..., Any]
 
 
 _META = "llfsm.ros_arguments"
-_BEGIN = "--ros-args"
 
 
 class RosCommand(click.Command):
@@ -43,7 +42,7 @@ class RosCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the command's own arguments; keep those of ROS for :func:`ros_arguments`."""
-        if _BEGIN in args:
+        if ROS_ARGUMENTS in args:
             from llfsm.bridges.ros2.ros_arguments import split_ros_arguments
 
             try:
@@ -65,7 +64,7 @@ def check_ros_arguments(*, ros: bool, **options: object) -> None:
     """Refuse `options` that are given, and arguments of ROS, without ``--ros``."""
     given = [f"--{name}" for name, value in options.items() if value is not None]
     if _META in click.get_current_context().meta:
-        given.append(_BEGIN)
+        given.append(ROS_ARGUMENTS)
     if given and not ros:
         raise click.UsageError(f"--ros is needed for {given[0]}")
 
