@@ -17,7 +17,7 @@ from .values import Variables
 if TYPE_CHECKING:
     from ..engine.seat import Seat
 
-__all__ = ["Checker", "PackedSituation"]
+__all__ = ["Checker", "PackedSituation", "UnnamedFieldError"]
 
 
 class PackedSituation:
