@@ -25,9 +25,9 @@ class Moment(NamedTuple):
     """Where the machines of a process are."""
 
     number: int
-    """Of the turn that is to come; 0 before anything is arranged."""
+    """The number of the turn that is to come; 0 before anything is arranged."""
     time_ns: int
-    """Of that turn; `NEVER` at the end."""
+    """The time of that turn; `NEVER` at the end."""
     breakpoints: tuple[str, ...] = ()
     counted: bool = True
     """Whether these have counted their hits from the beginning."""

@@ -39,7 +39,7 @@ class Instrument(Protocol):
         ...
 
     def pause_left_s(self) -> float | None:
-        """Return when a pause ends that nobody renews; None if only a request ends it."""
+        """Return the seconds until a pause ends, unless renewed; None if only a request does."""
         ...
 
     def failed(self, seat: Seat, error: ExecutionError) -> None:

@@ -125,10 +125,8 @@ def public_errors() -> Iterator[type]:
         for path in sorted((ROOT / folder).rglob("*.py")):
             found = re.findall(r"^class ([A-Z]\w*Error)\b", path.read_text(), re.MULTILINE)
             if found:
-                parts = path.relative_to(ROOT).with_suffix("").parts
-                module = importlib.import_module(
-                    ".".join(("llfsm", *parts[2 if parts[0] == "src" else 0 :]))
-                )
+                inner = path.relative_to(ROOT / ("src/llfsm" if folder == "src/llfsm" else "."))
+                module = importlib.import_module(".".join(("llfsm", *inner.with_suffix("").parts)))
                 yield from (getattr(module, name) for name in found)
 
 
