@@ -45,10 +45,6 @@ class GoalStanding(Message, type_name="llfsm/GoalStanding"):
     status: GoalStatus = GoalStatus.UNKNOWN
     failure: str = ""
 
-    def is_active(self, number: int) -> bool:
-        """Return whether the goal with that number was accepted and has not ended."""
-        return self.number == number and self.status.active
-
     def has_succeeded(self, number: int) -> bool:
         """Return whether the goal with that number has succeeded: its result is there."""
         return self.number == number and self.status is GoalStatus.SUCCEEDED

@@ -14,9 +14,9 @@ from llfsm.runtime.counterexamples.replaying import situation_of
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
 from llfsm.runtime.testing.scripted import ScriptedEnvironment
 from llfsm.runtime.verification import Space, UnsupportedError, explore
-from llfsm.runtime.verification.checking import PackedSituation
+from llfsm.runtime.verification.property_search import PackedSituation
+from llfsm.runtime.verification.state_view import Situation
 from llfsm.runtime.verification.values import freeze
-from llfsm.runtime.verification.view import Situation
 from random_machines import LEFT, RIGHT, SHARED, built, specs
 
 __all__ = ["Boundary", "Happenings", "assert_contained", "happenings"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+from functools import cache
 from pkgutil import iter_modules
 
 import msgspec
@@ -16,7 +17,7 @@ from .message import Message
 from .schema import from_plain
 from .slots import Slot
 
-__all__ = ["message_class", "parse_message"]
+__all__ = ["message_class", "parse_message", "shipped_types"]
 
 
 def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
@@ -51,15 +52,7 @@ def message_class(name: str) -> type[Message]:
     """
     module, colon, attribute = name.partition(":")
     if not colon:
-        package, _, attribute = name.partition("/")
-        attribute = attribute.removeprefix("msg/")
-        if package not in _shipped():
-            raise MessageTypeError(
-                f"no message type {name!r}: give it as package.module:Class, or as "
-                f"geometry_msgs/Twist if it ships with llfsm, whose packages are "
-                f"{', '.join(_shipped())}{did_you_mean(package, _shipped())}"
-            )
-        module = f"llfsm.whiteboard.messages.{package}"
+        return _shipped(name)
     try:
         within = importlib.import_module(module)
     except (ImportError, ValueError, TypeError) as error:  # as of ".a:B"
@@ -74,7 +67,36 @@ def message_class(name: str) -> type[Message]:
     return found
 
 
-def _shipped() -> list[str]:
-    """Return the packages of the types that ship."""
-    modules = sorted(module.name for module in iter_modules(messages.__path__))
-    return [name for name in modules if name != "types"]  # which has what the others share
+@cache
+def shipped_types() -> tuple[type[Message], ...]:
+    """Return the types of ROS's packages that ship; the messages of llfsm's processes are none."""
+    found = iter_modules(messages.__path__, f"{messages.__name__}.")
+    return tuple(
+        value
+        for module in (importlib.import_module(each.name) for each in found)
+        for value in vars(module).values()
+        if isinstance(value, type)
+        and issubclass(value, Message)
+        and value.__module__ == module.__name__
+        and "/" in value.__type_name__  # type: ignore[attr-defined]
+    )
+
+
+def _shipped(name: str) -> type[Message]:
+    packages: dict[str, dict[str, type[Message]]] = {}
+    for each in shipped_types():
+        package = each.__module__.rpartition(".")[2]
+        packages.setdefault(package, {})[each.__name__] = each
+    package, _, attribute = name.partition("/")
+    types = packages.get(package)
+    if types is None:
+        raise MessageTypeError(
+            f"no message type {name!r}: give it as package.module:Class, or as "
+            f"geometry_msgs/Twist if it ships with llfsm, whose packages are "
+            f"{', '.join(packages)}{did_you_mean(package, packages)}"
+        )
+    attribute = attribute.removeprefix("msg/")
+    if attribute not in types:
+        near = did_you_mean(attribute, types)
+        raise MessageTypeError(f"no message type {name!r}: {package} has no {attribute!r}{near}")
+    return types[attribute]

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import secrets
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request as HttpRequest
 from starlette.responses import Response
@@ -19,7 +16,7 @@ from starlette.websockets import WebSocket
 
 from llfsm.bridges.view import page_files
 from llfsm.bridges.view.access import AccessMiddleware
-from llfsm.bridges.view.connections import log_exhaustion_once
+from llfsm.bridges.view.guarded_app import guarded_app
 from llfsm.bridges.view.page_files import ASSETS, PageFiles, json_response
 from llfsm.bridges.view.page_socket import serve_page
 from llfsm.bridges.view.page_source import PageSource
@@ -60,9 +57,15 @@ def make_edit_app(
         pages = _MachinePages({"": opened}, source, shared)
         routes = pages.routes(files, "")
     routes.append(Route("/assets/{name}", files.respond))
-    app = Starlette(routes=routes, lifespan=pages.life)
-    app.router.redirect_slashes = False
-    return AccessMiddleware(app, host=host, token=token, is_open=_is_open, styles=styles)
+    return guarded_app(
+        routes,
+        begin=pages.begin,
+        end=pages.end,
+        host=host,
+        token=token,
+        is_open=_is_open,
+        styles=styles,
+    )
 
 
 def _is_open(path: str) -> bool:
@@ -96,16 +99,16 @@ class _MachinePages:
             WebSocketRoute(f"{at}/live", self._live),
         ]
 
-    @asynccontextmanager
-    async def life(self, _: Starlette) -> AsyncIterator[None]:
+    def begin(self) -> None:
         """Make the sessions, which belong to the running loop."""
         for name, each in self._documents.items():
             if isinstance(each, Document):
                 self._sessions[name] = EditSession(
                     each, self._source, name, control=self._shared["control"]
                 )
-        log_exhaustion_once(asyncio.get_running_loop())
-        yield
+
+    def end(self) -> None:
+        """Read no more of the board."""
         if self._source is not None:
             self._source.close()
 

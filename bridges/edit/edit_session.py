@@ -11,7 +11,7 @@ import msgspec
 from starlette.concurrency import run_in_threadpool
 
 from llfsm.bridges.view.errors import RequestError
-from llfsm.bridges.view.page_requests import AskMachine, FrameShown, perform
+from llfsm.bridges.view.page_requests import FrameShown, MachineCommand, perform
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.editing.document import Document, Edit
 from llfsm.runtime.editing.include_edits import Include
@@ -126,7 +126,7 @@ class EditSession:
         if isinstance(request, ReloadMachine):
             if self._source is None:
                 raise RequestError("no live machine is watched; start the page with --board")
-            ask = AskMachine(request.id, self._name, "reload")
+            ask = MachineCommand(request.id, self._name, "reload")
             return await run_in_threadpool(perform, ask, self._source, control=self._control)
         if not isinstance(request, ChangeRequest):
             return await self._simulating.perform(request)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from importlib import import_module
-from pkgutil import iter_modules
 from typing import Any, Final
 
-import llfsm.whiteboard.messages as shipped
 from llfsm.bridges.ros2.errors import RosTypeError
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.whiteboard import Message
+from llfsm.whiteboard.message_text import shipped_types
 from llfsm.whiteboard.own_slots import is_own
 
-from .class_text import class_name, class_text
+from .message_class_text import class_name, message_class_text
 
 __all__ = ["offered", "ros_class"]
 
@@ -38,7 +36,7 @@ def offered(source: PageSource | None) -> dict[str, Any]:
         slots[info.name] = info.type_name
         if info.type_name not in names:
             try:
-                text = class_text(info.schema)
+                text = message_class_text(info.schema)
             except ValueError:  # it has no text
                 continue
             names.add(info.type_name)
@@ -68,7 +66,10 @@ def _found() -> Iterator[dict[str, str]]:
     for module, names in _BASE.items():
         for name in names:
             yield {"name": name, "type": "", "text": f"from {module} import {name}\n"}
-    here = dict(_shipped())
+    here: dict[str, tuple[str, str]] = {
+        each.__type_name__: (each.__module__, each.__name__)  # type: ignore[attr-defined]
+        for each in shipped_types()
+    }
     for type_name in sorted({*here, *_library().message_names()}):
         module, name = here.get(type_name, ("", class_name(type_name)))
         yield {"name": name, "type": type_name, "text": _including(type_name, module, name)}
@@ -81,13 +82,3 @@ def _including(type_name: str, module: str, name: str) -> str:
         "from llfsm.bridges.ros2.types import TypeLibrary\n\n\n"
         f'NAME = TypeLibrary().message("{type_name}").message\n'
     )
-
-
-def _shipped() -> Iterator[tuple[str, tuple[str, str]]]:
-    """Give the message types of ROS that ship, each with its module and name."""
-    for each in iter_modules(shipped.__path__, f"{shipped.__name__}."):
-        for value in vars(import_module(each.name)).values():
-            if isinstance(value, type) and issubclass(value, Message):
-                type_name: str = value.__type_name__  # type: ignore[attr-defined]
-                if "/" in type_name and value.__module__ == each.name:
-                    yield type_name, (each.name, value.__name__)

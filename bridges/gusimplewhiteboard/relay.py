@@ -14,7 +14,7 @@ from llfsm.whiteboard.schema import from_plain
 
 from .errors import GuFileError, MisfitError
 from .file import GuWhiteboard, RingPosition
-from .layouts import MessageLayout
+from .message_layouts import MessageLayout
 
 __all__ = ["Direction", "Relay", "run"]
 

@@ -15,7 +15,7 @@ from llfsm.whiteboard.message_text import message_class
 
 from .errors import LayoutError
 from .file import DEFAULT_PATH, TYPES
-from .layouts import MessageLayout, find_layout
+from .message_layouts import MessageLayout, find_layout
 from .relay import Direction
 
 __all__ = ["ConfiguredRelay", "RelayConfiguration", "check_configuration", "read_configuration"]

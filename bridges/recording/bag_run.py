@@ -39,7 +39,7 @@ class PostDifference(NamedTuple):
 
     slot: RecordedSlot
     number: int
-    """Of the slot's messages from 1, those equal to the one before left out."""
+    """Its number among the slot's messages, from 1, without those equal to the one before."""
     recorded: _Post | None
     found: _Post | None
 

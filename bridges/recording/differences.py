@@ -52,7 +52,7 @@ class Difference(NamedTuple):
     """The first thing that machines do differently; None where one of the two does nothing."""
 
     number: int
-    """Of the recording's events and posted messages that are compared, from 1."""
+    """Its number among the recording's events and posts that are compared, from 1."""
     after_s: float
     """Seconds since the first event."""
     recorded: Entry | None

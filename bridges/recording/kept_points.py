@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Final, NamedTuple
 
-from .hosted_travel import Moment
+from .forward_travel import Moment
 from .process_link import ProcessLink
 from .travel import Jump
 

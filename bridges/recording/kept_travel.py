@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Protocol, Self
 
 from .errors import MachinesGoneError, MomentError
-from .hosted_travel import Moment, OtherMoment
+from .forward_travel import Moment, OtherMoment
 from .kept_points import KeptPoint, KeptPoints
 from .process_link import LinkClosedError, ProcessLink
 from .travel import NEVER, NO_BREAKPOINT, Jump, Travel

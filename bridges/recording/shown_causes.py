@@ -1,25 +1,34 @@
-"""Why machines of a recording are in their states, and their variables, as messages for a page."""
+"""Why machines of a recording are in their states, and their variables, as messages for a page.
+
+A journal has the value of each guard that was evaluated. With what the guard saw, there is more to
+be known: :mod:`.explaining` runs the machines again for that.
+"""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Final
 
 from msgspec.structs import replace
 
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
-from llfsm.whiteboard.messages.debugging import MachineWhy, why_slot
+from llfsm.whiteboard.messages.debugging import MachineWhy, SeenTransition, why_slot
 from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus, variables_slot
 from llfsm.whiteboard.slots import legal_name
 
+from .errors import RecordingFileError
 from .reader import RecordedJournal, Recording
-from .recorded_causes import causes_at
 
 if TYPE_CHECKING:
     from .explaining import Explainer
 
-__all__ = ["ShownCauses"]
+__all__ = ["ShownCauses", "causes_at"]
+
+_KIND_BYTES: Final = 24  # at the beginning of an entry, which contain its kind
+_MOST: Final = 10_000  # entries that are looked at
 
 
 class ShownCauses:
@@ -94,3 +103,38 @@ class ShownCauses:
 def _slot_of(message: Message, machine: str) -> str:
     is_why = isinstance(message, MachineWhy)
     return (why_slot(machine) if is_why else variables_slot(machine)).name
+
+
+def causes_at(recording: Recording, journal: RecordedJournal, now_ns: int) -> dict[str, MachineWhy]:
+    """Return why each machine of a journal is where it is, by its last turn before that moment."""
+    evaluated: defaultdict[str, list[dict[str, Any]]] = defaultdict(list)  # the last one first
+    found: dict[str, MachineWhy] = {}
+    rounds = 0
+    for number, record in enumerate(recording.backwards(journal, now_ns)):
+        kind = record.data[:_KIND_BYTES]
+        rounds += b'"RoundBegin"' in kind
+        if rounds > 1 or number == _MOST:  # each machine has had its turn in a whole round
+            break
+        if b'"Eval"' not in kind and b'"Turn"' not in kind:
+            continue
+        with suppress(RecordingFileError):
+            entry = recording.entry(record)
+            machine = entry["machine"]
+            if machine in found:
+                continue
+            if entry["event"] == "Eval":
+                evaluated[machine].append(entry)
+            else:
+                evaluated_s = (now_ns - recording.time_of(record)) / 1e9
+                found[machine] = _why(entry["state"], evaluated[machine][::-1], evaluated_s)
+    return found
+
+
+def _why(state: str, evaluated: list[dict[str, Any]], evaluated_s: float) -> MachineWhy:
+    seen = tuple(
+        SeenTransition(each["target"], each["label"], each["value"], each["label"])
+        for each in evaluated
+    )
+    if seen and seen[-1].value is True:
+        return MachineWhy(seen[-1].target, (), state, seen)
+    return MachineWhy(state, seen, evaluated_s=evaluated_s if seen else None)

@@ -41,15 +41,15 @@ class TravelDebugger(Debugger):
         super().__init__(rerun.arrangement)
         self._rerun = rerun
         self.number = 0
-        """Of the latest turn that has begun, from 1."""
+        """The number of the latest turn that has begun, from 1."""
         self.since = since
         """The number of the turn from which on breakpoints pause."""
         self.passed = 0
         """The last turn before that at which one would have."""
         self.time_ns = 0
-        """Of the latest event, by the recording's clock, which never stood still."""
+        """The time of the latest event, by the recording's clock, which never stood still."""
         self.begun_ns = -1 << 62
-        """Of the latest turn that was not only to come."""
+        """The time of the latest turn that was not only to come."""
         self.rounds = array("q")
         """The numbers of the turns with which rounds have begun."""
         self.arrivals = array("q")

@@ -22,7 +22,7 @@ from typing import Any, Final, TypeAlias
 from llfsm.runtime.engine.events import Turn
 
 from .errors import RecordingError
-from .hosted_travel import GoneElsewhere, GoneOn, HostedDebugger, HostedTravel, Moment
+from .forward_travel import ForwardTravel, GoneElsewhere, GoneOn, HostedDebugger, Moment
 from .process_copy import Origin
 from .process_link import LinkClosedError, ProcessLink
 from .travel import NEVER, Jump, Travel
@@ -50,7 +50,7 @@ class TravelHost:
         self._then: Asked | None = None
         self._serve = serve
         self._is_serving = False
-        self.travel: HostedTravel
+        self.travel: ForwardTravel
         self.counts = True
         """Whether the breakpoints have counted their hits from the beginning."""
         self.is_touched = False
@@ -64,7 +64,7 @@ class TravelHost:
         self._begin(then, known)
         self._origin = Origin()
         sys.breakpointhook = self._breakpoint
-        self.travel = HostedTravel(self, *arguments, jump)
+        self.travel = ForwardTravel(self, *arguments, jump)
         self._served = self._serve(self.travel)
         self.travel.run()
         while True:

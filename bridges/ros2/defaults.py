@@ -15,6 +15,7 @@ from .errors import DomainIdError
 
 __all__ = [
     "DOMAINS",
+    "ROS_ARGUMENTS",
     "ROUTER",
     "TRANSPORTS",
     "check_domain",
@@ -28,6 +29,9 @@ TRANSPORTS = ("auto", "rclpy", "zenoh")
 DOMAINS = range(233)  # above, DDS has no ports left
 
 ROUTER = f"tcp/localhost:{PORT}"  # where rmw_zenohd listens
+
+ROS_ARGUMENTS = "--ros-args"
+"""What precedes ROS's own arguments on a command line."""
 
 
 def choose_transport(name: str, *, router: bool) -> str:

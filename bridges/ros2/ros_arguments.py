@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from .defaults import ROS_ARGUMENTS
 from .errors import RosArgumentError, RosNameError
 from .node_parameters import Value
 from .parameter_files import ANY_NODE, fits, read_parameters, read_value
@@ -31,7 +32,7 @@ from .rosout import logger_name
 
 __all__ = ["RosArguments", "split_ros_arguments"]
 
-_BEGIN, _END = "--ros-args", "--"
+_END = "--"  # of ROS's own
 _LONG = {"-r": "--remap", "-p": "--param", "-e": "--enclave"}
 _WITH_VALUE = {
     "--remap",
@@ -150,13 +151,13 @@ def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], RosArgumen
     found = RosArguments()
     waiting = iter(arguments)
     for argument in waiting:
-        if argument != _BEGIN:
+        if argument != ROS_ARGUMENTS:
             own.append(argument)
             continue
         for flag in waiting:
             if flag == _END:
                 break
-            if flag == _BEGIN:
+            if flag == ROS_ARGUMENTS:
                 continue
             name = _LONG.get(flag, flag)
             if name in _SWITCHES:

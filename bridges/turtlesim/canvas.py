@@ -10,7 +10,7 @@ of a pen of width 1, which Qt draws by another algorithm, are often a pixel asid
 from functools import lru_cache
 from math import ceil, floor, hypot
 
-from .pen import Color, Pen
+from .pen import Pen, Rgb
 from .stroke import Stroke
 
 __all__ = ["SIZE", "Canvas"]
@@ -40,11 +40,11 @@ class Canvas:
         """Return all strokes in the order in which they were begun, killed turtles' included."""
         return tuple(self._strokes)
 
-    def color_at(self, x: float, y: float) -> Color | None:
+    def color_at(self, x: float, y: float) -> Rgb | None:
         """Return the colour drawn at a point of the field in pixels, or None where it is bare."""
         at = (int(y + 0.5) * SIZE + int(x + 0.5)) * _BYTES
         pixels = self._pixels
-        return Color(pixels[at], pixels[at + 1], pixels[at + 2]) if pixels[at + 3] else None
+        return Rgb(pixels[at], pixels[at + 1], pixels[at + 2]) if pixels[at + 3] else None
 
     def draw(self, turtle: str, pen: Pen, x0: float, y0: float, x1: float, y1: float) -> None:
         """Draw a line from (x0, y0) to (x1, y1), which may lie outside.
@@ -110,7 +110,7 @@ class Canvas:
 
 
 @lru_cache(maxsize=64)
-def _ink(color: Color) -> bytes:
+def _ink(color: Rgb) -> bytes:
     """Return a row of pixels of a colour."""
     return bytes((*color, 255)) * SIZE
 

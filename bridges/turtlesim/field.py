@@ -14,13 +14,13 @@ from typing import Final, NamedTuple
 from uuid import uuid4
 
 from llfsm.runtime.drawing.png import write_png
-from llfsm.runtime.drawing.shapes import Ellipse, Group, Line, Picture, Polygon, Shape, Text
+from llfsm.runtime.drawing.shapes import Ellipse, FilledPolygon, Group, Line, Picture, Shape, Text
 from llfsm.runtime.drawing.svg import write_svg
 
 from .arithmetic import FIELD, METER
 from .canvas import SIZE
 from .errors import PictureFormatError
-from .pen import Color
+from .pen import Rgb
 from .simulator import Simulator
 from .turtle import Turtle
 
@@ -115,7 +115,7 @@ def field_picture(simulator: Simulator, caption: str = "") -> Picture:
 def _caption(lines: list[str], band: float) -> Iterator[Shape]:
     if lines:
         corners = ((0, SIZE), (SIZE, SIZE), (SIZE, SIZE + band), (0, SIZE + band))
-        yield Polygon(corners, _WHITE)
+        yield FilledPolygon(corners, _WHITE)
     for number, line in enumerate(lines, start=1):
         baseline = SIZE + _CAPTION_LEADING * number + _CAPTION_SIZE / 3
         yield Text(SIZE / 2, baseline, line, _CAPTION_SIZE, _INK)
@@ -136,8 +136,8 @@ def _position(turtle: Turtle) -> tuple[float, float]:
     return min(max(x, 0.0), FIELD) * METER, min(max(y, 0.0), FIELD) * METER
 
 
-def _shade(color: Color, part: float) -> str:
-    return Color(*(round(value * part) for value in color)).hex
+def _shade(color: Rgb, part: float) -> str:
+    return Rgb(*(round(value * part) for value in color)).hex
 
 
 def _turtle(turtle: Turtle) -> Shape:
@@ -149,7 +149,7 @@ def _turtle(turtle: Turtle) -> Shape:
 
 def _body(coat: _Coat) -> Iterator[Shape]:
     """Draw a turtle that faces right, about the origin."""
-    yield Polygon(((-14.0, -3.5), (-23.0, 0.0), (-14.0, 3.5)), coat.skin)
+    yield FilledPolygon(((-14.0, -3.5), (-23.0, 0.0), (-14.0, 3.5)), coat.skin)
     for side in (-1.0, 1.0):
         yield Ellipse(9.5, side * 13.0, 8.0, 4.0, coat.skin, side * 50.0)
         yield Ellipse(-10.0, side * 12.0, 7.0, 3.5, coat.skin, side * -50.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..ros2.node_parameters import NodeParameters, Parameter, Value
 from .errors import ParameterError
-from .pen import Color
+from .pen import Rgb
 
 __all__ = ["Parameters"]
 
@@ -14,7 +14,7 @@ _BYTE = (0, 255)
 class Parameters(NodeParameters):
     """Hold `background_r`, `background_g`, `background_b` (0 to 255) and `holonomic`."""
 
-    background: Color
+    background: Rgb
     holonomic: bool
 
     def __init__(self) -> None:
@@ -41,5 +41,5 @@ class Parameters(NodeParameters):
 
     def _derive(self) -> None:
         values = self.values()
-        self.background = Color(*(values[f"background_{channel}"] for channel in "rgb"))
+        self.background = Rgb(*(values[f"background_{channel}"] for channel in "rgb"))
         self.holonomic = values["holonomic"]

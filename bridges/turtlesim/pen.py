@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 from .errors import PenError
 
-__all__ = ["Color", "Pen"]
+__all__ = ["Pen", "Rgb"]
 
 
-class Color(NamedTuple):
+class Rgb(NamedTuple):
     """An opaque colour, as in turtlesim/msg/Color; each part 0 to 255."""
 
     r: int
@@ -23,7 +23,7 @@ class Color(NamedTuple):
 class Pen(NamedTuple):
     """What a turtle draws with: a colour, and a width in pixels (1 to 255)."""
 
-    color: Color = Color(0xB3, 0xB8, 0xFF)
+    color: Rgb = Rgb(0xB3, 0xB8, 0xFF)
     width: int = 3
 
     @classmethod
@@ -32,4 +32,4 @@ class Pen(NamedTuple):
         for name, value in (("r", r), ("g", g), ("b", b), ("width", width)):
             if not 0 <= value <= 255:
                 raise PenError(f"a pen's {name} is from 0 to 255, not {value}")
-        return cls(Color(r, g, b), width or 1)
+        return cls(Rgb(r, g, b), width or 1)

@@ -18,15 +18,15 @@ from llfsm.runtime.goals import GoalStatus
 from .arithmetic import DT, FIELD, METER, float32, normalize
 from .canvas import Canvas
 from .parameters import Parameters
-from .pen import Color, Pen
+from .pen import Pen, Rgb
 from .rotate import RotateGoal
 
-__all__ = ["COMMAND_STEPS", "Level", "Log", "Pose", "Turtle"]
+__all__ = ["COMMAND_STEPS", "Level", "Log", "Turtle", "TurtlePose"]
 
 COMMAND_STEPS = 63
 """Steps that a command lasts: those that begin at most 1 s after it."""
 
-_BARE = Color(255, 255, 255)
+_BARE = Rgb(255, 255, 255)
 _SAME = 1e-12  # metres; Qt takes points about this close for equal, and no line is drawn
 
 
@@ -42,7 +42,7 @@ Log = Callable[[Level, str], object]
 """What takes a log line, without a time stamp; `logging.getLogger("turtlesim").log` will do."""
 
 
-class Pose(NamedTuple):
+class TurtlePose(NamedTuple):
     """turtlesim/msg/Pose: metres, rad, m/s without a sign, rad/s; each value a float32."""
 
     x: float
@@ -76,8 +76,8 @@ class Turtle:
         self.pen = Pen()
         self.pen_down = True
         self.goal: RotateGoal | None = None
-        self.pose = Pose(x, y, theta, 0.0, 0.0)
-        self.color: Color = _BARE
+        self.pose = TurtlePose(x, y, theta, 0.0, 0.0)
+        self.color: Rgb = _BARE
         self._x = x
         self._y = float32(FIELD - y)  # turtlesim subtracts in float32 here, and nowhere else
         self._theta = theta
@@ -155,7 +155,7 @@ class Turtle:
         self._x, self._y = x, y
 
         speed = sqrt(vx * vx + vy * vy)
-        self.pose = Pose._make(array("f", (x, FIELD - y, theta, speed, w)))
+        self.pose = TurtlePose._make(array("f", (x, FIELD - y, theta, speed, w)))
         self.color = self._canvas.color_at(x * METER, y * METER) or _BARE
         if abs(x - x0) > _SAME or abs(y - y0) > _SAME:
             self._draw(x0, y0)

@@ -5,13 +5,9 @@ Nothing is read of a host but its summary, except while its own page is open.
 
 from __future__ import annotations
 
-import asyncio
 import os
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from typing import Any, Final
 
-from starlette.applications import Starlette
 from starlette.requests import Request as HttpRequest
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
@@ -23,14 +19,14 @@ from llfsm.whiteboard.mirror.naming import require_host_name
 from . import page_files
 from .access import AccessMiddleware
 from .broadcaster import Broadcaster, frames
-from .connections import log_exhaustion_once
 from .errors import RequestError
 from .fleet_source import FleetEncoder, FleetSource
+from .guarded_app import guarded_app
 from .live_source import LiveSource
 from .page_files import ASSETS, PageFiles, json_response
 from .page_requests import decode
+from .page_session import SourcePage
 from .page_socket import serve_page
-from .source_page import SourcePage
 
 __all__ = ["make_fleet_app"]
 
@@ -54,10 +50,7 @@ def make_fleet_app(
     hosts = _HostPages(name, directory, control=control)
     broadcaster = Broadcaster(source.snapshot, period_s=_PERIOD_S, left=source.close)
 
-    @asynccontextmanager
-    async def life(_: Starlette) -> AsyncIterator[None]:
-        log_exhaustion_once(asyncio.get_running_loop())
-        yield
+    def end() -> None:
         source.close()
         hosts.close()
 
@@ -76,22 +69,18 @@ def make_fleet_app(
             encode = FleetEncoder().encode
             await serve_page(socket, frames(broadcaster, encode), decode, _refuse)
 
-    app = Starlette(
-        routes=[
-            Route("/", page),
-            Route("/assets/{name}", files.respond),
-            Route("/about", about),
-            WebSocketRoute("/live", live),
-            Route(f"{_HOSTS}{{host}}/", host_page),
-            Route(f"{_HOSTS}{{host}}/about", hosts.about),
-            Route(f"{_HOSTS}{{host}}/diagram", hosts.diagram),
-            Route(f"{_HOSTS}{{host}}/log", hosts.log),
-            WebSocketRoute(f"{_HOSTS}{{host}}/live", hosts.live),
-        ],
-        lifespan=life,
-    )
-    app.router.redirect_slashes = False
-    return AccessMiddleware(app, host=host, token=token, is_open=_is_open)
+    routes = [
+        Route("/", page),
+        Route("/assets/{name}", files.respond),
+        Route("/about", about),
+        WebSocketRoute("/live", live),
+        Route(f"{_HOSTS}{{host}}/", host_page),
+        Route(f"{_HOSTS}{{host}}/about", hosts.about),
+        Route(f"{_HOSTS}{{host}}/diagram", hosts.diagram),
+        Route(f"{_HOSTS}{{host}}/log", hosts.log),
+        WebSocketRoute(f"{_HOSTS}{{host}}/live", hosts.live),
+    ]
+    return guarded_app(routes, end=end, host=host, token=token, is_open=_is_open)
 
 
 def _is_open(path: str) -> bool:

@@ -12,11 +12,10 @@ import msgspec
 from llfsm.runtime.presence.fleet_table import FleetTable, HostRow
 from llfsm.whiteboard.board_files import DIRECTORY
 
+from .frames import TimedEncoder
 from .reopened_board import ReopenedBoard
 
 __all__ = ["FleetEncoder", "FleetSnapshot", "FleetSource"]
-
-_encode = msgspec.json.Encoder().encode
 
 
 class FleetSnapshot(NamedTuple):
@@ -60,7 +59,7 @@ class FleetSource:
         self._opened.close()  # what is bound to it is forgotten with it
 
 
-class FleetEncoder:
+class FleetEncoder(TimedEncoder):
     """Encode what a page does not know yet of the hosts.
 
     A frame is a JSON object. Members that are missing have not changed:
@@ -71,7 +70,7 @@ class FleetEncoder:
     """
 
     def __init__(self) -> None:
-        self._base_ns: int | None = None
+        super().__init__()
         self._trouble: str | None = None
         self._known: dict[str, HostRow] = {}
 
@@ -88,12 +87,7 @@ class FleetEncoder:
         self._known = rows
         if new:
             frame["hosts"] = new
-        if not frame and not beat:
-            return None
-        return _encode({"now": self._seconds(snapshot.now_ns), **frame})
-
-    def _seconds(self, stamp_ns: int) -> float:
-        return (stamp_ns - (self._base_ns or 0)) / 1e9
+        return self._framed(snapshot.now_ns, frame, beat=beat)
 
     def _host(self, row: HostRow) -> dict[str, Any]:
         contact_ns = row.contact_ns

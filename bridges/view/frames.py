@@ -18,12 +18,28 @@ from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MACHINES, Commanders, M
 
 from .page_source import Change, PageSource, Snapshot
 
-__all__ = ["FrameEncoder"]
+__all__ = ["FrameEncoder", "TimedEncoder"]
 
 _encode = msgspec.json.Encoder().encode
 
 
-class FrameEncoder:
+class TimedEncoder:
+    """Make frames with the time, in seconds since the page's first frame."""
+
+    def __init__(self) -> None:
+        self._base_ns: int | None = None
+
+    def _seconds(self, stamp_ns: int) -> float:
+        return (stamp_ns - (self._base_ns or 0)) / 1e9
+
+    def _framed(self, now_ns: int, frame: dict[str, Any], *, beat: bool) -> bytes | None:
+        """Return the frame as bytes; None if there is nothing in it and no `beat` is due."""
+        if not frame and not beat:
+            return None
+        return _encode({"now": self._seconds(now_ns), **frame})
+
+
+class FrameEncoder(TimedEncoder):
     """Encode what a page does not know yet.
 
     A frame is a JSON object. Members that are missing have not changed:
@@ -43,8 +59,8 @@ class FrameEncoder:
     """
 
     def __init__(self, source: PageSource) -> None:
+        super().__init__()
         self._source = source
-        self._base_ns: int | None = None
         self._epoch: int | None = None
         self._reset()
 
@@ -83,12 +99,7 @@ class FrameEncoder:
                 "history": self._new_history(),
             }
             frame |= {key: value for key, value in parts.items() if value}
-        if not frame and not beat:
-            return None
-        return _encode({"now": self._seconds(snapshot.now_ns), **frame})
-
-    def _seconds(self, stamp_ns: int) -> float:
-        return (stamp_ns - (self._base_ns or 0)) / 1e9
+        return self._framed(snapshot.now_ns, frame, beat=beat)
 
     def _new_slots(self, snapshot: Snapshot) -> list[Any]:
         if snapshot.slots is self._slots:

@@ -23,7 +23,7 @@ __all__ = ["PageRequest", "decode", "is_early", "perform"]
 _LEASE_S: Final = 6.0  # a page that is there renews a pause every second
 
 
-class AskMachine(msgspec.Struct, tag="ask"):
+class MachineCommand(msgspec.Struct, tag="ask"):
     """Suspend, resume, restart, reload or stop a machine, or debug the machines of its process."""
 
     id: int
@@ -58,7 +58,7 @@ class FrameShown(msgspec.Struct, tag="seen"):
     """The page has shown a frame and can take another one."""
 
 
-PageRequest = AskMachine | PostMessage | Seek | Play | FrameShown
+PageRequest = MachineCommand | PostMessage | Seek | Play | FrameShown
 
 _decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(PageRequest)
 
@@ -75,7 +75,7 @@ def decode(text: str) -> PageRequest:
 def is_early(request: PageRequest, source: PageSource) -> bool:
     """Return whether a request would replace another one, which its machine is to obey first."""
     board = source.board()
-    if board is None or not isinstance(request, AskMachine):
+    if board is None or not isinstance(request, MachineCommand):
         return False
     with suppress(WhiteboardError, FsmError):  # what is wrong is found when it is performed
         return Directory(board).find(request.machine).is_asked
@@ -83,7 +83,7 @@ def is_early(request: PageRequest, source: PageSource) -> bool:
 
 
 def perform(
-    request: AskMachine | PostMessage | Seek | Play, source: PageSource, *, control: bool
+    request: MachineCommand | PostMessage | Seek | Play, source: PageSource, *, control: bool
 ) -> str:
     """Carry out a request and return a text that confirms it, or raise `RequestError`."""
     if isinstance(request, Seek | Play):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..engine.errors import OptionError
 from ..testing.scripted import ScriptedEnvironment
 from ..verification.properties import Property, evaluate
-from ..verification.view import View
+from ..verification.state_view import View
 from .replaying import view_of
 
 if TYPE_CHECKING:

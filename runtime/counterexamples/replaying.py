@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..engine.events import Event, Observer, RoundEnd, Turn
 from ..testing.playback import Playback
 from ..verification.standings import ControlState
-from ..verification.view import View, defaults_of
+from ..verification.state_view import View, defaults_of
 from .regression import script_of
 
 if TYPE_CHECKING:

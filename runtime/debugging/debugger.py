@@ -243,7 +243,7 @@ class Debugger:
         if lease_s is not None:
             self._overrides.begin(machine, slot.name, lease_s)
 
-    def overridden(self, machine: str, slot: str) -> None:
+    def end_lease(self, machine: str, slot: str) -> None:
         """End the lease of what was overridden before: it does not end the override after it."""
         self._overrides.end(machine, slot)
 
@@ -252,7 +252,7 @@ class Debugger:
         return self._overrides.left_s(machine, sensor)
 
     def pause_left_s(self) -> float | None:
-        """Return when a pause ends that nobody renews; None if only a request ends it."""
+        """Return the seconds until a pause ends, unless renewed; None if only a request does."""
         return None if self._ends_s is None else max(0.0, self._ends_s - time.monotonic())
 
     def look(self) -> None:

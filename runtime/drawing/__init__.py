@@ -10,7 +10,7 @@ from .dot import to_dot
 from .mermaid import to_mermaid
 from .overview import MachineLinks, overview
 from .rendering import to_png, to_svg
-from .shapes import Point
+from .shapes import PicturePoint
 from .timeline import Stay, Timeline, timeline
 
 __all__ = [
@@ -19,7 +19,7 @@ __all__ = [
     "Edge",
     "Label",
     "MachineLinks",
-    "Point",
+    "PicturePoint",
     "Stay",
     "Timeline",
     "arrange",

@@ -10,7 +10,7 @@ from .automatic_layout import automatic_layout
 from .curves import hits, sample, straight
 from .diagram import Arrow, Box, Diagram, Edge, Label, SectionText
 from .editor_layout import editor_layout, has_room
-from .shapes import Curve, Point
+from .shapes import Curve, PicturePoint
 from .style import DOT, LINE, MARGIN
 from .text import numbered_labels, section_texts
 from .typeset import cut_sections, make_box, make_label
@@ -72,15 +72,15 @@ def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Cu
     """Return the arrow to the initial state, at the side with the most room."""
     others, curves = list(others), [sample(edge.curve) for edge in edges]
     sides = [
-        (Point(box.x, box.top - _START), Point(box.x, box.top)),
-        (Point(box.left - _START, box.y), Point(box.left, box.y)),
-        (Point(box.right + _START, box.y), Point(box.right, box.y)),
-        (Point(box.x, box.bottom + _START), Point(box.x, box.bottom)),
+        (PicturePoint(box.x, box.top - _START), PicturePoint(box.x, box.top)),
+        (PicturePoint(box.left - _START, box.y), PicturePoint(box.left, box.y)),
+        (PicturePoint(box.right + _START, box.y), PicturePoint(box.right, box.y)),
+        (PicturePoint(box.x, box.bottom + _START), PicturePoint(box.x, box.bottom)),
     ]
 
-    def clash(side: tuple[Point, Point]) -> int:
+    def clash(side: tuple[PicturePoint, PicturePoint]) -> int:
         dot, tip = side
-        near = [Point((dot.x + tip.x) / 2, (dot.y + tip.y) / 2), dot]
+        near = [PicturePoint((dot.x + tip.x) / 2, (dot.y + tip.y) / 2), dot]
         hit = sum(10 * hits(near, other, DOT + 4) for other in others)
         around = Label(near[0].x, near[0].y, 2 * DOT + 8, _START, ())
         return hit + sum(hits(points, around) for points in curves)

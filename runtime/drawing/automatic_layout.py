@@ -10,7 +10,7 @@ from .diagram import Arrow, Box, Edge
 from .layered_graph import Arc, LayerNode, Link, back_arcs, ranks
 from .loops import loop_room, self_loops
 from .ordering import place
-from .shapes import Curve, Point
+from .shapes import Curve, PicturePoint
 
 __all__ = ["automatic_layout"]
 
@@ -92,10 +92,10 @@ def _route(
     """Return the curve along links: it crosses layers vertically, and bends between them."""
     first, last = links[0], links[-1]
     x = first.upper.x + first.start
-    points = [Point(x, start), Point(x, bands[first.upper.rank][1])]
+    points = [PicturePoint(x, start), PicturePoint(x, bands[first.upper.rank][1])]
     for link in links[:-1]:
         top, bottom = bands[link.lower.rank]
-        points += Point(link.lower.x, top), Point(link.lower.x, bottom)
+        points += PicturePoint(link.lower.x, top), PicturePoint(link.lower.x, bottom)
     x = last.lower.x + last.end
-    points += Point(x, bands[last.lower.rank][0]), Point(x, end)
+    points += PicturePoint(x, bands[last.lower.rank][0]), PicturePoint(x, end)
     return through(points)

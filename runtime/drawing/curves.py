@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from .shapes import Curve, Point
+from .shapes import Curve, PicturePoint
 
 if TYPE_CHECKING:
     from .diagram import Box, Label
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 __all__ = ["at", "contains", "crossing", "hits", "part", "sample", "straight", "through"]
 
 
-def straight(start: Point, end: Point) -> Curve:
+def straight(start: PicturePoint, end: PicturePoint) -> Curve:
     """Return a straight line as a curve."""
-    third = Point((2 * start.x + end.x) / 3, (2 * start.y + end.y) / 3)
-    return start, third, Point((start.x + 2 * end.x) / 3, (start.y + 2 * end.y) / 3), end
+    third = PicturePoint((2 * start.x + end.x) / 3, (2 * start.y + end.y) / 3)
+    return start, third, PicturePoint((start.x + 2 * end.x) / 3, (start.y + 2 * end.y) / 3), end
 
 
-def through(points: Sequence[Point]) -> Curve:
+def through(points: Sequence[PicturePoint]) -> Curve:
     """Return the curve through points in the order of their y, vertical in each of them."""
-    corners: list[Point] = []
+    corners: list[PicturePoint] = []
     for point in points:
         if corners and point.y - corners[-1].y < 0.01:
             continue
@@ -35,11 +35,11 @@ def through(points: Sequence[Point]) -> Curve:
             curve += straight(a, b)[1:]
         else:
             middle = (a.y + b.y) / 2
-            curve += Point(a.x, middle), Point(b.x, middle), b
+            curve += PicturePoint(a.x, middle), PicturePoint(b.x, middle), b
     return tuple(curve)
 
 
-def at(curve: Curve, t: float) -> tuple[Point, Point]:
+def at(curve: Curve, t: float) -> tuple[PicturePoint, PicturePoint]:
     """Return the place and the direction at `t`, from 0 to 1 over all pieces."""
     pieces = (len(curve) - 1) // 3
     piece = min(int(t * pieces), pieces - 1)
@@ -51,15 +51,15 @@ def at(curve: Curve, t: float) -> tuple[Point, Point]:
         for p, q, r, s in ((a.x, b.x, c.x, d.x), (a.y, b.y, c.y, d.y))
     ]
     return (
-        Point(
+        PicturePoint(
             u**3 * a.x + 3 * u * u * t * b.x + 3 * u * t * t * c.x + t**3 * d.x,
             u**3 * a.y + 3 * u * u * t * b.y + 3 * u * t * t * c.y + t**3 * d.y,
         ),
-        Point(*along),
+        PicturePoint(*along),
     )
 
 
-def sample(curve: Curve, number: int = 24) -> list[Point]:
+def sample(curve: Curve, number: int = 24) -> list[PicturePoint]:
     """Return points along a curve, both ends included."""
     return [at(curve, i / number)[0] for i in range(number + 1)]
 
@@ -68,7 +68,7 @@ def part(curve: Curve, start: float, end: float) -> Curve:
     """Return a curve of one piece cut to what is between `start` and `end`, from 0 to 1."""
     a, b, c, d = curve
 
-    def blossom(r: float, s: float, t: float) -> Point:
+    def blossom(r: float, s: float, t: float) -> PicturePoint:
         """Interpolate each of the three times at its own parameter (de Casteljau)."""
         ab, bc, cd = _mix(a, b, r), _mix(b, c, r), _mix(c, d, r)
         return _mix(_mix(ab, bc, s), _mix(bc, cd, s), t)
@@ -79,8 +79,8 @@ def part(curve: Curve, start: float, end: float) -> Curve:
     )  # fmt: skip
 
 
-def _mix(a: Point, b: Point, t: float) -> Point:
-    return Point(a.x + (b.x - a.x) * t, a.y + (b.y - a.y) * t)
+def _mix(a: PicturePoint, b: PicturePoint, t: float) -> PicturePoint:
+    return PicturePoint(a.x + (b.x - a.x) * t, a.y + (b.y - a.y) * t)
 
 
 def crossing(curve: Curve, box: Box, outside: float, inside: float) -> float:
@@ -94,13 +94,13 @@ def crossing(curve: Curve, box: Box, outside: float, inside: float) -> float:
     return outside
 
 
-def contains(box: Box, point: Point, depth: float = 0.0) -> bool:
+def contains(box: Box, point: PicturePoint, depth: float = 0.0) -> bool:
     """Return whether a point is inside a box, farther from its border than `depth`."""
     x, y = box.width / 2 - depth, box.height / 2 - depth
     return abs(point.x - box.x) < x and abs(point.y - box.y) < y
 
 
-def hits(points: Iterable[Point], box: Box | Label, margin: float = 0) -> int:
+def hits(points: Iterable[PicturePoint], box: Box | Label, margin: float = 0) -> int:
     """Return how many points are within a box, or nearer to it than `margin`."""
     x, y = box.width / 2 + margin, box.height / 2 + margin
     return sum(abs(p.x - box.x) < x and abs(p.y - box.y) < y for p in points)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import hypot
 from typing import NamedTuple
 
-from .shapes import Curve, Point
+from .shapes import Curve, PicturePoint
 
 __all__ = [
     "HEAD",
@@ -134,16 +134,16 @@ class Diagram:
         return to_svg(self)
 
 
-def arrow_head(curve: Curve) -> tuple[Point, Point, Point]:
+def arrow_head(curve: Curve) -> tuple[PicturePoint, PicturePoint, PicturePoint]:
     """Return the triangle at the end of a curve, its tip first."""
     tip = curve[-1]
-    before = next((p for p in reversed(curve) if p != tip), Point(tip.x, tip.y - 1))
+    before = next((p for p in reversed(curve) if p != tip), PicturePoint(tip.x, tip.y - 1))
     length = hypot(tip.x - before.x, tip.y - before.y)
     dx, dy = (tip.x - before.x) / length, (tip.y - before.y) / length
-    base = Point(tip.x - HEAD * dx, tip.y - HEAD * dy)
+    base = PicturePoint(tip.x - HEAD * dx, tip.y - HEAD * dy)
     side = HEAD * 0.38
     return (
         tip,
-        Point(base.x - side * dy, base.y + side * dx),
-        Point(base.x + side * dy, base.y - side * dx),
+        PicturePoint(base.x - side * dy, base.y + side * dx),
+        PicturePoint(base.x + side * dy, base.y - side * dx),
     )

@@ -13,7 +13,7 @@ from .curves import at, contains, crossing, hits, part, sample
 from .diagram import HEAD, Arrow, Box, Edge, Label, arrow_head
 from .loops import self_loops
 from .nearby import Grid
-from .shapes import Curve, Point
+from .shapes import Curve, PicturePoint
 
 __all__ = [
     "bowed_curve", "editor_layout", "given_curve", "has_room", "label_places", "overlap",
@@ -43,7 +43,9 @@ def editor_layout(
     """
     there = place_boxes(boxes, layout)
     boxes = _apart(there, layout)
-    moves = [Point(box.x - old.x, box.y - old.y) for box, old in zip(boxes, there, strict=True)]
+    moves = [
+        PicturePoint(box.x - old.x, box.y - old.y) for box, old in zip(boxes, there, strict=True)
+    ]
     around: Grid[int] = Grid()
     for i, box in enumerate(boxes):
         around.add(i, box.x, box.y, box.width, box.height)
@@ -56,14 +58,14 @@ def editor_layout(
             curve = given_curve(path, boxes[arrow.source], boxes[arrow.target])
             if curve is not None:
                 curves[arrow] = curve
-    alike: dict[frozenset[int], list[Point]] = {}  # points of the arrows between two boxes
+    alike: dict[frozenset[int], list[PicturePoint]] = {}  # points of the arrows between two boxes
     for arrow in [*curves, *(each for each in arrows if each not in curves)]:
         if arrow not in curves and arrow.source != arrow.target:
             beside = alike.get(_ends(arrow), [])
             curves[arrow] = _free_curve(arrow, boxes, around, beside)
         if arrow in curves:
             alike.setdefault(_ends(arrow), []).extend(sample(curves[arrow])[4:-4])
-    points: Grid[tuple[Point, Arrow]] = Grid()
+    points: Grid[tuple[PicturePoint, Arrow]] = Grid()
     for arrow, curve in curves.items():
         _add_points(points, arrow, curve)
     loops: dict[int, list[Arrow]] = {}
@@ -146,7 +148,7 @@ def _beside(box: Box, other: Box) -> Box:
     return replace(box, y=other.y + (y if box.y >= other.y else -y))
 
 
-def _moved(path: TransitionPath, source: Point, target: Point) -> TransitionPath:
+def _moved(path: TransitionPath, source: PicturePoint, target: PicturePoint) -> TransitionPath:
     """Move the two halves of a path as its boxes have moved."""
     return TransitionPath(
         (path.src[0] + source.x, path.src[1] + source.y),
@@ -162,8 +164,8 @@ def given_curve(path: TransitionPath, source: Box, target: Box) -> Curve | None:
     None if so little of it is left that no arrow can be seen, or if its head is inside the target.
     """
     curve: Curve = (
-        _outside(source, path.src), Point(*path.control1),
-        Point(*path.control2), _outside(target, path.dst),
+        _outside(source, path.src), PicturePoint(*path.control1),
+        PicturePoint(*path.control2), _outside(target, path.dst),
     )  # fmt: skip
     steps = [i / _STEPS for i in range(_STEPS + 1)]
     places = [at(curve, t)[0] for t in steps]
@@ -184,7 +186,7 @@ def given_curve(path: TransitionPath, source: Box, target: Box) -> Curve | None:
     curve = (_on_border(source, curve[0]), *curve[1:3], _on_border(target, curve[3]))
     length = sum(hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(sample(curve)))
     _, left, right = arrow_head(curve)
-    base = Point((left.x + right.x) / 2, (left.y + right.y) / 2)
+    base = PicturePoint((left.x + right.x) / 2, (left.y + right.y) / 2)
     return curve if length > 2 * HEAD and not contains(target, base, _TOUCH) else None
 
 
@@ -197,21 +199,21 @@ def _longest_run(inside: Sequence[bool]) -> tuple[int, int]:
     return best
 
 
-def _outside(box: Box, point: tuple[float, float]) -> Point:
+def _outside(box: Box, point: tuple[float, float]) -> PicturePoint:
     """Return a point on the border of `box` instead of one outside it."""
-    place = Point(*point)
+    place = PicturePoint(*point)
     return place if contains(box, place) else _on_border(box, place)
 
 
-def _on_border(box: Box, point: tuple[float, float]) -> Point:
+def _on_border(box: Box, point: tuple[float, float]) -> PicturePoint:
     """Return the point of a box's border that is nearest to `point`."""
     x = min(max(point[0], box.left), box.right)
     y = min(max(point[1], box.top), box.bottom)
     sides = [
-        (abs(x - box.left), Point(box.left, y)),
-        (abs(x - box.right), Point(box.right, y)),
-        (abs(y - box.top), Point(x, box.top)),
-        (abs(y - box.bottom), Point(x, box.bottom)),
+        (abs(x - box.left), PicturePoint(box.left, y)),
+        (abs(x - box.right), PicturePoint(box.right, y)),
+        (abs(y - box.top), PicturePoint(x, box.top)),
+        (abs(y - box.bottom), PicturePoint(x, box.bottom)),
     ]
     return min(sides)[1]
 
@@ -220,13 +222,13 @@ def _ends(arrow: Arrow) -> frozenset[int]:
     return frozenset((arrow.source, arrow.target))
 
 
-def _add_points(points: Grid[tuple[Point, Arrow]], arrow: Arrow, curve: Curve) -> None:
+def _add_points(points: Grid[tuple[PicturePoint, Arrow]], arrow: Arrow, curve: Curve) -> None:
     for point in sample(curve):
         points.add((point, arrow), point.x, point.y)
 
 
 def _free_curve(
-    arrow: Arrow, boxes: Sequence[Box], around: Grid[int], alike: Sequence[Point]
+    arrow: Arrow, boxes: Sequence[Box], around: Grid[int], alike: Sequence[PicturePoint]
 ) -> Curve:
     """Return a curve that bows as little as it can to keep clear of boxes and of its like."""
     ends = _ends(arrow)
@@ -251,7 +253,7 @@ def _free_loops(
     labels: Sequence[Label],
     boxes: Sequence[Box],
     around: Grid[int],
-    points: Grid[tuple[Point, Arrow]],
+    points: Grid[tuple[PicturePoint, Arrow]],
 ) -> list[tuple[Curve, Label]]:
     """Return loops at the side of box `i` where less is in their way."""
 
@@ -270,7 +272,10 @@ def _free_loops(
 
 
 def _covered(
-    points: Grid[tuple[Point, Arrow]], label: Label, margin: float = 0, own: Arrow | None = None
+    points: Grid[tuple[PicturePoint, Arrow]],
+    label: Label,
+    margin: float = 0,
+    own: Arrow | None = None,
 ) -> int:
     """Return how many points of other arrows are within a label, or nearer to it than `margin`."""
     near = points.near(label.x, label.y, label.width + 2 * margin, label.height + 2 * margin)
@@ -294,30 +299,34 @@ def bowed_curve(source: Box, target: Box, bow: float) -> Curve:
     """Return a curve between two boxes whose middle is so far to the left of a straight line."""
     dx, dy = target.x - source.x, target.y - source.y
     length = hypot(dx, dy) or 1
-    side = Point(-dy / length * bow, dx / length * bow)
-    middle = Point((source.x + target.x) / 2 + side.x, (source.y + target.y) / 2 + side.y)
+    side = PicturePoint(-dy / length * bow, dx / length * bow)
+    middle = PicturePoint((source.x + target.x) / 2 + side.x, (source.y + target.y) / 2 + side.y)
     start, end = _towards(source, middle), _towards(target, middle)
     return (
         start,
-        Point((start.x + 2 * middle.x) / 3 + side.x / 6, (start.y + 2 * middle.y) / 3 + side.y / 6),
-        Point((end.x + 2 * middle.x) / 3 + side.x / 6, (end.y + 2 * middle.y) / 3 + side.y / 6),
+        PicturePoint(
+            (start.x + 2 * middle.x) / 3 + side.x / 6, (start.y + 2 * middle.y) / 3 + side.y / 6
+        ),
+        PicturePoint(
+            (end.x + 2 * middle.x) / 3 + side.x / 6, (end.y + 2 * middle.y) / 3 + side.y / 6
+        ),
         end,
     )
 
 
-def _towards(box: Box, point: Point) -> Point:
+def _towards(box: Box, point: PicturePoint) -> PicturePoint:
     """Return where the line from a box's centre to `point` leaves the box."""
     dx, dy = point.x - box.x, point.y - box.y
     scale = max(abs(dx) / (box.width / 2), abs(dy) / (box.height / 2))
     if not scale:
-        return Point(box.x, box.bottom)
+        return PicturePoint(box.x, box.bottom)
     if abs(dx) / box.width > abs(dy) / box.height:
-        return Point(box.right if dx > 0 else box.left, box.y + dy / scale)
-    return Point(box.x + dx / scale, box.bottom if dy > 0 else box.top)
+        return PicturePoint(box.right if dx > 0 else box.left, box.y + dy / scale)
+    return PicturePoint(box.x + dx / scale, box.bottom if dy > 0 else box.top)
 
 
 def _free_label(
-    arrow: Arrow, curve: Curve, taken: Grid[Box | Label], points: Grid[tuple[Point, Arrow]]
+    arrow: Arrow, curve: Curve, taken: Grid[Box | Label], points: Grid[tuple[PicturePoint, Arrow]]
 ) -> Label:
     """Place a label on its curve or beside it, where it covers least."""
     label = arrow.label
@@ -333,14 +342,14 @@ def _free_label(
 
 def label_places(
     label: Label, curve: Curve, asides: Sequence[float] = _ASIDE, along: Sequence[float] = _ALONG
-) -> Iterator[Point]:
+) -> Iterator[PicturePoint]:
     """Give places for a label on its curve, then beside it, the best first."""
     for aside in asides:
         for t in along:
             point, way = at(curve, t)
             length = hypot(*way) or 1
             x = point.x - way.y / length * (aside + _sign(aside) * label.width / 4)
-            yield Point(x, point.y + way.x / length * aside)
+            yield PicturePoint(x, point.y + way.x / length * aside)
 
 
 def _sign(value: float) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from .diagram import Box, Label
-from .shapes import Curve, Point
+from .shapes import Curve, PicturePoint
 
 __all__ = ["loop_room", "self_loops"]
 
@@ -36,10 +36,10 @@ def self_loops(box: Box, labels: Sequence[Label], side: int = 1) -> list[tuple[C
     loops: list[tuple[Curve, Label]] = []
     for label in labels:
         curve = (
-            Point(border, y - end),
-            Point(border + reach, y - _SWING * end),
-            Point(border + reach, y + _SWING * end),
-            Point(border, y + end),
+            PicturePoint(border, y - end),
+            PicturePoint(border + reach, y - _SWING * end),
+            PicturePoint(border + reach, y + _SWING * end),
+            PicturePoint(border, y + end),
         )
         beside = replace(label, x=border + side * (_REACH + _GAP + label.width / 2), y=y)
         loops.append((curve, beside))

@@ -13,12 +13,12 @@ from ..engine.errors import DrawingError
 from .curves import sample
 from .shapes import (
     Ellipse,
+    FilledPolygon,
     Group,
     Line,
     Path,
     Picture,
-    Point,
-    Polygon,
+    PicturePoint,
     Rectangle,
     Shape,
     Text,
@@ -89,7 +89,7 @@ class _Painter:
                 case Path(curve, color, width):
                     points = sample(curve, 20 * ((len(curve) - 1) // 3))
                     self.line(map(place, points), color, width)
-                case Polygon(points, fill):
+                case FilledPolygon(points, fill):
                     self.draw.polygon([place(point) for point in points], fill)
                 case Ellipse(x, y, rx, ry, fill, turn):
                     within = _within(place, x, y, turn)
@@ -161,7 +161,7 @@ def _font(names: tuple[str, ...], size: float) -> FreeTypeFont | ImageFont:
     return ImageFont.load_default(size)
 
 
-def _outline(shape: Rectangle) -> list[Point]:
+def _outline(shape: Rectangle) -> list[PicturePoint]:
     """Return the points around a rectangle, the first one again at the end."""
     corner = shape.corner
     left, right = shape.left, shape.left + shape.width
@@ -170,27 +170,31 @@ def _outline(shape: Rectangle) -> list[Point]:
     for x, y, dx, dy in (
         (right, top, -1, 1), (right, bottom, -1, -1), (left, bottom, 1, -1), (left, top, 1, 1)
     ):  # fmt: skip
-        side, end = Point(x + dx * corner, y), Point(x, y + dy * corner)
+        side, end = PicturePoint(x + dx * corner, y), PicturePoint(x, y + dy * corner)
         arc = _ARC * corner
-        quarter = (side, Point(x + dx * arc, y), Point(x, y + dy * arc), end)
+        quarter = (side, PicturePoint(x + dx * arc, y), PicturePoint(x, y + dy * arc), end)
         points += sample(quarter if dx * dy < 0 else quarter[::-1], 8)
     return [*points, points[0]]
 
 
-def _dashes(points: Sequence[Point], on: float, gap: float) -> Iterator[list[Point]]:
+def _dashes(points: Sequence[PicturePoint], on: float, gap: float) -> Iterator[list[PicturePoint]]:
     """Cut a line into dashes."""
-    dash: list[Point] = []
+    dash: list[PicturePoint] = []
     walked = 0.0
     for a, b in pairwise(points):
         length, done = hypot(b.x - a.x, b.y - a.y), 0.0
         while done < length:
             phase = walked % (on + gap)
             step = min((on if phase < on else on + gap) - phase + 1e-6, length - done)
-            here = Point(a.x + (b.x - a.x) * done / length, a.y + (b.y - a.y) * done / length)
+            here = PicturePoint(
+                a.x + (b.x - a.x) * done / length, a.y + (b.y - a.y) * done / length
+            )
             done += step
             walked += step
             if phase < on:
-                there = Point(a.x + (b.x - a.x) * done / length, a.y + (b.y - a.y) * done / length)
+                there = PicturePoint(
+                    a.x + (b.x - a.x) * done / length, a.y + (b.y - a.y) * done / length
+                )
                 dash += [there] if dash else [here, there]
             elif dash:
                 yield dash

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from . import style
 from .diagram import Box, Diagram, Edge, arrow_head
 from .png import write_png
-from .shapes import Curve, Ellipse, Group, Path, Picture, Polygon, Rectangle, Shape
+from .shapes import Curve, Ellipse, FilledPolygon, Group, Path, Picture, Rectangle, Shape
 from .svg import write_svg
 from .text import printable
 from .typeset import box_lines, label_lines
@@ -65,7 +65,7 @@ def _group(edge: Edge, shapes: Iterator[Shape]) -> Group:
 
 def _arrow(curve: Curve, color: str) -> Iterator[Shape]:
     yield Path(curve, color, style.LINE)
-    yield Polygon(arrow_head(curve), color)
+    yield FilledPolygon(arrow_head(curve), color)
 
 
 def _label(edge: Edge) -> Iterator[Shape]:

@@ -11,19 +11,28 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeAlias
 
 __all__ = [
-    "Curve", "Ellipse", "Group", "Line", "Path", "Picture", "Point", "Polygon", "Rectangle",
-    "Shape", "Text",
+    "Curve",
+    "Ellipse",
+    "FilledPolygon",
+    "Group",
+    "Line",
+    "Path",
+    "Picture",
+    "PicturePoint",
+    "Rectangle",
+    "Shape",
+    "Text",
 ]  # fmt: skip
 
 
-class Point(NamedTuple):
+class PicturePoint(NamedTuple):
     """A position in the picture."""
 
     x: float
     y: float
 
 
-Curve: TypeAlias = tuple[Point, ...]
+Curve: TypeAlias = tuple[PicturePoint, ...]
 """A start, and three points for each cubic Bézier piece."""
 
 
@@ -46,7 +55,7 @@ class Path:
 
 
 @dataclass(frozen=True, slots=True)
-class Polygon:
+class FilledPolygon:
     """A filled polygon."""
 
     points: Sequence[tuple[float, float]]
@@ -114,7 +123,7 @@ class Group:
     attributes: Mapping[str, str] = field(default_factory=dict)
 
 
-Shape: TypeAlias = Line | Path | Polygon | Ellipse | Rectangle | Text | Group
+Shape: TypeAlias = Line | Path | FilledPolygon | Ellipse | Rectangle | Text | Group
 
 
 @dataclass(frozen=True, slots=True)

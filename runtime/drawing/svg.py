@@ -8,11 +8,11 @@ from html import escape
 
 from .shapes import (
     Ellipse,
+    FilledPolygon,
     Group,
     Line,
     Path,
     Picture,
-    Polygon,
     Rectangle,
     Shape,
     Text,
@@ -58,7 +58,7 @@ def _elements(shapes: Iterable[Shape]) -> Iterator[str]:
                     f'<path d="M{_points(curve[:1])} C{_points(curve[1:])}" fill="none"'
                     f' stroke="{color}" stroke-width="{_number(width)}"/>'
                 )
-            case Polygon(points, fill):
+            case FilledPolygon(points, fill):
                 yield f'<polygon points="{_points(points)}" fill="{fill}"/>'
             case Ellipse():
                 yield _ellipse(shape)

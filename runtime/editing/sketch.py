@@ -22,7 +22,7 @@ from ..drawing.curves import at, straight
 from ..drawing.diagram import Arrow, Box, Diagram, Edge, Label, SectionText
 from ..drawing.editor_layout import bowed_curve, given_curve, label_places, place_boxes
 from ..drawing.loops import self_loops
-from ..drawing.shapes import Curve, Point
+from ..drawing.shapes import Curve, PicturePoint
 from ..drawing.style import MARGIN
 from ..drawing.text import text_lines
 from ..drawing.typeset import cut_sections, make_box, make_label
@@ -61,7 +61,7 @@ def sketch(bundle: Bundle) -> Diagram:
         pairs[pair] += 1
         edges.append(arrow.edge(boxes, curve, room.place(label, curve)))
     first = boxes[0]
-    start = straight(Point(first.x, first.top - _START), Point(first.x, first.top))
+    start = straight(PicturePoint(first.x, first.top - _START), PicturePoint(first.x, first.top))
     return _framed(bundle.name, boxes, edges, start)
 
 
@@ -236,7 +236,7 @@ def _sides(x: float, y: float, width: float, height: float) -> _Sides:
 
 
 @lru_cache(maxsize=4096)
-def _label_places(label: Label, curve: Curve) -> tuple[Point, ...]:
+def _label_places(label: Label, curve: Curve) -> tuple[PicturePoint, ...]:
     return tuple(label_places(label, curve, _BESIDE, _ALONG))
 
 

@@ -166,7 +166,7 @@ class Arrangement(Rotation, Observed, Control):
         return Submachine(self._loader.load(machine, **how), caller)
 
     def reload(self, name: str, cls: type[Machine]) -> None:
-        """Let a machine begin again as `cls`, another definition of it; only between two turns.
+        """Replace a machine by `cls`, another definition of it, and restart it; between two turns.
 
         The one that ran ends: its `at_end` messages are posted. The name, the place, and what the
         machine was loaded with stay, as does a request that is pending. Raise `LoadError`,

@@ -63,19 +63,19 @@ class Control:
     # Requests
 
     def suspend(self, name: str) -> Status:
-        """Have a machine suspended; return its status before."""
+        """Suspend a machine; return its status before."""
         return self._ask(name, Request.SUSPEND)
 
     def resume(self, name: str) -> Status:
-        """Have a machine resumed; return its status before, or ERROR if a restart is pending."""
+        """Resume a machine; return its status before, or ERROR if a restart is pending."""
         return self._ask(name, Request.RESUME)
 
     def restart(self, name: str) -> Status:
-        """Have a machine restarted; return its status before."""
+        """Restart a machine; return its status before."""
         return self._ask(name, Request.RESTART)
 
     def hold(self, name: str) -> None:
-        """Have a machine suspended from outside: until it is resumed the execution goes on."""
+        """Suspend a machine from outside: until it is resumed the execution goes on."""
         self.environment.requested("hold", name)
         seat = self.roster.find(name)
         seat.held = True
@@ -124,7 +124,7 @@ class Control:
         slot = self.slot_of(name, sensor)
         self.environment.override(name, slot, message)
         if self.instrument is not None:
-            self.instrument.overridden(name, slot.name)
+            self.instrument.end_lease(name, slot.name)
         self.read_again(slot.name)
         self.environment.wake()
 

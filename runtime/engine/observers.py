@@ -30,8 +30,8 @@ class Instrument(Protocol):
         """Do what is due; called several times a second where requests come from outside."""
         ...
 
-    def overridden(self, machine: str, slot: str) -> None:
-        """Note that a machine's sensors of a slot are overridden anew, without a lease."""
+    def end_lease(self, machine: str, slot: str) -> None:
+        """End the lease of what was overridden before: it does not end the override after it."""
         ...
 
     def left_s(self, machine: str, sensor: str) -> float | None:
@@ -39,7 +39,7 @@ class Instrument(Protocol):
         ...
 
     def pause_left_s(self) -> float | None:
-        """Return when a pause ends that nobody renews; None if only a request ends it."""
+        """Return the seconds until a pause ends, unless renewed; None if only a request does."""
         ...
 
     def failed(self, seat: Seat, error: ExecutionError) -> None:

@@ -11,8 +11,9 @@
 
 Read in this order: `domains`, `values` (keys of values), `explored` (what a ringlet may ask),
 `ringlets` (one ringlet from any state), `passing` (of time), `system` (all ringlets, each once),
-`packing` and `tables` (states as whole numbers), `breadth_first`, `view`, `properties`, `checking`,
-`responses`, `clocks`, `witness`, `deciding`, `repeating`, `hidden`, `space` and `exploring`.
+`packing` and `tables` (states as whole numbers), `breadth_first`, `state_view`, `properties`,
+`property_search`, `responses`, `clocks`, `witness`, `deciding`, `repeating`, `hidden`, `space` and
+`exploring`.
 """
 
 from .domains import every
@@ -39,7 +40,7 @@ from .properties import (
     step,
 )
 from .space import Progress, Space
-from .view import MachineView, View
+from .state_view import MachineView, View
 from .witness import ChosenTurn, Witness
 
 __all__ = [

@@ -8,12 +8,12 @@ from itertools import pairwise
 from math import inf
 
 from .breadth_first import Level, Search, Successor
-from .checking import Checker
 from .clocks import TooManyZonesError, possible_way, times_of
 from .deadline import ENDINGS
 from .packing import FieldName
 from .passing import AnyTime, Periods
 from .properties import NO_FAILURE, Property, Verdict
+from .property_search import Checker
 from .responses import Lasso, Node, late_response, no_response
 from .space import Progress
 from .system import System

@@ -13,11 +13,12 @@ from typing import Final, NamedTuple, TextIO
 
 from ..engine.errors import ConfigurationError
 from .breadth_first import Search, Successor
-from .checking import PackedSituation
+from .errors import PredicateError
 from .properties import Property, evaluate
+from .property_search import PackedSituation, UnnamedFieldError
+from .state_view import View
 from .tables import Tables
 from .values import message_text
-from .view import View
 
 __all__ = ["EXPORTS", "ExportedState", "export", "nodes_of"]
 
@@ -50,11 +51,21 @@ def nodes_of(search: Search, properties: Iterable[Property]) -> Iterator[Exporte
         situation = PackedSituation(tables, state, set())
         view = View(situation)
         holds = {f"{name}.{situation.control(name).current}" for name in names}
-        holds |= {each.name for each in named if evaluate(each, each.functions[0], view)}
+        holds |= {each.name for each in named if _holds(each, view)}
         steps = search.steps(turn, state)
         yield ExportedState(
             tuple((_label(tables, s), numbers[s.turn, s.state]) for s in steps), holds
         )
+
+
+def _holds(prop: Property, view: View) -> bool:
+    try:
+        return evaluate(prop, prop.functions[0], view)
+    except UnnamedFieldError:
+        raise PredicateError(
+            f"property {prop.name!r} was decided before these states, and reads here what they do "
+            f"not have: export without it"
+        ) from None
 
 
 def _label(tables: Tables, step: Successor) -> str:
@@ -81,9 +92,10 @@ def export(file: Path, nodes: Iterable[ExportedState]) -> None:
     if write is None:
         known = ", ".join(EXPORTS)
         raise ConfigurationError(f"the name of an export ends with one of {known}", file=file)
+    found = [*nodes]
     try:
         with file.open("w", encoding="utf-8") as stream:
-            write(stream, [*nodes])
+            write(stream, found)
     except OSError as error:
         raise ConfigurationError(f"cannot be written: {error.strerror}", file=file) from error
 

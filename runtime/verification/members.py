@@ -14,7 +14,7 @@ from .errors import UnsupportedError
 if TYPE_CHECKING:
     from ..engine.arrangement import Arrangement
 
-__all__ = ["Member", "check_class", "members_of"]
+__all__ = ["Member", "members_of", "require_explorable"]
 
 _SUSPENDED = "Suspended"
 _CACHED = type(lru_cache(lambda: None))
@@ -42,7 +42,7 @@ class Member(NamedTuple):
         load(made, name=self.name, variables=self.variables or None, slots=self.slots)
 
 
-def check_class(cls: type[Machine]) -> None:
+def require_explorable(cls: type[Machine]) -> None:
     """Raise `UnsupportedError` for a class of which not all that its code depends on is known."""
     table = cls.table
     if table.suspend is None and any(state.name == _SUSPENDED for state in table.states):

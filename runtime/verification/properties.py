@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 from ..engine.source_text import expression_of
 from ..engine.state import State
 from .errors import PredicateError
-from .view import View
+from .state_view import View
 
 if TYPE_CHECKING:
     from ..engine.machine import Machine

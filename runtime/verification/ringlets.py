@@ -21,7 +21,7 @@ from ..engine.seat import Seat
 from .deadline import Deadline
 from .errors import UnsupportedError
 from .explored import ExploredEnvironment, Unknown
-from .members import Member, check_class
+from .members import Member, require_explorable
 from .standings import ControlState, Given, RingletOutcome, UnknownStandingError
 from .values import Codes, UnknownValueError, Variables, freeze, other_copy
 
@@ -65,7 +65,7 @@ class Ringlets(Arrangement):
         self.environment.members = self.places.keys()
         self.environment.watchers = {*list(self.places)[len(self.places) - watchers :]}
         for seat in self.seats:
-            check_class(type(seat.machine))
+            require_explorable(type(seat.machine))
         self.controls = [Codes() for _ in self.seats]
         self.variables = [Codes() for _ in self.seats]
         self.messages: dict[str, Codes] = {}

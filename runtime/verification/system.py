@@ -20,8 +20,8 @@ from .members import Member
 from .passing import Limits, Passing
 from .ringlets import Ringlets
 from .standings import ControlState, Given, RingletOutcome, UnknownStandingError
+from .state_view import defaults_of
 from .values import freeze
-from .view import defaults_of
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot

@@ -30,7 +30,7 @@ from table import HEAD, Row, Score
 from llfsm.bridges.ros2.router import open_router
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.zenoh_transport.attachment import pack
-from llfsm.bridges.ros2.zenoh_transport.session import open_session
+from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
 from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
@@ -98,7 +98,7 @@ def _in_turns(seconds: float, send: Callable[[int, Twist], object]) -> None:
 
 def talk(place: Place) -> None:
     """Publish as a ROS node does."""
-    session, _ = open_session([place.router])
+    session, _ = open_node_session([place.router])
     encode = TypeLibrary().message(_TYPE).encode
     publishers = [session.declare_publisher(key) for key in _keys()]
     ready()
@@ -120,7 +120,7 @@ def write(place: Place) -> None:
 
 def hear(place: Place) -> None:
     """Subscribe without llfsm, and look at nothing but the time in each message."""
-    session, _ = open_session([place.router])
+    session, _ = open_node_session([place.router])
     latencies: list[float] = []
 
     def on_sample(sample: Any) -> None:

@@ -32,7 +32,7 @@ from table import ADDED_MS, MEDIANS, Row
 from llfsm.bridges.ros2.router import open_router
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.zenoh_transport.attachment import pack
-from llfsm.bridges.ros2.zenoh_transport.session import open_session
+from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
 from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
@@ -100,7 +100,7 @@ class Place(NamedTuple):
 def talk(place: Place) -> None:
     """Publish as a ROS node does, each message with the time."""
     load = LOADS[place.load]
-    session, _ = open_session([place.router])
+    session, _ = open_node_session([place.router])
     of = TypeLibrary().message(load.type_name)
     data = bytearray(of.encode(of.message(**load.fields)))
     publisher = session.declare_publisher(place.key("in"))
@@ -115,7 +115,7 @@ def talk(place: Place) -> None:
 
 def hear(place: Place) -> None:
     """Subscribe without llfsm, and look at nothing but the time in each message."""
-    session, _ = open_session([place.router])
+    session, _ = open_node_session([place.router])
     latencies: list[float] = []
 
     def on_sample(sample: Any) -> None:
@@ -134,7 +134,7 @@ def hear(place: Place) -> None:
 
 def relay(place: Place) -> None:
     """Put what is received, without llfsm, and look at nothing."""
-    session, _ = open_session([place.router])
+    session, _ = open_node_session([place.router])
     publisher = session.declare_publisher(place.key("out"))
 
     def on_sample(sample: Any) -> None:

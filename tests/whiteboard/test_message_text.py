@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from llfsm.whiteboard import Message, MessageFieldError, MessageTypeError, Slot
-from llfsm.whiteboard.message_text import message_class, parse_message
+from llfsm.whiteboard.message_text import message_class, parse_message, shipped_types
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 from llfsm.whiteboard.messages.turtlesim import Pose
 
@@ -70,6 +70,7 @@ def test_a_type_is_found_by_its_ros_name_or_its_place(name: str, found: type[Mes
     [
         "", "/", ":", "Twist", "geometry_msgs/Twisted", "no_msgs/Twist", "../geometry_msgs/Twist",
         "no.such.module:Twist", "llfsm.whiteboard:Missing", ".relative:Twist", "a b/c",
+        "geometry_msgs/Annotated", "llfsm/Bell",
     ],
 )  # fmt: skip
 def test_an_unknown_type_is_refused(name: str) -> None:
@@ -77,7 +78,19 @@ def test_an_unknown_type_is_refused(name: str) -> None:
         message_class(name)
 
 
-@pytest.mark.parametrize("name", ["json:JSONDecoder", "json:loads", "geometry_msgs/Annotated"])
+@pytest.mark.parametrize("name", ["json:JSONDecoder", "json:loads"])
 def test_another_object_is_not_a_type(name: str) -> None:
     with pytest.raises(MessageTypeError, match="is not a Message class"):
         message_class(name)
+
+
+def test_what_ships_is_of_ros_and_not_what_processes_of_llfsm_tell_each_other() -> None:
+    assert {Twist, Pose} <= set(shipped_types())
+    packages = sorted({each.__module__.rpartition(".")[2] for each in shipped_types()})
+    assert packages == [
+        "builtin_interfaces", "geometry_msgs", "std_msgs", "turtle_sensor_poster", "turtlesim",
+    ]  # fmt: skip
+    with pytest.raises(MessageTypeError, match=rf"packages are {', '.join(packages)}$"):
+        message_class("nopack/Foo")
+    with pytest.raises(MessageTypeError, match="geometry_msgs has no 'Twisted'; did you mean"):
+        message_class("geometry_msgs/Twisted")

@@ -11,6 +11,7 @@ from enum import IntEnum
 from functools import partial
 from typing import Any, TypeVar, cast
 
+from ..defaults import ROS_ARGUMENTS
 from ..errors import TransportUnavailableError
 from ..graph import Endpoint, Graph, Role
 from ..notices import Notifier
@@ -62,7 +63,7 @@ class RclpyContext:
 
     def _open(self, domain: int, enclave: str) -> None:
         self.rclpy.init(
-            args=["--ros-args", "--enclave", enclave] if enclave else [],
+            args=[ROS_ARGUMENTS, "--enclave", enclave] if enclave else [],
             context=self.context,
             domain_id=domain,
             signal_handler_options=self.rclpy.no_signal_handlers,

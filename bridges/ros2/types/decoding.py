@@ -14,6 +14,7 @@ from typing import Any
 
 from . import primitives
 from .definition import PRIMITIVES, FieldType, Shape
+from .generated_function import GeneratedFunction
 from .offsets import HEADER, At, Item, fixed_items, formats, padded
 from .record_type import RecordField, RecordType
 
@@ -69,7 +70,7 @@ def compile_decoder(
     return decode
 
 
-class _Function:
+class _Function(GeneratedFunction):
     """The lines of one function: of the message, or of one that stands in a sequence."""
 
     def __init__(
@@ -81,8 +82,7 @@ class _Function:
         distance: int,
         at: At,
     ) -> None:
-        self.lines: list[str] = []
-        self._names = names  # the globals of the compiled code
+        super().__init__(names)
         self._functions = functions  # those made for messages in sequences
         self._order = order
         self._base = base  # the variable with the last offset worked out
@@ -90,7 +90,6 @@ class _Function:
         self._at = at
         self._batch: list[Item] = []
         self._targets: list[str] = []
-        self._count = 0
 
     @property
     def offset(self) -> str:
@@ -101,7 +100,7 @@ class _Function:
 
     def add(self, item: Item) -> str:
         """Let a value follow; return the variable that will hold it."""
-        target = self._new()
+        target = self.new()
         self._batch.append(item)
         self._targets.append(target)
         return target
@@ -114,14 +113,14 @@ class _Function:
         structs = [Struct(self._order + codes) for codes, _ in found]
         targets = "".join(f"{target}, " for target in self._targets)
         if len(structs) == 1:
-            call = f"{self._name(structs[0].unpack_from)}(data, {self.offset})"
-            self._emit(f"{targets}= {call}" if targets else call)
+            call = f"{self.named(structs[0].unpack_from)}(data, {self.offset})"
+            self.emit(f"{targets}= {call}" if targets else call)
             self._distance += structs[0].size
         else:
-            layout = self._assign(f"{self._name(structs)}[{self.offset} & 7]")
+            layout = self.assign(f"{self.named(structs)}[{self.offset} & 7]")
             call = f"{layout}.unpack_from(data, {self.offset})"
-            self._emit(f"{targets}= {call}" if targets else call)
-            self._reach(self._assign(f"{self.offset} + {layout}.size"))
+            self.emit(f"{targets}= {call}" if targets else call)
+            self._reach(self.assign(f"{self.offset} + {layout}.size"))
         self._at, self._batch, self._targets = end, [], []
 
     def message(self, record: RecordType) -> str:
@@ -129,7 +128,7 @@ class _Function:
         values = [self._member(member) for member in record.members]
         if not values:
             self._batch.append(Item("x", 1, 1))
-        return f"{self._name(record.cls)}({', '.join(values)})"
+        return f"{self.named(record.cls)}({', '.join(values)})"
 
     def _member(self, member: RecordField) -> str:
         kind, record = member.type, member.record
@@ -149,7 +148,7 @@ class _Function:
             count = self.add(Item("I", 4, 4))
             self.flush()
             if kind.size:
-                self._emit(f"if {count} > {kind.size}: raise UnreadableError")
+                self.emit(f"if {count} > {kind.size}: raise UnreadableError")
         if record is not None:
             return self._messages(record, count)
         if kind.is_text:
@@ -161,26 +160,26 @@ class _Function:
         self.flush()
         start = self.offset
         if kind.base == "wstring":
-            value = self._assign(f"narrow(data, {start}, {count}, {self._order!r})")
-            self._reach(self._assign(f"{start} + 4 * {count}"))
+            value = self.assign(f"narrow(data, {start}, {count}, {self._order!r})")
+            self._reach(self.assign(f"{start} + 4 * {count}"))
             self._at = At(4, 0)
         else:
-            end = self._assign(f"{start} + {count}")
-            self._emit(f"if data[{end} - 1]: raise UnreadableError")
+            end = self.assign(f"{start} + {count}")
+            self.emit(f"if data[{end} - 1]: raise UnreadableError")
             self._reach(end)
             self._at = At()
             value = f"data[{start}:{end} - 1].decode()"
         if kind.bound:
-            value = self._assign(value)
-            self._emit(f"if len({value}) > {kind.bound}: raise UnreadableError")
+            value = self.assign(value)
+            self.emit(f"if len({value}) > {kind.bound}: raise UnreadableError")
         return value
 
     def _texts(self, kind: FieldType, count: str) -> str:
         wide = kind.base == "wstring"
         reader, how = ("read_wide_texts", repr(self._order)) if wide else ("read_texts", "length")
-        value, end = self._new(), self._new()
+        value, end = self.new(), self.new()
         call = f"{reader}(data, {self.offset}, {count}, {kind.bound}, {how})"
-        self._emit(f"{value}, {end} = {call}")
+        self.emit(f"{value}, {end} = {call}")
         self._reach(end)
         self._at = At(4, 0) if wide else At()
         return value
@@ -191,11 +190,11 @@ class _Function:
         if kind.is_bytes:
             return f"data[{start}:{end}]"
         if kind.base == "bool":
-            return self._assign(f"tuple(map(truth, data[{start}:{end}]))")
+            return self.assign(f"tuple(map(truth, data[{start}:{end}]))")
         if count.isdigit():
-            reader = self._name(Struct(f"{self._order}{count}{code}").unpack_from)
-            return self._assign(f"{reader}(data, {start})")
-        return self._assign(f'unpack_from(f"{self._order}{{{count}}}{code}", data, {start})')
+            reader = self.named(Struct(f"{self._order}{count}{code}").unpack_from)
+            return self.assign(f"{reader}(data, {start})")
+        return self.assign(f'unpack_from(f"{self._order}{{{count}}}{code}", data, {start})')
 
     def _messages(self, record: RecordType, count: str) -> str:
         items = fixed_items(record)
@@ -203,15 +202,15 @@ class _Function:
             codes, size = padded(items, HEADER)
             start, end = self._row(count, size, max(item.align for item in items))
             inner = _Function(self._names, self._functions, self._order, "", HEADER, At(8, HEADER))
-            inner._count = self._count
+            inner.count = self.count
             value = inner.message(record)
             targets = "".join(f"{target}, " for target in inner._targets) or "_"
-            row = self._name(Struct(self._order + codes).iter_unpack)
-            return self._assign(f"tuple([{value} for {targets} in {row}(data[{start}:{end}])])")
-        one, found, end = self._new(), self._assign("[]"), self._assign(self.offset)
-        self._emit(f"for _ in range({count}):")
-        self._emit(f" {one}, {end} = {self._function(record)}(data, {end}, size)")
-        self._emit(f" {found}.append({one})")
+            row = self.named(Struct(self._order + codes).iter_unpack)
+            return self.assign(f"tuple([{value} for {targets} in {row}(data[{start}:{end}])])")
+        one, found, end = self.new(), self.assign("[]"), self.assign(self.offset)
+        self.emit(f"for _ in range({count}):")
+        self.emit(f" {one}, {end} = {self._function(record)}(data, {end}, size)")
+        self.emit(f" {found}.append({one})")
         self._reach(end)
         self._at = At()
         return f"tuple({found})"
@@ -222,17 +221,17 @@ class _Function:
         if padding == 0 or count.isdigit():
             start = self.offset
             if padding is None:
-                start = self._assign(f"{start} + (4 - ({start}) & {align - 1})")
+                start = self.assign(f"{start} + (4 - ({start}) & {align - 1})")
             elif padding:
-                start = self._assign(f"{start} + {padding}")
+                start = self.assign(f"{start} + {padding}")
             after = At(align, HEADER % align) if padding is None else self._at.after(padding)
             self._at = after.after(size * int(count)) if count.isdigit() else _rows(after, size)
         else:  # an empty sequence has no padding
             missing = f"(4 - ({self.offset}) & {align - 1})" if padding is None else str(padding)
-            start = self._assign(f"{self.offset} + ({missing} if {count} else 0)")
+            start = self.assign(f"{self.offset} + ({missing} if {count} else 0)")
             self._at = self._at.either(_rows(At(align, HEADER % align), size))
-        end = self._assign(f"{start} + {count} * {size}")
-        self._emit(f"if {end} > size: raise UnreadableError")
+        end = self.assign(f"{start} + {count} * {size}")
+        self.emit(f"if {end} > size: raise UnreadableError")
         self._reach(end)
         return start, end
 
@@ -247,25 +246,8 @@ class _Function:
             exec("\n".join([*lines, f" return {message}, {code.offset}"]), self._names)
         return self._functions[record]
 
-    def _new(self) -> str:
-        self._count += 1
-        return f"v{self._count}"
-
-    def _assign(self, expression: str) -> str:
-        target = self._new()
-        self._emit(f"{target} = {expression}")
-        return target
-
     def _reach(self, variable: str) -> None:
         self._base, self._distance = variable, 0
-
-    def _emit(self, line: str) -> None:
-        self.lines.append(line)
-
-    def _name(self, value: Any) -> str:
-        name = f"g{len(self._names)}"
-        self._names[name] = value
-        return name
 
 
 def _rows(at: At, size: int) -> At:

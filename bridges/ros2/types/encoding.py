@@ -12,6 +12,7 @@ from typing import Any
 
 from . import primitives
 from .definition import PRIMITIVES, FieldType, Shape
+from .generated_function import GeneratedFunction
 from .offsets import HEADER, At, Item, fixed_items, formats, padded
 from .record_type import RecordField, RecordType
 
@@ -68,22 +69,20 @@ def compile_encoder(
     return encode
 
 
-class _Function:
+class _Function(GeneratedFunction):
     """The lines of one function: of the message, or of one that stands in a sequence."""
 
     def __init__(
         self, names: dict[str, Any], functions: dict[RecordType, str], offset: list[str], at: At
     ) -> None:
-        self.lines: list[str] = []
+        super().__init__(names)
         self.chunks: list[str] = []  # not yet put
         self.puts = False  # whether chunks go to a list, as those of a loop must
-        self._names = names  # the globals of the compiled code
         self._functions = functions  # those made for messages in sequences
         self._offset = offset  # the terms of the offset that is reached
         self._at = at
         self._batch: list[Item] = []
         self._values: list[str] = []
-        self._count = 0
 
     @property
     def offset(self) -> str:
@@ -103,11 +102,11 @@ class _Function:
         values = ", ".join(self._values)
         if len(found) == 1:
             codes, size = found[0]
-            self.chunks.append(f"{self._name(Struct('<' + codes).pack)}({values})")
+            self.chunks.append(f"{self.named(Struct('<' + codes).pack)}({values})")
             self._offset.append(str(size))
         else:
-            packs = self._name([Struct(f"<{codes}").pack for codes, _ in found])
-            chunk = self._assign(f"{packs}[{self._here()} & 7]({values})")
+            packs = self.named([Struct(f"<{codes}").pack for codes, _ in found])
+            chunk = self.assign(f"{packs}[{self._here()} & 7]({values})")
             self._chunk(chunk)
         self._at, self._batch, self._values = end, [], []
 
@@ -128,20 +127,20 @@ class _Function:
         kind, record = member.type, member.record
         if kind.shape is Shape.SINGLE:
             if record is not None:
-                self.message(record, self._assign(value))
+                self.message(record, self.assign(value))
             elif kind.is_text:
-                self._text(kind, self._assign(value))
+                self._text(kind, self.assign(value))
             else:
                 self.add(Item.of(kind.base), _checked(kind, value))
             return
         if kind.shape is Shape.ARRAY and kind.is_bytes:
             self.add(Item(f"{kind.size}s", kind.size, 1), _checked(kind, value))
             return
-        value = self._assign(value)
+        value = self.assign(value)
         python = "bytes" if kind.is_bytes else "tuple"
         wrong = {Shape.ARRAY: "!=", Shape.BOUNDED: ">"}.get(kind.shape)
         size = f" or len({value}) {wrong} {kind.size}" if wrong else ""
-        self._emit(f"if type({value}) is not {python}{size}: raise UnwritableError")
+        self.emit(f"if type({value}) is not {python}{size}: raise UnwritableError")
         if kind.shape is not Shape.ARRAY:
             self.add(Item("I", 4, 4), f"len({value})")
         self.flush()
@@ -157,15 +156,15 @@ class _Function:
 
     def _text(self, kind: FieldType, value: str) -> None:
         if kind.bound:
-            self._emit(f"if len({value}) > {kind.bound}: raise UnwritableError")
+            self.emit(f"if len({value}) > {kind.bound}: raise UnwritableError")
         if kind.base == "wstring":
-            raw = self._assign(f'{value}.encode("utf-16-le")')
+            raw = self.assign(f'{value}.encode("utf-16-le")')
             self.add(Item("I", 4, 4), f"len({raw}) // 2")
             self.flush()
-            self._chunk(self._assign(f"widen({raw})"))
+            self._chunk(self.assign(f"widen({raw})"))
             self._at = At(4, 0)
         else:
-            raw = self._assign(f'({value} + "\\0").encode()')
+            raw = self.assign(f'({value} + "\\0").encode()')
             self.add(Item("I", 4, 4), f"len({raw})")
             self.flush()
             self._chunk(raw)
@@ -174,7 +173,7 @@ class _Function:
     def _texts(self, kind: FieldType, value: str) -> None:
         wide = kind.base == "wstring"
         writer = "write_wide_texts" if wide else "write_texts"
-        self._chunk(self._assign(f"{writer}({value}, {self._here()}, {kind.bound})"))
+        self._chunk(self.assign(f"{writer}({value}, {self._here()}, {kind.bound})"))
         self._at = At(4, 0) if wide else At()
 
     def _numbers(self, kind: FieldType, value: str) -> None:
@@ -182,7 +181,7 @@ class _Function:
         if kind.base == "bool":
             self._row(kind, value, f"bytes(map(zero_one, {value}))", 1, 1)
         elif kind.shape is Shape.ARRAY:
-            packs = self._name(Struct(f"<{kind.size}{code}").pack)
+            packs = self.named(Struct(f"<{kind.size}{code}").pack)
             self._row(kind, value, f"{packs}(*{value})", size, size)
         else:
             self._row(kind, value, f'pack(f"<{{len({value})}}{code}", *{value})', size, size)
@@ -191,14 +190,14 @@ class _Function:
         items = fixed_items(record)
         if items is not None:
             codes, size = padded(items, HEADER)
-            packs = self._name(Struct(f"<{codes}").pack)
-            one = self._new()
+            packs = self.named(Struct(f"<{codes}").pack)
+            one = self.new()
             row = f'b"".join([{packs}({", ".join(_values(record, one))}) for {one} in {value}])'
             self._row(kind, value, row, size, max(item.align for item in items))
             return
         self.put()
-        one, end = self._new(), self._assign(self.offset)
-        self._emit(f"for {one} in {value}: {end} = {self._function(record)}({one}, {end}, put)")
+        one, end = self.new(), self.assign(self.offset)
+        self.emit(f"for {one} in {value}: {end} = {self._function(record)}({one}, {end}, put)")
         self._offset, self._at = [end], At()
 
     def _row(self, kind: FieldType, value: str, row: str, size: int, align: int) -> None:
@@ -216,7 +215,7 @@ class _Function:
             if padding != 0:  # an empty sequence has no padding
                 row = f'{row} if {value} else b""'
                 at = self._at.either(at)
-        self._chunk(self._assign(row))
+        self._chunk(self.assign(row))
         self._at = at
 
     def _function(self, record: RecordType) -> str:
@@ -238,28 +237,11 @@ class _Function:
     def _here(self) -> str:
         """Return the offset that is reached, in a variable or as a number."""
         if len(self._offset) > 1:
-            self._offset = [self._assign(self.offset)]
+            self._offset = [self.assign(self.offset)]
         return self.offset
 
     def _bracketed(self) -> str:
         return f"({self._here()})"
-
-    def _new(self) -> str:
-        self._count += 1
-        return f"v{self._count}"
-
-    def _assign(self, expression: str) -> str:
-        target = self._new()
-        self._emit(f"{target} = {expression}")
-        return target
-
-    def _emit(self, line: str) -> None:
-        self.lines.append(line)
-
-    def _name(self, value: Any) -> str:
-        name = f"g{len(self._names)}"
-        self._names[name] = value
-        return name
 
 
 def _checked(kind: FieldType, value: str) -> str:

@@ -20,7 +20,7 @@ from llfsm.whiteboard.mirror.zenoh_internals import error_text
 from ..defaults import ROUTER
 from ..errors import TransportUnavailableError
 
-__all__ = ["open_session", "open_with"]
+__all__ = ["open_node_session", "open_with"]
 
 _OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
 _PEER: dict[str, Any] = {
@@ -47,7 +47,7 @@ _ALWAYS: dict[str, Any] = {
 }
 
 
-def open_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list[str]]:
+def open_node_session(router: Sequence[str] | None) -> tuple[zenoh.Session, list[str]]:
     """Open a node's session; return it with the endpoints where it looks for a router.
 
     ``router`` overrides the environment. Raise :class:`.TransportUnavailableError` if either

@@ -25,7 +25,7 @@ from .discovery import Discovery
 from .endpoint import Connection, ZenohEndpoint
 from .receiving import hand_over
 from .services import ZenohClient, ZenohServer
-from .session import open_session
+from .session import open_node_session
 from .tokens import node_token
 from .topics import ZenohPublisher, ZenohSubscription
 
@@ -59,7 +59,7 @@ class ZenohTransport(Transport):
         self.domain = default_domain() if domain is None else check_domain(domain)
         self._enclave = enclave
         self._notifier = Notifier(notify)
-        self._session, self._router = open_session(router)
+        self._session, self._router = open_node_session(router)
         self._session_id = str(self._session.zid())
         self._numbers = itertools.count()
         events, answers = TimerThread("ros2 events"), TimerThread("ros2 answers")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from llfsm.bridges.ros2.defaults import DOMAINS, TRANSPORTS
+from llfsm.bridges.ros2.defaults import DOMAINS, ROS_ARGUMENTS, TRANSPORTS
 from llfsm.bridges.ros2.errors import RosArgumentError
 
 from .numbers import Integer
@@ -36,7 +36,6 @@ Command = Callable[..., Any]
 
 
 _META = "llfsm.ros_arguments"
-_BEGIN = "--ros-args"
 
 
 class RosCommand(click.Command):
@@ -44,7 +43,7 @@ class RosCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the command's own arguments; keep those of ROS for :func:`ros_arguments`."""
-        if _BEGIN in args:
+        if ROS_ARGUMENTS in args:
             from llfsm.bridges.ros2.ros_arguments import split_ros_arguments
 
             try:
@@ -69,7 +68,7 @@ def require_ros(*names: str, ros: bool, by: str = "--ros") -> None:
     """
     given = given_option(*names)
     if given is None and _META in click.get_current_context().meta:
-        given = _BEGIN
+        given = ROS_ARGUMENTS
     if given is not None and not ros:
         raise click.UsageError(f"{by} is needed for {given}")
 

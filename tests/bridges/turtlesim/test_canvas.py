@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.turtlesim.canvas import SIZE, Canvas
-from llfsm.bridges.turtlesim.pen import Color, Pen
+from llfsm.bridges.turtlesim.pen import Pen, Rgb
 from llfsm.bridges.turtlesim.simulator import Simulator
 
-RED, GREEN = Color(200, 0, 0), Color(0, 200, 0)
+RED, GREEN = Rgb(200, 0, 0), Rgb(0, 200, 0)
 points = st.floats(-20, SIZE + 20)
 
 

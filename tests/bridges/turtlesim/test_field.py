@@ -10,14 +10,14 @@ from PIL import Image
 
 from llfsm.bridges.turtlesim.errors import PictureFormatError
 from llfsm.bridges.turtlesim.field import draw, field_picture
-from llfsm.bridges.turtlesim.pen import Color
+from llfsm.bridges.turtlesim.pen import Rgb
 from llfsm.runtime import DrawingError
 from llfsm.runtime.drawing.png import SCALE, write_png
 from llfsm.runtime.drawing.shapes import Group, Text
 from llfsm.runtime.drawing.svg import write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
-RED, WHITE = Color(220, 20, 30), Color(255, 255, 255)
+RED, WHITE = Rgb(220, 20, 30), Rgb(255, 255, 255)
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import pytest
 
 from llfsm.bridges.turtlesim.errors import ParameterError
 from llfsm.bridges.turtlesim.parameters import Parameters
-from llfsm.bridges.turtlesim.pen import Color
+from llfsm.bridges.turtlesim.pen import Rgb
 
 CASES = {
     "set background_r=150": ("background_r", 150),
@@ -49,5 +49,5 @@ def test_what_the_simulator_reads_follows():
     parameters = Parameters()
     parameters.set("background_g", 0)
     parameters.set("holonomic", True)
-    assert parameters.background == Color(69, 0, 255)
+    assert parameters.background == Rgb(69, 0, 255)
     assert parameters.holonomic is True

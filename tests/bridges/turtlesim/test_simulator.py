@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from llfsm.bridges.turtlesim.arithmetic import FIELD, PI, float32, normalize
 from llfsm.bridges.turtlesim.errors import PenError, TurtlesimError, UnknownTurtleError
-from llfsm.bridges.turtlesim.pen import Color, Pen
+from llfsm.bridges.turtlesim.pen import Pen, Rgb
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import Level
 
@@ -219,13 +219,13 @@ def test_a_pen_beyond_uint8_is_an_error(simulator, field, value):
 
 def test_pens(simulator):
     turtle = simulator.turtle("turtle1")
-    assert turtle.pen == Pen(Color(179, 184, 255), 3)
+    assert turtle.pen == Pen(Rgb(179, 184, 255), 3)
     simulator.set_pen("turtle1", 1, 2, 3, 0)
-    assert turtle.pen == Pen(Color(1, 2, 3), 1)
+    assert turtle.pen == Pen(Rgb(1, 2, 3), 1)
     simulator.set_pen("turtle1", 9, 9, 9, 9, off=True)
-    assert (turtle.pen, turtle.pen_down) == (Pen(Color(1, 2, 3), 1), False)
+    assert (turtle.pen, turtle.pen_down) == (Pen(Rgb(1, 2, 3), 1), False)
     simulator.set_pen("turtle1", 4, 5, 6, 7)
-    assert (turtle.pen, turtle.pen_down) == (Pen(Color(4, 5, 6), 7), True)
+    assert (turtle.pen, turtle.pen_down) == (Pen(Rgb(4, 5, 6), 7), True)
 
 
 def test_a_command_without_holonomic_keeps_the_last_speed_aside(simulator):
@@ -278,7 +278,7 @@ def test_a_log_may_change_the_turtles(simulator):
     assert list(simulator.turtles) == ["b", "turtle1", "turtle2"]
 
 
-WHITE = Color(255, 255, 255)
+WHITE = Rgb(255, 255, 255)
 
 
 def test_the_color_sensor_reads_what_was_drawn_before(simulator):
@@ -311,4 +311,4 @@ def test_a_turtle_reads_what_another_drew(simulator):
     simulator.spawn(8.0, 8.0, 0.0, "bob")
     simulator.kill("turtle1")
     simulator.step()
-    assert simulator.turtle("bob").color == Color(200, 0, 0)
+    assert simulator.turtle("bob").color == Rgb(200, 0, 0)

@@ -10,8 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from llfsm.runtime import Actuator, Machine, State
 from llfsm.runtime.engine.errors import ConfigurationError
+from llfsm.runtime.verification import PredicateError, explore, never
 from llfsm.runtime.verification.exporting import ExportedState, export
+from llfsm.whiteboard import Slot
+from llfsm.whiteboard.messages.std_msgs import Int32
 from programs import program
 from thoroughness import examples
 
@@ -133,3 +137,29 @@ def test_a_file_that_cannot_be_is_an_error_that_names_it(tmp_path, name):
     with pytest.raises(ConfigurationError, match=re.escape(name)):
         export(tmp_path / name, EXAMPLE)
     assert [*tmp_path.iterdir()] == []
+
+
+COUNT = Slot("count", Int32)
+
+
+class Counting(Machine):
+    post = Actuator(COUNT)
+    n: int = 0
+    GO = State()
+
+    @GO.internal
+    def _(self) -> None:
+        self.n = min(self.n + 1, 3)
+        self.post(Int32(self.n))
+
+    GO.to(GO, when=lambda _: False)
+
+
+def test_a_property_that_states_cannot_answer_as_it_was_decided_before_is_named(tmp_path):
+    once = never(lambda v: v.Counting.n == 1 or (v.Counting.n == 3 and v[COUNT].data > 3), "once")
+    other = never(lambda v: v.Counting.n > 3, "other")
+    space = explore(Counting, properties=[once, other], period_ms=100)
+    assert [verdict.holds for verdict in space.verdicts] == [False, True]
+    with pytest.raises(PredicateError, match=r"'once' was decided before .*: export without it"):
+        space.export(tmp_path / "x.aut")
+    explore(Counting, properties=[other], period_ms=100).export(tmp_path / "x.aut")

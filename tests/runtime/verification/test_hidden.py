@@ -71,6 +71,28 @@ def test_code_may_not_depend_on_the_order_of_a_set(made: str) -> None:
         holds(Queue, never(lambda v: v.Queue.first == 8))
 
 
+def test_code_may_not_ask_about_a_machine_by_the_order_of_a_set() -> None:
+    """Run again, it asks what was not asked when it ran first."""
+
+    class Asking(Machine):
+        waiting: frozenset[int] = frozenset((0, 8))
+        GO = State()
+
+        @GO.internal
+        def _(self) -> None:
+            if next(iter(self.waiting)) == 8:
+                self.suspend("Other")
+
+        GO.to(GO, when=lambda _: False)
+
+    class Other(Machine):
+        GO = State()
+        GO.to(GO, when=lambda _: False)
+
+    with pytest.raises(RepeatError, match=r"Asking, state GO,.* a set's order"):
+        explore([Asking, Other], period_ms=100)
+
+
 def test_code_may_use_a_set_as_a_set() -> None:
     def run(machine: Any) -> None:
         before = machine.n or {1}

@@ -125,7 +125,7 @@ def test_a_server_that_does_not_cancel_is_reported(client, board, navigator):
     board.add_message(SLOTS.cancel, CancelGoal())
     navigator.until(lambda: client.standings.get().failure)
     standing = client.standings.get()
-    assert standing.is_active(1)
+    assert (standing.number, standing.status.active) == (1, True)
     assert standing.failure == "the server refused to cancel it (code 1)"
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from llfsm.bridges.ros2.errors import TransportUnavailableError
-from llfsm.bridges.ros2.zenoh_transport.session import open_session, open_with
+from llfsm.bridges.ros2.zenoh_transport.session import open_node_session, open_with
 
 
 @pytest.fixture(autouse=True)
@@ -16,7 +16,7 @@ def no_environment(monkeypatch):
 
 
 def endpoints(*arguments):
-    session, found = open_session(*arguments)
+    session, found = open_node_session(*arguments)
     session.close()
     return found
 
@@ -46,13 +46,13 @@ def test_an_override_that_is_none_is_reported(monkeypatch, text):
     with pytest.raises(
         TransportUnavailableError, match=f"ZENOH_CONFIG_OVERRIDE: {text}: "
     ) as raised:
-        open_session(None)
+        open_node_session(None)
     assert ".rs" not in str(raised.value)
 
 
 def test_a_router_that_is_no_endpoint_is_reported():
     with pytest.raises(TransportUnavailableError, match=r"^router: 'nonsense' is not an endpoint"):
-        open_session(["nonsense"])
+        open_node_session(["nonsense"])
 
 
 @pytest.mark.parametrize("content", [None, "{", "{mode: 'queen'}"])
@@ -64,12 +64,12 @@ def test_a_file_that_is_none_is_reported(monkeypatch, tmp_path, content):
     with pytest.raises(
         TransportUnavailableError, match=r"ZENOH_SESSION_CONFIG_URI=.*session\.json5"
     ):
-        open_session(None)
+        open_node_session(None)
 
 
 @pytest.mark.parametrize("opened", ["node", "router"])
 def test_nothing_is_in_shared_memory_that_a_killed_process_would_leave(opened):
-    session = open_session(["tcp/127.0.0.1:1"])[0] if opened == "node" else open_with({})
+    session = open_node_session(["tcp/127.0.0.1:1"])[0] if opened == "node" else open_with({})
     try:
         mapped = Path("/proc/self/maps").read_text()
     finally:
@@ -85,9 +85,9 @@ def test_a_large_message_has_room_in_the_queue_of_a_connection(monkeypatch, open
         lambda config: sizes.append(config.get_json("transport/link/tx/queue/size/data")),
     )
     if opened == "node":
-        open_session(["tcp/127.0.0.1:1"])
+        open_node_session(["tcp/127.0.0.1:1"])
         monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", "transport/link/tx/queue/size/data=4")
-        open_session(["tcp/127.0.0.1:1"])
+        open_node_session(["tcp/127.0.0.1:1"])
         assert sizes == ["16", "4"]
     else:
         open_with({})
@@ -102,10 +102,10 @@ def test_who_stalls_for_half_a_minute_keeps_its_connections(monkeypatch, opened)
         "zenoh.open",
         lambda config: leases.append(json.loads(config.get_json("transport/link/tx/lease"))),
     )
-    open_session(["tcp/127.0.0.1:1"]) if opened == "node" else open_with({})
+    open_node_session(["tcp/127.0.0.1:1"]) if opened == "node" else open_with({})
     assert leases == [60_000]
 
 
 def test_a_router_that_is_none_is_reported():
     with pytest.raises(TransportUnavailableError, match="nonsense"):
-        open_session(["nonsense"])
+        open_node_session(["nonsense"])

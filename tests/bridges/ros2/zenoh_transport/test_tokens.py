@@ -13,7 +13,7 @@ from llfsm.bridges.ros2.qos import (
     Qos,
     ReliabilityPolicy,
 )
-from llfsm.bridges.ros2.zenoh_transport.session import open_session
+from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
 from llfsm.bridges.ros2.zenoh_transport.tokens import (
     Token,
     data_key,
@@ -136,7 +136,7 @@ def test_any_text_is_a_token_or_not(text):
 def test_the_gid_of_a_message_is_made_of_its_endpoints_token(transport, domain, router, types):
     node = transport.node("we")
     publisher = node.publisher("chatter", types.message("std_msgs/msg/String"))
-    with open_session([router])[0] as stranger:
+    with open_node_session([router])[0] as stranger:
         seen = stranger.liveliness().declare_subscriber(f"@ros2_lv/{domain}/**", history=True)
         token = next(key for key in (str(it.key_expr) for it in seen) if "/MP/" in key)
     assert publisher.gid == xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")

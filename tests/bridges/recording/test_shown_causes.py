@@ -13,10 +13,10 @@ import pytest
 from llfsm.bridges.recording.explaining import Explained, Explainer
 from llfsm.bridges.recording.kept_travel import travelling
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.recorded_causes import causes_at
 from llfsm.bridges.recording.recorded_source import RecordedSource
 from llfsm.bridges.recording.replay_recorder import record_replay
 from llfsm.bridges.recording.rerun import Rerun
+from llfsm.bridges.recording.shown_causes import causes_at
 from llfsm.runtime import ManualClock
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member

@@ -9,15 +9,15 @@ from .errors import PredicateError
 from .packing import FieldName
 from .properties import Property, evaluate
 from .standings import ControlState
+from .state_view import View
 from .system import RelearnError
 from .tables import Tables
 from .values import Variables
-from .view import View
 
 if TYPE_CHECKING:
     from ..engine.seat import Seat
 
-__all__ = ["Checker", "PackedSituation"]
+__all__ = ["Checker", "PackedSituation", "UnnamedFieldError"]
 
 
 class PackedSituation:

@@ -9,7 +9,7 @@ from typing import Any
 
 from llfsm.whiteboard.schema import Schema, limits
 
-__all__ = ["class_name", "class_text"]
+__all__ = ["class_name", "message_class_text"]
 
 _PLAIN = {"boolean": "bool", "integer": "int", "number": "float", "string": "str", "null": "None"}
 _ZERO = {"boolean": "False", "integer": "0", "number": "0.0", "string": '""', "null": "None"}
@@ -21,7 +21,7 @@ def class_name(type_name: str) -> str:
     return type_name.rpartition("/")[2]
 
 
-def class_text(schema: Schema) -> str:
+def message_class_text(schema: Schema) -> str:
     """Return the imports and classes of a message type; raise `ValueError` if there is no text.
 
     A field has a default where 0, or nothing, is one of its values.

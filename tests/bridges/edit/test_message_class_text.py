@@ -11,7 +11,7 @@ import pytest
 from msgspec import Meta
 
 import llfsm.whiteboard.messages as shipped
-from llfsm.bridges.edit.class_text import class_name, class_text
+from llfsm.bridges.edit.message_class_text import class_name, message_class_text
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.schema import describe
 
@@ -45,7 +45,7 @@ class Bare(Message):
 
 def made(schema: dict[str, Any]) -> type[Message]:
     names: dict[str, Any] = {}
-    exec(compile(class_text(schema), "text", "exec", dont_inherit=True), names)
+    exec(compile(message_class_text(schema), "text", "exec", dont_inherit=True), names)
     found: type[Message] = names[class_name(schema["title"])]
     return found
 
@@ -73,7 +73,7 @@ def test_fields_have_defaults_if_0_or_nothing_is_a_value() -> None:
         maybe: Point | None = Point()
 
     assert repr(made(describe(Level))()) == "Level(low=0, mode='o\"ff', maybe=None)"
-    text = class_text(describe(Everything))
+    text = message_class_text(describe(Everything))
     assert "share: Annotated[float, Meta(ge=-1.5, lt=7)] = 0.0\n" in text
     assert 'mode: Literal["o\\"ff", "on"]\n' in text
     assert "parts: Annotated[tuple[Point, ...], Meta(max_length=3)] = ()\n" in text
@@ -98,4 +98,4 @@ def test_fields_have_defaults_if_0_or_nothing_is_a_value() -> None:
 )
 def test_what_python_cannot_name_has_no_text(schema: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"cannot be a name|two types|a pattern"):
-        class_text(schema)
+        message_class_text(schema)

@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from .rerun import Rerun
     from .travel_host import TravelHost
 
-__all__ = ["GoneElsewhere", "GoneOn", "HostedDebugger", "HostedTravel", "Moment", "OtherMoment"]
+__all__ = ["ForwardTravel", "GoneElsewhere", "GoneOn", "HostedDebugger", "Moment", "OtherMoment"]
 
 
 class Moment(NamedTuple):
     """Where the machines of a process are."""
 
     number: int
-    """Of the turn that is to come; 0 before anything is arranged."""
+    """The number of the turn that is to come; 0 before anything is arranged."""
     time_ns: int
-    """Of that turn; `NEVER` at the end."""
+    """The time of that turn; `NEVER` at the end."""
     breakpoints: tuple[str, ...] = ()
     counted: bool = True
     """Whether these have counted their hits from the beginning."""
@@ -57,7 +57,7 @@ class GoneElsewhere(BaseException):
         self.elsewhere = OtherMoment(jump)
 
 
-class HostedTravel(Travel):
+class ForwardTravel(Travel):
     """Go through a recording in one thread, forwards only."""
 
     def __init__(self, host: TravelHost, *arguments: Any):
