@@ -134,7 +134,7 @@ class EditSession:
             try:
                 return await run_in_threadpool(self._perform, request, asyncio.get_running_loop())
             except FsmError as error:
-                await self._show()
+                await self._reread(is_changed=True)  # what was read for the change is not shown yet
                 raise RequestError(str(error)) from error
 
     def _perform(self, request: ChangeRequest, loop: asyncio.AbstractEventLoop) -> str:
@@ -159,13 +159,17 @@ class EditSession:
         while True:
             await asyncio.sleep(_LOOK_S)
             async with self._turn:
-                try:
-                    changed = await run_in_threadpool(self._document.refresh)
-                except FsmError as error:
-                    await self._publish({"trouble": str(error)})
-                else:
-                    if changed or self._data["trouble"]:
-                        await self._show()
+                await self._reread(is_changed=False)
+
+    async def _reread(self, *, is_changed: bool) -> None:
+        """Read the files, and publish what has changed, or why they cannot be read."""
+        try:
+            changed = await run_in_threadpool(self._document.refresh)
+        except FsmError as error:
+            await self._publish({"trouble": str(error)})
+        else:
+            if is_changed or changed or self._data["trouble"]:
+                await self._show()
 
     async def _check(self) -> None:
         """Check the machine after changes, once no more come: it is not to delay what they show."""

@@ -130,6 +130,23 @@ def test_what_another_program_changes_is_shown(windows: Open, bundle: Path) -> N
     window.wait(lambda shown: shown["edges"]["A:0"]["target"] == "Lost" and not shown["trouble"])
 
 
+def test_trouble_lasts_until_it_is_over_whatever_is_refused_meanwhile(
+    windows: Open, bundle: Path
+) -> None:
+    """A page that sees its end tries again what was refused, once."""
+    window = windows()
+    away = bundle.rename(bundle.with_name("away"))
+    window.wait(lambda shown: "No such file" in shown["trouble"])
+    before = len(window.frames)
+    for _ in range(3):
+        assert "No such file" in window.apply(RENAME)["problem"]
+    window.receive()  # at the latest now, what was published before the answer has come
+    assert not any("trouble" in frame for frame in window.frames[before:])
+    away.rename(bundle)
+    window.wait(lambda shown: not shown["trouble"])
+    assert window.apply(RENAME)["done"] == "wrote 4 files"
+
+
 def test_a_text_that_was_changed_elsewhere_is_not_overwritten(windows: Open, bundle: Path) -> None:
     one, other = windows(), windows()
     mine = {"edit": "set text", "place": OF_A, "text": "mine\n", "was": FILES["State_A_OnEntry.py"]}
