@@ -12,6 +12,7 @@ import pytest
 
 from llfsm.whiteboard import Message, NetworkError, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board, version_log_path
+from llfsm.whiteboard.messages.llfsm import MIRROR
 from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Value
 from llfsm.whiteboard.mirror.merge import Version
 from waiting import PATIENCE_S, wait_for
@@ -43,12 +44,25 @@ def test_what_is_added_on_one_host_is_on_all(make_host: MakeHost) -> None:
     hosts[0].start()
     hosts[1].start(connect=hosts[:1])
     hosts[2].start(connect=hosts[:1])
-    for value, host in enumerate((*hosts, *hosts), 1):
-        host.add(value)
-        wait_for(lambda value=value: [h.get() for h in hosts] == [value] * 3)
+
+    def add_on_each(first: int) -> None:
+        for value, host in enumerate(hosts, first):
+            host.add(value)
+            wait_for(lambda value=value: [h.get() for h in hosts] == [value] * 3)
+
+    def counts() -> tuple[int, int]:
+        status = hosts[2].status()
+        return status["left"], status["entered"]
+
+    add_on_each(1)
+    # Until a host is known to be read, what it adds is sent as a reply, which is not counted.
     wait_for(lambda: [len(host.status()["peers"]) for host in hosts] == [2, 2, 2])
-    # Published now and then: the first status that names both hosts may be older than the rest.
-    wait_for(lambda: [hosts[2].status()[count] for count in ("left", "entered")] == [2, 4])
+    published = hosts[2].board[MIRROR]
+    count = published.count  # of the statuses, of which the latest may be older than what it counts
+    wait_for(lambda: published.count > count + 1)
+    left, entered = counts()
+    add_on_each(4)
+    wait_for(lambda: counts() == (left + 1, entered + 2))
     assert hosts[2].status()["refused"] == []
 
 
