@@ -60,10 +60,10 @@ class JournalRecorder:
             before = self._recorder.sample()
             if before is not None and is_there(before):
                 return process_text(before.message, "process")
-            self._tell(0 if before is None else before.count)
+            self._announce(0 if before is None else before.count)
         return ""
 
-    def _tell(self, after: int) -> None:
+    def _announce(self, after: int) -> None:
         """Post what was taken, in place of the message of that count."""
         taken = msgspec.structs.replace(self._me, taken=tuple(self._taken))
         self._count = self._recorder.add_after(taken, after)
@@ -98,7 +98,7 @@ class JournalRecorder:
         if new and self._taken[-1] and not self._full:
             self._add_spare_slot()
         if new or time.monotonic_ns() >= self._beat_ns:
-            self._tell(self._count)
+            self._announce(self._count)
             if not self._count:
                 logger().warning("another process records the machines now, this one only slots")
 

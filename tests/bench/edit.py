@@ -139,10 +139,8 @@ def measure(times: int) -> dict[str, list[float]]:
                     drawn = _ARROW.format(f"T{times - 1}:{2 + i}")
                     sample("connect", "Enter", drawn, to_targets)
                 for i in range(times):
-                    printed = (
-                        f"document.querySelector('#findings').textContent.includes('wrong{i}_')"
-                    )
-                    sample("check", "_", printed, partial(write_wrong, f"wrong{i}"))
+                    shown = f"document.querySelector('#findings').textContent.includes('wrong{i}_')"
+                    sample("check", "_", shown, partial(write_wrong, f"wrong{i}"))
                 for i in range(1, times + 1):
                     sample("add", "n", _OF.format(f"State_{i}"), to_drawing)
                 for i in range(times, 0, -1):

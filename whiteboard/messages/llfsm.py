@@ -304,7 +304,7 @@ class JournalPart(Message):
     Process `pid` in PID namespace `namespace` of `host`, started `born` clock ticks after boot,
     began this journal at `session`, nanoseconds of the host's monotonic clock; `whole` if that was
     before its machines ran. Parts are numbered from 0; a missing number means lost data. `over`
-    marks the last part. One without data tells that the process lives.
+    marks the last part. One without data shows that the process lives.
     """
 
     pid: int

@@ -110,7 +110,7 @@ export class Debugging {
     if (ends === null) return `${clocks} The machines wait until they are continued.`;
     const left = Math.max(0, Math.ceil(ends - now));
     const end = this.pause ? `${Math.max(left, LEASE_S)} s after the last such page is closed` : `in ${left} s, unless the pause is renewed`;
-    return `${clocks} The machines go on ${end}.`;
+    return `${clocks} The machines continue ${end}.`;
   }
 
   // Fields that older recordings do not have are undefined.

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -68,9 +68,11 @@ def llfsm(tmp_path: Path, board: Whiteboard) -> Iterator[Start]:
     """Start `llfsm` processes in a folder of their own; none outlives the test's board."""
     started: list[subprocess.Popen[str]] = []
 
-    def start(*arguments: object, **options: Any) -> subprocess.Popen[str]:
+    def start(
+        *arguments: object, within: Sequence[str] = (), **options: Any
+    ) -> subprocess.Popen[str]:
         process = Forked(
-            [sys.executable, "-m", "llfsm.cli", *map(str, arguments)],
+            [*within, sys.executable, "-m", "llfsm.cli", *map(str, arguments)],
             cwd=tmp_path,
             text=True,
             stdin=subprocess.PIPE,

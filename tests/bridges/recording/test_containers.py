@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from containers import UNSHARE, needs_containers
-from forked import Forked
 from llfsm.bridges.recording.journal_recorder import JournalRecorder
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.writer import RecordingWriter
@@ -19,39 +15,22 @@ from llfsm.runtime.journal.handover import Handover, find_recorder
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.liveness import host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import RECORDER, Recorder
-from waiting import rest_of, wait_for
+from waiting import wait_for
 
-from .conftest import end_of, entries_in
+from .conftest import Start, end_of, entries_in
 
 CONTAINED = 1, 1, host_name(), pid_namespace() + 1
 
 
 @pytest.fixture
-def contained(board: Whiteboard, tmp_path: Path) -> Iterator[Callable[..., Forked]]:
+def contained(board: Whiteboard, llfsm: Start) -> Start:
     """Start `llfsm` processes for the board, each in a PID namespace of its own."""
-    started: list[Forked] = []
-
-    def start(*arguments: str) -> Forked:
-        process = Forked(
-            [*UNSHARE, sys.executable, "-m", "llfsm.cli", *arguments, "-b", board.name],
-            cwd=tmp_path,
-            text=True,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-        )
-        started.append(process)
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        rest_of(process)
+    return lambda *arguments: llfsm(*arguments, "-b", board.name, within=UNSHARE)
 
 
 @needs_containers
 def test_a_recorder_in_another_container_records_and_is_not_replaced(
-    board: Whiteboard, file: Path, contained: Callable[..., Forked]
+    board: Whiteboard, file: Path, contained: Start
 ) -> None:
     recorder = contained("record", "-o", file.name, "--until-eof")
     wait_for(lambda: find_recorder(board), "the recorder")
@@ -93,8 +72,8 @@ def test_a_recorder_that_was_held_up_leaves_the_machines_to_the_one_that_has_rep
         receiver = JournalRecorder(board, writer)
         board.add_message(RECORDER, Recorder(*CONTAINED))
         count = board[RECORDER].count
-        told = "another process records the machines now"
-        wait_for(lambda: told in caplog.text, "it notices", between=receiver.poll)
+        reported = "another process records the machines now"
+        wait_for(lambda: reported in caplog.text, "it notices", between=receiver.poll)
         receiver.poll()
         receiver.close()
         assert board[RECORDER].count == count

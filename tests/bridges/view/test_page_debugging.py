@@ -48,7 +48,7 @@ def test_break_see_why_step_and_continue(
     expect(card.locator(".before caption")).to_have_text("seen as it left STRAIGHT")
     expect(card.locator(".before [data-is=true]")).to_have_count(1)
     expect(card.locator(".before")).to_contain_text(re.compile(r"[0-9.]+ ms > [0-9]+ ms"))
-    ends = "clocks run on. The machines go on 6 s after the last such page is closed."
+    ends = "clocks run on. The machines continue 6 s after the last such page is closed."
     expect(card.locator(".pausing")).to_contain_text(ends)
 
     # Another page sees the same, and steps.
