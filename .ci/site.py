@@ -26,7 +26,7 @@ SECTIONS = {
 }
 API = (
     "llfsm.whiteboard",
-    "llfsm.whiteboard.stream.Stream",
+    "llfsm.whiteboard.subscription.Stream",
     "llfsm.whiteboard.subscription.Subscription",
     "llfsm.runtime",
     "llfsm.runtime.engine.events",
@@ -44,7 +44,7 @@ API = (
     "llfsm.bridges.ros2.types",
     "llfsm.bridges.ros2.transforms",
     "llfsm.bridges.ros2.bridging",
-    "llfsm.bridges.ros2.bridging.machine_config",
+    "llfsm.bridges.ros2.bridging.bridge_plan",
     "llfsm.bridges.ros2.bridging.ros_environment",
     "llfsm.bridges.ros2.opening",
     "llfsm.bridges.ros2.errors",

@@ -4,15 +4,15 @@ Four re-create the example machines of clfsm, odd spellings included. The others
 what ``llfsm verify`` proves; their properties are in `llfsm.machines.properties`.
 """
 
-from .blind_turtle import RosBlindTurttleBot
-from .grid_turtle import GridTurtle
-from .infusion_pump import InfusionAlarm, InfusionPump
-from .microwave import OvenAlarm, OvenCooker, OvenLamp, OvenTimer, SafeOvenCooker
-from .mine_pump import MineAlarm, MinePump, MineWatch
-from .ping_pong import RosPingPong
-from .press import PressHands, PressRam
-from .suspend_resume import TurtleSuspendResume
-from .wall_turtle import RosWallTurttleBot
+from llfsm.machines.blind_turtle import RosBlindTurttleBot
+from llfsm.machines.grid_turtle import GridTurtle
+from llfsm.machines.infusion_pump import InfusionAlarm, InfusionPump
+from llfsm.machines.microwave import OvenAlarm, OvenCooker, OvenLamp, OvenTimer, SafeOvenCooker
+from llfsm.machines.mine_pump import MineAlarm, MinePump, MineWatch
+from llfsm.machines.ping_pong import RosPingPong
+from llfsm.machines.press import PressHands, PressRam
+from llfsm.machines.suspend_resume import TurtleSuspendResume
+from llfsm.machines.wall_turtle import RosWallTurttleBot
 
 __all__ = [
     "GridTurtle",

@@ -1,9 +1,8 @@
 """A machine without sensors: it drives a turtle in triangles."""
 
+from llfsm.machines.common import CMD_VEL, stopping, twist
 from llfsm.runtime import Actuator, Machine, State
 from llfsm.whiteboard.messages.geometry_msgs import Twist
-
-from .common import CMD_VEL, stopping, twist
 
 __all__ = ["RosBlindTurttleBot"]
 

@@ -1,5 +1,6 @@
 """A world for the wall machine: a turtle on a grid of metres, and who answers for its position."""
 
+from llfsm.machines.common import CMD_VEL
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist
@@ -9,8 +10,6 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
     TurtlePositionAnswer,
     TurtlePositionRequest,
 )
-
-from .common import CMD_VEL
 
 __all__ = ["FIELD", "GRIP", "GRIPS", "GridTurtle", "Grip"]
 

@@ -2,11 +2,10 @@
 
 import logging
 
+from llfsm.machines.common import stopping
 from llfsm.runtime import Actuator, Machine, State
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import String
-
-from .common import stopping
 
 __all__ = ["PINPONG", "RosPingPong"]
 

@@ -1,8 +1,7 @@
 """A machine that controls another one."""
 
+from llfsm.machines.common import stopping
 from llfsm.runtime import Machine, State
-
-from .common import stopping
 
 __all__ = ["TurtleSuspendResume"]
 

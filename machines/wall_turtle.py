@@ -1,5 +1,6 @@
 """A reactive machine: it asks for the turtle's position and keeps it away from the walls."""
 
+from llfsm.machines.common import CMD_VEL, stopping, twist
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtle_sensor_poster import (
@@ -8,8 +9,6 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
     TurtlePositionAnswer,
     TurtlePositionRequest,
 )
-
-from .common import CMD_VEL, stopping, twist
 
 __all__ = ["RosWallTurttleBot"]
 

@@ -5,9 +5,9 @@ may ask), `environment` (what it learns from and acts on), `seat`, `binding` and
 of one machine), `roster`, `control` and `arrangement` (all).
 """
 
-from .engine.arrangement import Arrangement
-from .engine.clock import Clock, ManualClock, MonotonicClock, SimulatedClock
-from .engine.errors import (
+from llfsm.runtime.engine.arrangement import Arrangement
+from llfsm.runtime.engine.clock import Clock, ManualClock, MonotonicClock, SimulatedClock
+from llfsm.runtime.engine.errors import (
     ActuatorClosedError,
     ActuatorTakenError,
     ArrangementEndedError,
@@ -32,17 +32,15 @@ from .engine.errors import (
     UnreachableStateWarning,
     VariableError,
 )
-from .engine.events import Event, Observer, Reason, Request, Status
-from .engine.histogram import Spread
-from .engine.machine import Machine, define
-from .engine.observers import Trace
-from .engine.ports import Actuator, Sensor
-from .engine.schedule import Requirement, TimeSlot, Timetable
-from .engine.state import State, Transition
-from .engine.statistics import MachineStatistics
-from .engine.submachine import Submachine
-from .engine.table import REQUIRED, Table, Variable
-from .presence.live import LiveEnvironment
+from llfsm.runtime.engine.events import Event, Observer, Reason, Request, Status, Trace
+from llfsm.runtime.engine.histogram import Spread
+from llfsm.runtime.engine.machine import Machine, Submachine, define
+from llfsm.runtime.engine.ports import Actuator, Sensor
+from llfsm.runtime.engine.schedule import Requirement, TimeSlot, Timetable
+from llfsm.runtime.engine.state import State, Transition
+from llfsm.runtime.engine.statistics import MachineStatistics
+from llfsm.runtime.engine.table import REQUIRED, Table, Variable
+from llfsm.runtime.presence.live import LiveEnvironment
 
 # An arrangement on a whiteboard is seen and controlled by other processes. The engine knows none.
 Arrangement.live = LiveEnvironment

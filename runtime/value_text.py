@@ -8,8 +8,6 @@ from typing import Any
 
 import msgspec
 
-__all__ = ["ValueText"]
-
 
 class ValueText(reprlib.Repr):
     """Write values in at most `most` characters; of an image, look at its first bytes only."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from llfsm.runtime import Arrangement
 from llfsm.runtime.engine import ringlet, rotation, timing, twin
-from llfsm.runtime.engine.loading import Loadable
+from llfsm.runtime.engine.arrangement import Loadable
 from llfsm.runtime.engine.statistics import Stopwatch
 
 __all__ = ["BUILT", "Defined"]

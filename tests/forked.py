@@ -35,7 +35,7 @@ _BENEATH = [  # that commands import when they run
     "llfsm.bridges.ros2.zenoh_transport.transport",
     "llfsm.bridges.turtlesim.ros",
     "llfsm.machines",
-    "llfsm.runtime.presence.reporting",
+    "llfsm.runtime.presence.status_publisher",
     "rosbags.typesys.stores.ros2_jazzy",
     "zenoh",
 ]

@@ -5,8 +5,8 @@ Read in this order: :mod:`.message` and :mod:`.schema` (what a message is), :mod
 :mod:`.shared` and :mod:`.local`.
 """
 
-from .board import Board, BoundSlot, SlotInfo
-from .errors import (
+from llfsm.whiteboard.board import Board, BoundSlot, SlotInfo
+from llfsm.whiteboard.errors import (
     BoardClosedError,
     BoardCorruptError,
     BoardError,
@@ -29,9 +29,9 @@ from .errors import (
     SlotTypeError,
     WhiteboardError,
 )
-from .message import Message
-from .shared import Whiteboard
-from .slots import Sample, Slot
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.shared import Whiteboard
+from llfsm.whiteboard.slots import Sample, Slot
 
 __all__ = [
     "Board",

@@ -1,24 +1,28 @@
 """The interface of all whiteboards, wherever their messages are.
 
 A board binds slots; code that uses a slot often keeps the bound slot.
+
+Tables as notebooks show them.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from html import escape
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, Self
 
-from .errors import MessageTypeError
-from .message import M, type_from_schema
-from .schema import Schema
-from .slots import Sample, Slot
+import msgspec
+
+from llfsm.whiteboard.errors import MessageTypeError
+from llfsm.whiteboard.message import M, type_from_schema
+from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.poller import BoardPoller, is_data
+from llfsm.whiteboard.schema import Schema, to_plain
+from llfsm.whiteboard.slots import Sample, Slot
 
 if TYPE_CHECKING:
-    from .stream import Stream
-    from .subscription import Subscription
-
-__all__ = ["Board", "BoundSlot", "SlotInfo", "Waiter"]
+    from llfsm.whiteboard.subscription import Stream, Subscription
 
 
 class SlotInfo(NamedTuple):
@@ -159,7 +163,7 @@ class BoundSlot(ABC, Generic[M]):
         ``on_error``, and logged unless that returns True; the subscription continues. It ends with
         the board, and does not keep the process alive.
         """
-        from .subscription import Subscription
+        from llfsm.whiteboard.subscription import Subscription
 
         return Subscription(self, callback, after=after, backlog=backlog, on_error=on_error)
 
@@ -168,7 +172,7 @@ class BoundSlot(ABC, Generic[M]):
 
         ``after`` and ``backlog`` are as in :meth:`subscribe`. Needs a running event loop.
         """
-        from .stream import Stream
+        from llfsm.whiteboard.subscription import Stream
 
         return Stream(self, after=after, backlog=backlog)
 
@@ -280,8 +284,6 @@ class Board(ABC):
 
     def _repr_html_(self) -> str:
         """Return the slots with their latest messages, as a notebook shows the board."""
-        from .notebook import board_html  # here, as few boards are in one
-
         return board_html(self)
 
     @abstractmethod
@@ -341,3 +343,32 @@ class Board(ABC):
     @abstractmethod
     def remove(self) -> None:
         """Remove the board for all processes; where it is open, ``alive`` becomes False."""
+
+
+_LONGEST = 200  # characters of a message
+
+
+def html_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return an HTML table; every cell is text, whatever it contains."""
+    lines = ["<table>", _row("th", head), *(_row("td", row) for row in rows), "</table>"]
+    return "\n".join(lines)
+
+
+def board_html(board: Board) -> str:
+    """Return the slots of a board but llfsm's own, with the latest message of each."""
+    return html_table(("slot", "type", "messages", "latest"), _slots(board))
+
+
+def _slots(board: Board) -> Iterator[Sequence[object]]:
+    poller = BoardPoller(board, wants=lambda name: is_data(name) and not is_own(name))
+    poller.poll()
+    for slot in poller.slots.values():
+        text = slot.problem
+        if slot.sample is not None:
+            text = msgspec.json.encode(to_plain(slot.sample.message)).decode(errors="replace")
+        shown = text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+        yield slot.name, slot.info.type_name, slot.count, shown
+
+
+def _row(kind: str, cells: Iterable[object]) -> str:
+    return f"<tr>{''.join(f'<{kind}>{escape(str(cell))}</{kind}>' for cell in cells)}</tr>"

@@ -6,16 +6,7 @@ import os
 import re
 from pathlib import Path
 
-from .errors import BoardNotFoundError, SlotNameError, from_errno
-
-__all__ = [
-    "DIRECTORY",
-    "board_files",
-    "board_path",
-    "default_name",
-    "remove_board",
-    "version_log_path",
-]
+from llfsm.whiteboard.errors import BoardNotFoundError, SlotNameError, from_errno
 
 DIRECTORY = Path("/dev/shm")
 _PREFIX = "llfsm."

@@ -33,33 +33,7 @@ from collections.abc import Iterable
 from typing import NoReturn
 
 from llfsm.errors import LlfsmError, did_you_mean
-
-from .own_slots import is_own
-
-__all__ = [
-    "BoardClosedError",
-    "BoardCorruptError",
-    "BoardError",
-    "BoardFullError",
-    "BoardMirroredError",
-    "BoardNotFoundError",
-    "BoardPermissionError",
-    "BoardVersionError",
-    "MessageError",
-    "MessageFieldError",
-    "MessageTooLargeError",
-    "MessageTypeError",
-    "MessageUnreadableError",
-    "NetworkError",
-    "SharedMemoryUnavailableError",
-    "SlotError",
-    "SlotNameError",
-    "SlotNotFoundError",
-    "SlotRetiredError",
-    "SlotTypeError",
-    "WhiteboardError",
-]
-
+from llfsm.whiteboard.own_slots import is_own
 
 _KEEPS_READ = "/."  # of `messages.fleet`, which cannot be imported here
 

@@ -9,21 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from .slots import Sample
-
-__all__ = [
-    "Process",
-    "born",
-    "host_name",
-    "identity",
-    "is_alive",
-    "is_local",
-    "lives",
-    "pid_namespace",
-    "process_text",
-    "this_process",
-    "writer_lives",
-]
+    from llfsm.whiteboard.slots import Sample
 
 
 @cache

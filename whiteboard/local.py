@@ -10,8 +10,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-from .board import Board, BoundSlot, SlotInfo, Waiter
-from .errors import (
+from llfsm.whiteboard.board import Board, BoundSlot, SlotInfo, Waiter
+from llfsm.whiteboard.errors import (
     BoardClosedError,
     SlotNotFoundError,
     SlotRetiredError,
@@ -19,10 +19,8 @@ from .errors import (
     wrong_field,
     wrong_type,
 )
-from .message import M
-from .slots import Sample, Slot
-
-__all__ = ["LocalBoard"]
+from llfsm.whiteboard.message import M
+from llfsm.whiteboard.slots import Sample, Slot
 
 
 class _Added(NamedTuple):

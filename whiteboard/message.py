@@ -10,10 +10,8 @@ from weakref import WeakValueDictionary
 
 import msgspec
 
-from .errors import MessageTypeError
-from .schema import MADE_FROM, Schema, describe, excess, limits, summarize
-
-__all__ = ["M", "Message", "type_from_schema"]
+from llfsm.whiteboard.errors import MessageTypeError
+from llfsm.whiteboard.schema import MADE_FROM, Schema, describe, excess, limits, summarize
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))

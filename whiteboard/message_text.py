@@ -10,14 +10,11 @@ from pkgutil import iter_modules
 import msgspec
 
 from llfsm.errors import did_you_mean
-
-from . import messages
-from .errors import MessageFieldError, MessageTypeError, name_fields
-from .message import Message
-from .schema import from_plain
-from .slots import Slot
-
-__all__ = ["message_class", "parse_message", "shipped_types"]
+from llfsm.whiteboard import messages
+from llfsm.whiteboard.errors import MessageFieldError, MessageTypeError, name_fields
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.schema import from_plain
+from llfsm.whiteboard.slots import Slot
 
 
 def parse_message(slot: Slot[Message], text: str | bytes) -> Message:

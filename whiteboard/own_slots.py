@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["OWN", "is_own"]
-
 OWN = "llfsm/"
 """What the names of these slots begin with."""
 

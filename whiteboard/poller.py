@@ -10,14 +10,14 @@ import time
 from collections.abc import Callable, Set
 from typing import Any
 
-from .board import Board, BoundSlot, SlotInfo
-from .errors import BoardClosedError, MessageTypeError, WhiteboardError
-from .message import Message, type_from_schema
-from .messages.fleet import KEEPS_READ
-from .messages.llfsm import (
+from llfsm.whiteboard.board import Board, BoundSlot, SlotInfo
+from llfsm.whiteboard.errors import BoardClosedError, MessageTypeError, WhiteboardError
+from llfsm.whiteboard.message import Message, type_from_schema
+from llfsm.whiteboard.messages.llfsm import (
     COMMANDERS,
     DEFINITIONS,
     JOURNALS,
+    KEEPS_READ,
     MACHINES,
     REQUESTS,
     Commanders,
@@ -25,10 +25,8 @@ from .messages.llfsm import (
     MachineRequest,
     MachineStatus,
 )
-from .schema import describe
-from .slots import Sample, Slot
-
-__all__ = ["BoardPoller", "PolledSlot", "class_of", "is_data"]
+from llfsm.whiteboard.schema import describe
+from llfsm.whiteboard.slots import Sample, Slot
 
 _OURS: dict[str, type[Message]] = {
     MACHINES: MachineStatus,

@@ -16,21 +16,7 @@ import msgspec
 from msgspec import inspect as mi
 
 from llfsm.errors import did_you_mean
-
-from .errors import MessageTypeError
-
-__all__ = [
-    "MADE_FROM",
-    "Schema",
-    "describe",
-    "differences",
-    "excess",
-    "fingerprint",
-    "from_plain",
-    "limits",
-    "summarize",
-    "to_plain",
-]
+from llfsm.whiteboard.errors import MessageTypeError
 
 Schema = dict[str, Any]
 

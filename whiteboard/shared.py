@@ -12,15 +12,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 from msgspec import inspect as mi
 
-from .board import Board, BoundSlot, SlotInfo, Waiter
-from .board_files import DIRECTORY, board_files, board_path, default_name, remove_board
-from .errors import SchemaClash, SharedMemoryUnavailableError, SlotNotFoundError
-from .message import M, Message
-from .schema import Schema, excess
-from .slots import Slot
+from llfsm.whiteboard.board import Board, BoundSlot, SlotInfo, Waiter
+from llfsm.whiteboard.board_files import (
+    DIRECTORY,
+    board_files,
+    board_path,
+    default_name,
+    remove_board,
+)
+from llfsm.whiteboard.errors import SchemaClash, SharedMemoryUnavailableError, SlotNotFoundError
+from llfsm.whiteboard.message import M, Message
+from llfsm.whiteboard.schema import Schema, excess
+from llfsm.whiteboard.slots import Slot
 
 try:
-    from . import _shm
+    from llfsm.whiteboard import _shm
 except ImportError as error:  # no Linux, or no compiler when it was installed
     _MISSING: ImportError | None = error
 else:
@@ -28,9 +34,8 @@ else:
     BoundSlot.register(_shm.Port)
 
 if TYPE_CHECKING:
-    from .local import LocalBoard
+    from llfsm.whiteboard.local import LocalBoard
 
-__all__ = ["BoardInfo", "Whiteboard", "boards", "require_shared_memory"]
 
 _MOST_SLOTS = 4096
 
@@ -65,7 +70,7 @@ class Whiteboard(Board):
     @staticmethod
     def local(name: str = "local") -> LocalBoard:
         """Return a new, empty board for this process only, with the same interface."""
-        from .local import LocalBoard
+        from llfsm.whiteboard.local import LocalBoard
 
         return LocalBoard(name)
 
@@ -92,7 +97,7 @@ class Whiteboard(Board):
         `as_` is no name of a host.
 
         """
-        from .mirror.remote_board import RemoteBoard
+        from llfsm.whiteboard.mirror.remote_board import RemoteBoard
 
         return RemoteBoard(endpoint, default_name() if name is None else name, zenoh, as_, fleet)
 

@@ -9,11 +9,9 @@ from zlib import crc32
 
 import msgspec
 
-from .errors import MessageTypeError, SlotNameError, SlotTypeError
-from .message import M, Message
-from .schema import Schema, describe, differences, fingerprint
-
-__all__ = ["DEFAULT_CAPACITY", "Sample", "Slot", "legal_name"]
+from llfsm.whiteboard.errors import MessageTypeError, SlotNameError, SlotTypeError
+from llfsm.whiteboard.message import M, Message
+from llfsm.whiteboard.schema import Schema, describe, differences, fingerprint
 
 DEFAULT_CAPACITY = 1024
 _NAME = re.compile(r"[^\s\x00-\x1f\x7f\ud800-\udfff]{1,255}")

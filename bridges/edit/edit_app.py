@@ -1,11 +1,15 @@
-"""The web application of the editor: pages of machines, a socket for each window, an overview."""
+"""The web application of the editor: pages of machines, a socket for each window, an overview.
+
+The machines of an arrangement file that are open for editing, and the overview of them.
+"""
 
 from __future__ import annotations
 
 import secrets
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
@@ -14,19 +18,68 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from llfsm.bridges.view import page_files
-from llfsm.bridges.view.access import AccessMiddleware
-from llfsm.bridges.view.guarded_app import guarded_app
-from llfsm.bridges.view.page_files import ASSETS, PageFiles, json_response
-from llfsm.bridges.view.page_socket import serve_page
+from llfsm.bridges.edit.edit_session import EditSession, decode_request
+from llfsm.bridges.edit.message_types import offered
+from llfsm.bridges.view import access as page_files
+from llfsm.bridges.view.access import (
+    ASSETS,
+    AccessMiddleware,
+    PageFiles,
+    guarded_app,
+    json_response,
+)
+from llfsm.bridges.view.frames import plain_diagram
+from llfsm.bridges.view.page_requests import serve_page
 from llfsm.bridges.view.page_source import PageSource
+from llfsm.runtime.converting.class_process import read_links
+from llfsm.runtime.drawing import MachineLinks, overview
 from llfsm.runtime.editing.document import Document
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.plans import PlannedMachine
 
-from .edit_session import EditSession, decode_request
-from .message_types import offered
-from .opened_plan import OpenedPlan, overview_data
+_PROCESSES = 4  # at once, each of which loads a machine
 
-__all__ = ["make_edit_app"]
+
+class OpenedMachine(NamedTuple):
+    """A machine of an arrangement file: a document, or the reason why it cannot be opened."""
+
+    planned: PlannedMachine
+    document: Document | None
+    problem: str = ""
+
+
+class OpenedPlan(NamedTuple):
+    """An arrangement file with its machines, by the names that they get."""
+
+    path: Path
+    machines: Mapping[str, OpenedMachine]
+
+
+def overview_data(plan: OpenedPlan) -> dict[str, Any]:
+    """Return the overview as the page draws it, and by machine why it cannot be loaded.
+
+    Each machine is loaded, as its text is now, in a process of its own.
+    """
+    with ThreadPoolExecutor(_PROCESSES) as pool:
+        found = dict(zip(plan.machines, pool.map(_links, plan.machines.values()), strict=True))
+    links = {
+        name: each if isinstance(each, MachineLinks) else _NONE for name, each in found.items()
+    }
+    problems = {name: each for name, each in found.items() if isinstance(each, str)}
+    return {"diagram": plain_diagram(overview(plan.path.name, links)), "problems": problems}
+
+
+def _links(machine: OpenedMachine) -> MachineLinks | str:
+    if machine.document is None:
+        return machine.problem
+    try:
+        return read_links(machine.document.found_by, machine.planned)
+    except BundleError as error:
+        return str(error)
+
+
+_NONE = MachineLinks()
+
 
 _OWN_ASSETS: Final = Path(__file__).with_name("assets")
 _CODEMIRROR: Final = Path(__file__).with_name("codemirror")

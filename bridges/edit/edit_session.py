@@ -10,18 +10,14 @@ from typing import Any, TypeAlias
 import msgspec
 from starlette.concurrency import run_in_threadpool
 
+from llfsm.bridges.edit.machine_page import findings_data, live_data, machine_data
+from llfsm.bridges.edit.simulation import Simulating, SimulationRequest
 from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.page_requests import FrameShown, MachineCommand, perform
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.editing.document import Document, Edit
-from llfsm.runtime.editing.include_edits import Include
-from llfsm.runtime.editing.text_edits import SetText
+from llfsm.runtime.editing.text_edits import Include, SetText
 from llfsm.runtime.engine.errors import FsmError
-
-from .machine_page import findings_data, live_data, machine_data
-from .simulating import Simulating, SimulationRequest
-
-__all__ = ["EditSession", "Window", "decode_request"]
 
 _LOOK_S = 0.25  # between two looks at what other programs change
 _WATCH_S = 0.1  # between two looks at the live machine

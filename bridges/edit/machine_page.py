@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterator
 from functools import lru_cache
 from typing import Any, cast
 
-from llfsm.bridges.view.diagram_data import plain_diagram
+from llfsm.bridges.edit.message_types import ros_class
+from llfsm.bridges.view.frames import plain_diagram
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.bundles.code import parse_expression
 from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, Fragment
@@ -20,10 +21,6 @@ from llfsm.runtime.engine.table import dead_transitions, unreachable_states
 from llfsm.runtime.presence.remote import condition_of
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
-
-from .message_types import ros_class
-
-__all__ = ["findings_data", "live_data", "machine_data"]
 
 
 def machine_data(document: Document) -> dict[str, Any]:

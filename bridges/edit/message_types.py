@@ -1,7 +1,12 @@
-"""What the page offers to include: message types that ship, those of ROS, and those of a board."""
+"""What the page offers to include: message types that ship, those of ROS, and those of a board.
+
+The text of a message class that has a given schema, as a slot of a board carries it.
+"""
 
 from __future__ import annotations
 
+import json
+import keyword
 from collections.abc import Iterator
 from functools import cache
 from typing import Any, Final
@@ -12,10 +17,145 @@ from llfsm.bridges.view.page_source import PageSource
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.message_text import shipped_types
 from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.schema import Schema, limits
 
-from .message_class_text import class_name, message_class_text
+_PLAIN = {"boolean": "bool", "integer": "int", "number": "float", "string": "str", "null": "None"}
+_ZERO = {"boolean": "False", "integer": "0", "number": "0.0", "string": '""', "null": "None"}
+_ORDER = ("typing", "msgspec", "llfsm.whiteboard")
 
-__all__ = ["offered", "ros_class"]
+
+def class_name(type_name: str) -> str:
+    """Return the name of the class of a type: the last part of ``geometry_msgs/msg/Twist``."""
+    return type_name.rpartition("/")[2]
+
+
+def message_class_text(schema: Schema) -> str:
+    """Return the imports and classes of a message type; raise `ValueError` if there is no text.
+
+    A field has a default where 0, or nothing, is one of its values.
+    """
+    classes = _Classes()
+    classes.add(schema)
+    return "\n\n\n".join([classes.imports(), *classes.texts.values()]) + "\n"
+
+
+class _Classes:
+    def __init__(self) -> None:
+        self.texts: dict[str, str] = {}  # those that others need come first
+        self._schemas: dict[str, Schema] = {}
+        self._used: set[tuple[str, str]] = {("llfsm.whiteboard", "Message")}
+
+    def imports(self) -> str:
+        names: dict[str, list[str]] = {}
+        for module, name in sorted(self._used, key=lambda each: (_ORDER.index(each[0]), each[1])):
+            names.setdefault(module, []).append(name)
+        return "\n".join(
+            f"from {module} import {', '.join(each)}" for module, each in names.items()
+        )
+
+    def add(self, schema: Schema) -> str:
+        """Add a class; return its name."""
+        title = schema["title"]
+        name = _identifier(class_name(title))
+        if self._schemas.setdefault(name, schema) != schema:
+            raise ValueError(f"two types are called {name}")
+        if name not in self.texts:
+            fields = [_Field(_identifier(f), self, part) for f, part in _fields(schema)]
+            given = "" if title == name else f", type_name={_value(title)}"
+            body = "".join(f"\n    {line}" for line in _lines(fields)) or "\n    pass"
+            self.texts[name] = f"class {name}(Message{given}):{body}"
+        return name
+
+    def annotation(self, schema: Schema) -> str:
+        """Return the type of a field."""
+        if "enum" in schema:
+            return f"{self._use('typing', 'Literal')}[{', '.join(map(_value, schema['enum']))}]"
+        if "anyOf" in schema:
+            return " | ".join(map(self.annotation, schema["anyOf"]))
+        made = self._bare(schema)
+        if "pattern" in schema:
+            raise ValueError("a pattern of another program is not run")
+        within = limits(schema)
+        if not within:
+            return made
+        given = ", ".join(f"{key}={_value(value)}" for key, value in within.items())
+        self._use("typing", "Annotated")
+        return f"Annotated[{made}, {self._use('msgspec', 'Meta')}({given})]"
+
+    def _bare(self, schema: Schema) -> str:
+        kind = schema["type"]
+        if kind == "object":
+            return self.add(schema)
+        if kind == "array":
+            if "prefixItems" in schema:
+                each = ", ".join(map(self.annotation, schema["prefixItems"]))
+                return f"tuple[{each or '()'}]"
+            inner = self.annotation(schema["items"])
+            return f"frozenset[{inner}]" if schema.get("uniqueItems") else f"tuple[{inner}, ...]"
+        return "bytes" if schema.get("contentEncoding") else _PLAIN[kind]
+
+    def _use(self, module: str, name: str) -> str:
+        self._used.add((module, name))
+        return name
+
+
+class _Field:
+    """A field's declaration, and its default; None if it has none."""
+
+    def __init__(self, name: str, classes: _Classes, schema: Schema):
+        self.declaration = f"{name}: {classes.annotation(schema)}"
+        self.default = _default(schema)
+
+
+def _lines(fields: list[_Field]) -> Iterator[str]:
+    """Give the lines of the fields: a default only where all behind it have one."""
+    first = max((i + 1 for i, each in enumerate(fields) if each.default is None), default=0)
+    for i, each in enumerate(fields):
+        yield each.declaration if i < first else f"{each.declaration} = {each.default}"
+
+
+def _default(schema: Schema) -> str | None:
+    if "enum" in schema:
+        return _value(schema["enum"][0])
+    if "anyOf" in schema:
+        defaults = [_default(option) for option in schema["anyOf"]]
+        return "None" if "None" in defaults else next(filter(None, defaults), None)
+    if not _allows_zero(schema):
+        return None
+    kind = schema["type"]
+    if kind == "object":
+        has_all = all(_default(part) is not None for _, part in _fields(schema))
+        return f"{class_name(schema['title'])}()" if has_all else None
+    if kind == "array":
+        if "prefixItems" not in schema:
+            return "frozenset()" if schema.get("uniqueItems") else "()"
+        parts = [_default(part) for part in schema["prefixItems"]]
+        inner = ", ".join(part for part in parts if part is not None)
+        return None if None in parts else f"({inner}{',' if len(parts) == 1 else ''})"
+    return 'b""' if schema.get("contentEncoding") else _ZERO[kind]
+
+
+def _allows_zero(schema: Schema) -> bool:
+    """Return whether 0, or an empty text or array, is within the limits."""
+    least = max(schema.get(key, 0) for key in ("minimum", "minLength", "minItems"))
+    beside = schema.get("exclusiveMinimum", -1), schema.get("exclusiveMaximum", 1)
+    return bool(least <= 0 <= schema.get("maximum", 0) and beside[0] < 0 < beside[1])
+
+
+def _value(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+
+
+def _fields(schema: Schema) -> list[tuple[str, Schema]]:
+    return list(schema["properties"].items())
+
+
+def _identifier(name: str) -> str:
+    """Return a name, or raise `ValueError` if Python has none like it."""
+    if not name.isidentifier() or keyword.iskeyword(name):
+        raise ValueError(f"{name!r} cannot be a name in Python")
+    return name
+
 
 _BASE: Final = {
     "llfsm.runtime": ("Actuator", "Sensor"),

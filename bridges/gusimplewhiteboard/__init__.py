@@ -4,10 +4,16 @@ Read :mod:`.file` (where its bytes are), :mod:`.message_layouts` and :mod:`.stru
 mean), :mod:`.relay` (what is relayed and when), :mod:`.relay_configuration`.
 """
 
-from .errors import GuFileError, GuFormatError, GuWhiteboardError, LayoutError, MisfitError
-from .file import GuWhiteboard
-from .message_layouts import find_layout
-from .relay import Relay
+from llfsm.bridges.gusimplewhiteboard.errors import (
+    GuFileError,
+    GuFormatError,
+    GuWhiteboardError,
+    LayoutError,
+    MisfitError,
+)
+from llfsm.bridges.gusimplewhiteboard.file import GuWhiteboard
+from llfsm.bridges.gusimplewhiteboard.relay import Relay
+from llfsm.bridges.gusimplewhiteboard.structures import find_layout
 
 __all__ = [
     "GuFileError",

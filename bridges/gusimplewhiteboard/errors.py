@@ -14,8 +14,6 @@ A misfit ends nothing: the message is not relayed, and the relay logs one warnin
 
 from llfsm.errors import LlfsmError
 
-__all__ = ["GuFileError", "GuFormatError", "GuWhiteboardError", "LayoutError", "MisfitError"]
-
 
 class GuWhiteboardError(LlfsmError):
     """The base of the errors of the bridge to a gusimplewhiteboard."""

@@ -18,9 +18,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from .errors import GuFileError, GuFormatError
-
-__all__ = ["DEFAULT_PATH", "MESSAGE_SIZE", "TYPES", "GuWhiteboard", "RingPosition"]
+from llfsm.bridges.gusimplewhiteboard.errors import GuFileError, GuFormatError
 
 DEFAULT_PATH = "/tmp/whiteboard"
 TYPES = 512

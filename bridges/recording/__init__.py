@@ -9,7 +9,7 @@ Read in this order: :mod:`.json_codec` (messages as JSON, without loss), :mod:`.
 
 from importlib.util import find_spec
 
-from .errors import McapMissingError
+from llfsm.bridges.recording.errors import McapMissingError
 
 if find_spec("mcap") is None:
     raise McapMissingError("recordings need mcap; install it with: pip install 'llfsm[record]'")

@@ -19,17 +19,6 @@ from __future__ import annotations
 
 from llfsm.errors import LlfsmError
 
-__all__ = [
-    "MachinesGoneError",
-    "McapMissingError",
-    "MomentError",
-    "NoEventsError",
-    "OtherMachinesError",
-    "RecordingError",
-    "RecordingFileError",
-    "RerunError",
-]
-
 
 class RecordingError(LlfsmError):
     """A recording cannot be made or used as requested."""

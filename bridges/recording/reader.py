@@ -15,26 +15,26 @@ from typing import Any, NamedTuple
 import msgspec
 from mcap.records import Attachment, Channel, Schema
 
+from llfsm.bridges.recording.bags import CDR, BagTopics, as_mcap, in_chunks, split_by_key
+from llfsm.bridges.recording.errors import RecordingFileError
+from llfsm.bridges.recording.mcap_file import Index, McapFile, MessageRecord
+from llfsm.bridges.recording.writer import (
+    ABOUT,
+    ARRANGEMENT,
+    COUNT,
+    EVENTS,
+    WRAP,
+    WRITER,
+    Codec,
+    JsonCodec,
+)
+from llfsm.bridges.ros2.errors import RosTypeError
 from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.journal.entries import FIELDS, Entry
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, definition_slot
 from llfsm.whiteboard.poller import class_of
-
-from ..ros2.errors import RosTypeError
-from .bag_writer import CDR
-from .bags import BagTopics, as_mcap
-from .chunking import in_chunks
-from .errors import RecordingFileError
-from .index import Index
-from .json_codec import Codec, JsonCodec
-from .keyed_bag import split_by_key
-from .mcap_file import McapFile, MessageRecord
-from .writer import ABOUT, ARRANGEMENT, COUNT, EVENTS, WRAP, WRITER
-
-__all__ = ["RecordedJournal", "RecordedMessage", "RecordedSlot", "Recording", "TimelineItem"]
-
 
 _WRONG_CHANNEL = (LookupError, ValueError, RecursionError, WhiteboardError, RosTypeError)
 

@@ -10,38 +10,94 @@ wall-clock times. A message that was on the board before the recording has the b
 recording as log time, and the time at which it was added as publish time.
 
 Arrangements and machine definitions are metadata and attachments, which MCAP tools list.
+
+A slot's messages as JSON that any tool can read, and back without loss.
+
+The JSON object follows the slot's schema: `bytes` are base64, integers keep all their digits. JSON
+has no number for NaN and the infinities, which are written as null, and does not distinguish the
+members of some unions. An object that would be ambiguous has an additional member `$msgpack`: the
+message as on the whiteboard, MessagePack in base64. No field's name can begin with a `$`.
+
+One arrangement's journal in a recording, with what describes the arrangement.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from binascii import a2b_base64, b2a_base64
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any, Protocol, cast
 
 import msgspec
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
+from llfsm.bridges.recording.errors import RecordingFileError
 from llfsm.runtime.journal.entries import Entry
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
+from llfsm.whiteboard.schema import from_plain, to_plain
 
-from .errors import RecordingFileError
-from .json_codec import Codec, JsonCodec
+EXACT = "$msgpack"
 
-__all__ = [
-    "ABOUT",
-    "ARRANGEMENT",
-    "COUNT",
-    "EVENTS",
-    "STATISTICS",
-    "WRAP",
-    "WRITER",
-    "RecordingWriter",
-]
+
+class Codec(Protocol):
+    """Encodes and decodes the messages of one slot."""
+
+    @property
+    def encode(self) -> Callable[[Any], bytes]:
+        """Return a message's bytes."""
+        ...
+
+    @property
+    def decode(self) -> Callable[[bytes], Any]:
+        """Return the message of bytes; raise ``ValueError`` if they are none."""
+        ...
+
+
+class JsonCodec:
+    """Encode and decode the messages of one slot."""
+
+    def __init__(self, slot: Slot[Any]):
+        self.slot = slot
+        self._ambiguous = b"anyOf" in msgspec.json.encode(slot.schema)
+
+    def encode(self, message: Message) -> bytes:
+        """Return the JSON object."""
+        plain = to_plain(message)
+        text = msgspec.json.encode(plain)
+        if (self._ambiguous or b"null" in text) and not self._is_exact(plain, text, message):
+            payload = self.slot.encoder.encode(message)
+            plain[EXACT] = b2a_base64(payload, newline=False).decode()
+            text = msgspec.json.encode(plain)
+        return text
+
+    def decode(self, text: bytes) -> Message:
+        """Return the message; raise ``ValueError`` if the text is not a message of this slot."""
+        plain = msgspec.json.decode(text)
+        if not isinstance(plain, dict):
+            raise ValueError("not a JSON object")
+        return self.message(plain)
+
+    def message(self, plain: dict[str, Any]) -> Message:
+        """Return the message of a decoded object; raise ``ValueError`` if it is invalid."""
+        if EXACT in plain:
+            message = self.slot.decoder.decode(a2b_base64(plain[EXACT]))
+        else:
+            message = msgspec.convert(from_plain(plain, self.slot.schema), self.slot.type)
+        assert isinstance(message, Message)
+        return message
+
+    def _is_exact(self, plain: Any, text: bytes, message: Message) -> bool:
+        try:
+            back = self.decode(text)
+        except ValueError:  # for example null where a number is required
+            return False
+        return back == message and to_plain(back) == plain
+
 
 EVENTS = "llfsm/events"
 """The topic of the journals of arrangements; each journal has a channel."""
@@ -262,3 +318,50 @@ class _File:
         except OSError as error:
             why = f"{self._path}: cannot be written: {error.strerror}"
             raise RecordingFileError(why) from error
+
+
+class JournalWriter:
+    """Write the entries of the journal that process `pid` began at `session`.
+
+    `whole` is a journal that begins before its machines have done anything.
+    """
+
+    def __init__(self, writer: RecordingWriter, *, pid: int, session: int, whole: bool):
+        self._writer = writer
+        self._about = {
+            "session": f"{pid}-{session}",
+            "writer": str(pid),
+            "whole": "yes" if whole else "no",
+        }
+        self._channel = writer.add_journal(self._about)
+        self._made: Mapping[str, str] = {}
+        self._is_described = False
+        self.machines: list[str] = []
+        """The names of the machines that were loaded at the beginning."""
+
+    def add(self, entry: Entry) -> None:
+        """Write an entry."""
+        kind: Any = entry["event"]
+        if kind == "Plan":
+            self._made = {
+                "plan": msgspec.json.encode(entry["plan"]).decode(),
+                "folder": str(entry["folder"]),
+            }
+            return
+        if kind == "Loaded":
+            self.machines.append(str(entry["machine"]))
+        elif "reads" in entry:
+            self.describe()
+        self._writer.add_entry(self._channel, entry)
+
+    def add_lost(self) -> None:
+        """Mark a gap: entries are missing here."""
+        self._writer.add_lost(self._channel)
+
+    def describe(self) -> bool:
+        """Write the metadata of the arrangement if that was not done; return whether it was."""
+        before, self._is_described = self._is_described, True
+        if not before:
+            about = {**self._about, "machines": ", ".join(self.machines), **self._made}
+            self._writer.add_metadata(ARRANGEMENT, about)
+        return before

@@ -9,20 +9,8 @@ from __future__ import annotations
 import importlib.util
 import os
 
-from llfsm.whiteboard.mirror.endpoint_syntax import PORT
-
-from .errors import DomainIdError
-
-__all__ = [
-    "DOMAINS",
-    "ROS_ARGUMENTS",
-    "ROUTER",
-    "TRANSPORTS",
-    "check_domain",
-    "choose_transport",
-    "default_domain",
-    "needs_router",
-]
+from llfsm.bridges.ros2.errors import DomainIdError
+from llfsm.whiteboard.mirror.settings import PORT
 
 TRANSPORTS = ("auto", "rclpy", "zenoh")
 

@@ -7,16 +7,13 @@ from contextlib import suppress
 from enum import IntEnum
 from typing import NamedTuple
 
+from llfsm.bridges.ros2.errors import TransportClosedError
+from llfsm.bridges.ros2.node_time import from_ns
+from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.transport import Node
+from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.whiteboard.messages.std_msgs import Header
-
-from .errors import TransportClosedError
-from .qos import Qos
-from .stamps import from_ns
-from .timer_thread import TimerThread
-from .transport import Node
-from .types import TypeLibrary
-
-__all__ = ["Diagnostics", "Health", "HealthLevel"]
 
 _PERIOD_S = 1.0
 

@@ -34,36 +34,6 @@ notice (see :mod:`.transport`).
 
 from llfsm.errors import LlfsmError
 
-__all__ = [
-    "AlreadyAnsweredError",
-    "AtLossError",
-    "CallFailedError",
-    "CallTimeoutError",
-    "CdrError",
-    "ConnectivityError",
-    "DefinitionPathError",
-    "DefinitionSyntaxError",
-    "DomainIdError",
-    "ExtrapolationError",
-    "FrameLookupError",
-    "FrameNameError",
-    "KeyPathError",
-    "NoServerError",
-    "ParameterOverrideError",
-    "Ros2Error",
-    "RosArgumentError",
-    "RosNameError",
-    "RosTypeError",
-    "RouterError",
-    "ServiceCallError",
-    "TransformError",
-    "TransportClosedError",
-    "TransportError",
-    "TransportUnavailableError",
-    "TypeMismatchError",
-    "UnknownTypeError",
-]
-
 
 class Ros2Error(LlfsmError):
     """The root of all errors of the ROS 2 bridge."""

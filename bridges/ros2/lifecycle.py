@@ -12,11 +12,9 @@ from collections.abc import Callable, Iterable
 from enum import Enum, IntEnum
 from typing import Any, NamedTuple
 
-from .call_queue import Put, through
-from .transport import Node, ServiceRequest
-from .types import TypeLibrary
-
-__all__ = ["TRANSITIONS", "LifecycleServer", "LifecycleState", "LifecycleTransition", "WorkOutcome"]
+from llfsm.bridges.ros2.calls import Put, through
+from llfsm.bridges.ros2.transport import Node, ServiceRequest
+from llfsm.bridges.ros2.types import TypeLibrary
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 

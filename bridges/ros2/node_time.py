@@ -1,4 +1,7 @@
-"""A node's time: the host's or, where ``use_sim_time`` is set, that of /clock, as rclcpp's."""
+"""A node's time: the host's or, where ``use_sim_time`` is set, that of /clock, as rclcpp's.
+
+Time stamps of ROS messages.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,24 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from .node_parameters import NodeParameters
-from .qos import Qos, ReliabilityPolicy
-from .qos_overrides import overridden
-from .stamps import to_ns
-from .transport import Node, SerializedMessage, TopicSubscription
-from .types import TypeLibrary
+from llfsm.bridges.ros2.node_parameters import NodeParameters
+from llfsm.bridges.ros2.qos import Qos, ReliabilityPolicy, overridden
+from llfsm.bridges.ros2.transport import Node, SerializedMessage, TopicSubscription
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.whiteboard.messages.builtin_interfaces import Time
 
-__all__ = ["CLOCK", "CLOCK_QOS", "CLOCK_TYPE", "NodeTime"]
+_SECOND = 1_000_000_000
+
+
+def from_ns(ns: int) -> Time:
+    """Return a time of so many nanoseconds since the epoch."""
+    return Time(*divmod(ns, _SECOND))
+
+
+def to_ns(time: Time) -> int:
+    """Return the nanoseconds since the epoch."""
+    return time.sec * _SECOND + time.nanosec
+
 
 CLOCK = "/clock"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"

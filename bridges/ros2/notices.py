@@ -7,11 +7,9 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from .errors import CdrError
-from .graph import Endpoint, qos_conflict, type_conflict
-from .transport import Notice, NoticeKind
-
-__all__ = ["Notifier", "log_notice"]
+from llfsm.bridges.ros2.errors import CdrError
+from llfsm.bridges.ros2.graph import Endpoint, qos_conflict, type_conflict
+from llfsm.bridges.ros2.transport import Notice, NoticeKind
 
 T = TypeVar("T")
 

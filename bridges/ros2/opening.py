@@ -1,16 +1,31 @@
-"""Opens a transport by its name; what it needs is imported when it is opened."""
+"""Opens a transport by its name; what it needs is imported when it is opened.
+
+Keep freed memory for the next message.
+
+glibc returns large blocks to the system when they are freed. Each copy of a large message, such as
+an image or a cloud of points, then finds its memory empty, page by page, which takes several times
+as long as the copying.
+
+A Zenoh router in this process, in place of rmw_zenohd.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import re
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from .defaults import TRANSPORTS, choose_transport
-from .errors import TransportUnavailableError
-from .notices import log_notice
-from .transport import Notice, Transport
+from llfsm.bridges.ros2.defaults import TRANSPORTS, choose_transport
+from llfsm.bridges.ros2.errors import RouterError, TransportUnavailableError
+from llfsm.bridges.ros2.notices import log_notice
+from llfsm.bridges.ros2.transport import Notice, Transport
+from llfsm.whiteboard.mirror.settings import PORT, endpoint_problem
 
-__all__ = ["explaining_missing", "open_transport"]
+if TYPE_CHECKING:
+    import zenoh
 
 
 def open_transport(
@@ -30,12 +45,12 @@ def open_transport(
     chosen = choose_transport(name, router=bool(router))
     if chosen == "rclpy":
         with explaining_missing():
-            from .rclpy_transport.transport import RclpyTransport
+            from llfsm.bridges.ros2.rclpy_transport.transport import RclpyTransport
 
             return RclpyTransport(domain, enclave=enclave, notify=notify)
     if chosen == "zenoh":
         with explaining_missing():
-            from .zenoh_transport.transport import ZenohTransport
+            from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 
             return ZenohTransport(domain, router=router or None, enclave=enclave, notify=notify)
     known = ", ".join(TRANSPORTS)
@@ -60,3 +75,81 @@ def explaining_missing() -> Iterator[None]:
         if how is None:
             raise
         raise TransportUnavailableError(f"{error.name} is not installed; {how}") from error
+
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of <malloc.h>
+_KEPT = 64 << 20  # bytes
+_LARGEST = 32 << 20  # the most that glibc accepts
+
+
+def keep_freed_memory() -> None:
+    """Let this process keep up to 64 MB of freed memory; without glibc, do nothing.
+
+    For programs that relay messages. A library leaves it to the program that uses it.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_MMAP_THRESHOLD, _LARGEST)
+        mallopt(_TRIM_THRESHOLD, _KEPT)
+
+
+_LOOPBACK = re.compile(r"tcp/(localhost|127\.0\.0\.1|\[::1\]):(\d+)")
+
+
+def loopback(port: int = PORT) -> list[str]:
+    """Return the endpoints that only this host reaches, on IPv6 too if it has that."""
+    endpoints = [f"tcp/127.0.0.1:{port}"]
+    try:
+        with socket.socket(socket.AF_INET6) as probe:
+            probe.bind(("::1", 0))
+    except OSError:
+        return endpoints
+    return [*endpoints, f"tcp/[::1]:{port}"]
+
+
+def loopback_address(endpoint: str) -> tuple[str, int] | None:
+    """Return the host and port of an endpoint that only this host reaches, else None."""
+    match = _LOOPBACK.fullmatch(endpoint)
+    return match and (match[1].strip("[]"), int(match[2]))
+
+
+def serves(address: tuple[str, int]) -> bool:
+    """Return whether something accepts TCP connections at a host and port."""
+    try:
+        with socket.create_connection(address, timeout=1.0):
+            return True
+    except (OSError, OverflowError):  # the latter if the port's number is too large
+        return False
+
+
+def open_router(listen: Sequence[str]) -> zenoh.Session:
+    """Start a router in this process; it ends when the session is closed.
+
+    Raise :class:`.RouterError` if it cannot listen on one of the endpoints, and
+    :class:`.TransportUnavailableError` if Zenoh is not installed.
+    """
+    for problem in filter(None, map(endpoint_problem, listen)):
+        raise RouterError(f"no router: {problem}")
+    with explaining_missing():
+        from llfsm.bridges.ros2.zenoh_transport.session import open_with
+    settings = {
+        "mode": "router",
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": True,
+    }
+    try:
+        return open_with(settings)
+    except TransportUnavailableError as error:
+        raise RouterError(f"no router on {', '.join(listen)}: {error}{_hint(listen)}") from error
+
+
+def _hint(listen: Sequence[str]) -> str:
+    """Return what may occupy an endpoint; the default port is that of two programs of ours."""
+    taken = [e for e in listen if (address := loopback_address(e)) and serves(address)]
+    if not taken:
+        return ""
+    return (
+        f"; {taken[0]} is in use, perhaps by another router or by `llfsm whiteboard daemon`: "
+        "give one of them another endpoint with --listen"
+    )

@@ -23,14 +23,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from .defaults import ROS_ARGUMENTS
-from .errors import RosArgumentError, RosNameError
-from .node_parameters import Value
-from .parameter_files import ANY_NODE, fits, read_parameters, read_value
-from .ros_names import Names
-from .rosout import logger_name
-
-__all__ = ["RosArguments", "split_ros_arguments"]
+from llfsm.bridges.ros2.defaults import ROS_ARGUMENTS
+from llfsm.bridges.ros2.errors import RosArgumentError, RosNameError
+from llfsm.bridges.ros2.graph import Names
+from llfsm.bridges.ros2.node_parameters import ANY_NODE, Value, fits, read_parameters, read_value
+from llfsm.bridges.ros2.rosout import logger_name
 
 _END = "--"  # of ROS's own
 _LONG = {"-r": "--remap", "-p": "--param", "-e": "--enclave"}

@@ -7,13 +7,11 @@ import threading
 import time
 from contextlib import suppress
 
-from .errors import TransportClosedError
-from .qos import DurabilityPolicy, Qos
-from .stamps import from_ns
-from .transport import Node
-from .types import TypeLibrary
-
-__all__ = ["ConsoleFormat", "Rosout", "logger_name"]
+from llfsm.bridges.ros2.errors import TransportClosedError
+from llfsm.bridges.ros2.node_time import from_ns
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
+from llfsm.bridges.ros2.transport import Node
+from llfsm.bridges.ros2.types import TypeLibrary
 
 _FATAL = logging.CRITICAL
 _LIFESPAN_NS = 10_000_000_000

@@ -1,21 +1,94 @@
-"""What rclcpp gives every node: parameters, a time, type descriptions, a log."""
+"""What rclcpp gives every node: parameters, a time, type descriptions, a log.
+
+A node's service ``~/get_type_description``, which describes types to tools (REP 2011).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from .call_queue import Put
-from .node_parameters import NodeParameters, Parameter
-from .node_time import NodeTime
-from .parameter_server import PARAMETER_EVENTS, PARAMETER_QOS, ParameterServer
-from .qos_overrides import overridden
-from .rosout import Rosout
-from .transport import Node
-from .type_descriptions import TypeDescriptionServer
-from .types import TypeLibrary
+from llfsm.bridges.ros2.calls import Put, through
+from llfsm.bridges.ros2.errors import RosTypeError, UnknownTypeError
+from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter
+from llfsm.bridges.ros2.node_time import NodeTime
+from llfsm.bridges.ros2.parameter_server import PARAMETER_EVENTS, PARAMETER_QOS, ParameterServer
+from llfsm.bridges.ros2.qos import overridden
+from llfsm.bridges.ros2.rosout import Rosout
+from llfsm.bridges.ros2.transport import Node, ServiceRequest
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.whiteboard import Message
 
-__all__ = ["Equipment", "equip"]
+
+class TypeDescriptionServer:
+    """Describes every type in use by its hash, as rcl does, and any other by its name and hash.
+
+    On request it sends their sources, too. Requests are handled through ``put``.
+    """
+
+    def __init__(self, node: Node, types: TypeLibrary, put: Put) -> None:
+        self._types = types
+        of = types.service("type_description_interfaces/srv/GetTypeDescription")
+        self._response = of.response.message
+        self._classes: dict[str, type[Message]] = {
+            name: types.message(f"type_description_interfaces/msg/{name}").message
+            for name in (
+                "TypeDescription",
+                "IndividualTypeDescription",
+                "Field",
+                "FieldType",
+                "TypeSource",
+            )
+        }
+        node.server("~/get_type_description", of, through(put, self._answer))
+
+    def _answer(self, request: ServiceRequest[Any, Any]) -> None:
+        name, wanted = request.message.type_name, request.message.type_hash
+        try:
+            name = self._name_of(name, wanted)
+            description, _ = self._types.describe(name)
+        except RosTypeError as error:
+            request.answer(self._response(failure_reason=str(error)))
+            return
+        whole = self._classes["TypeDescription"](
+            type_description=self._individual(description["type_description"]),
+            referenced_type_descriptions=tuple(
+                map(self._individual, description["referenced_type_descriptions"])
+            ),
+        )
+        sources = self._types.sources(name) if request.message.include_type_sources else []
+        source = self._classes["TypeSource"]
+        request.answer(
+            self._response(
+                successful=True,
+                type_description=whole,
+                type_sources=tuple(
+                    source(each.type_name, each.encoding, "\n".join(each.text.splitlines()))
+                    for each in sources
+                ),
+            )
+        )
+
+    def _name_of(self, name: str, wanted: str) -> str:
+        """Return the name of the type that is meant; raise :class:`.RosTypeError` if none is."""
+        found = self._types.used_with_hash(wanted)
+        if found is not None:
+            return found
+        _, type_hash = self._types.describe(name)
+        if type_hash != wanted:
+            raise UnknownTypeError(f"the hash of {name} is {type_hash} here")
+        return name
+
+    def _individual(self, description: dict[str, Any]) -> Message:
+        field, field_type = self._classes["Field"], self._classes["FieldType"]
+        return self._classes["IndividualTypeDescription"](
+            type_name=description["type_name"],
+            fields=tuple(
+                field(name=each["name"], type=field_type(**each["type"]))
+                for each in description["fields"]
+            ),
+        )
+
 
 _SIM_TIME = "use_sim_time"
 _DESCRIBE = "start_type_description_service"

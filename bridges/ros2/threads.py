@@ -3,16 +3,22 @@
 They are daemon threads: a process that forgets to close a transport still ends. But a daemon thread
 that is inside Zenoh when the interpreter ends aborts the process; releasing the last reference to
 one of Zenoh's objects is enough. So threads that are about to end are joined last.
+
+A thread that runs a transport's actions soon or after a delay.
 """
 
 from __future__ import annotations
 
 import atexit
+import heapq
+import itertools
+import logging
+import threading
 import time
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
 from threading import Thread
 from weakref import WeakSet
-
-__all__ = ["join_at_exit"]
 
 _LIMIT_S = 5.0  # an action of a user's may block for ever
 
@@ -29,3 +35,52 @@ def _join() -> None:
 def join_at_exit(thread: Thread) -> None:
     """Wait for a thread when the interpreter ends, after all transports are closed."""
     _ending.add(thread)
+
+
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
+
+class TimerThread:
+    """Runs actions one after the other on a thread of its own.
+
+    The middleware's own threads must not block. So futures get their results here, where callbacks
+    that users attach may block. An action that fails is logged.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._todo: SimpleQueue[tuple[float, int, Callable[[], object] | None]] = SimpleQueue()
+        self._count = itertools.count()  # so that actions are never compared
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def call_soon(self, do: Callable[[], object]) -> None:
+        """Run ``do`` after the actions that were queued before."""
+        self._todo.put((0.0, next(self._count), do))
+
+    def call_later(self, seconds: float, do: Callable[[], object]) -> None:
+        """Run ``do`` after ``seconds``, unless the thread is closed before."""
+        self._todo.put((time.monotonic() + seconds, next(self._count), do))
+
+    def close(self) -> None:
+        """End the thread after the actions queued by :meth:`call_soon`."""
+        join_at_exit(self._thread)  # they may hold objects of the middleware
+        self._todo.put((0.0, next(self._count), None))
+
+    def _run(self) -> None:
+        waiting: list[tuple[float, int, Callable[[], object] | None]] = []
+        while True:
+            try:
+                timeout = max(0.0, waiting[0][0] - time.monotonic()) if waiting else None
+                item = self._todo.get(timeout=timeout)
+            except Empty:
+                item = heapq.heappop(waiting)
+            else:
+                if item[0]:
+                    heapq.heappush(waiting, item)
+                    continue
+            if (do := item[2]) is None:
+                return
+            try:
+                do()
+            except Exception:
+                _LOG.exception("an action of a transport failed")

@@ -5,15 +5,106 @@ reads a pixel of it. Here a line is the rectangle around it that Qt's flat pen w
 covers, and a pixel is drawn if its centre lies in that rectangle. Qt first rounds the rectangle to
 fractions of a pixel, so against Qt 5.15 some 4 pixels in 1000 differ, all at a line's edge. Lines
 of a pen of width 1, which Qt draws by another algorithm, are often a pixel aside.
+
+Colours and pens, as turtlesim's messages have them: every field a uint8.
+
+The trail of one pen, kept as the fewest points that show it.
+
+At 62.5 points a second a trail must be thinned while it grows. A leg of a stroke runs from its
+anchor to the latest point. Each point it has passed leaves a cone of slopes at which the leg still
+runs within `TOLERANCE` of that point. A new point inside all those cones moves the leg's end; one
+outside them, or one that turns back, is the end of a new leg. So a step costs the same however
+long the trail has grown, and a straight run is one leg however long it took.
 """
+
+from __future__ import annotations
 
 from functools import lru_cache
 from math import ceil, floor, hypot
+from typing import NamedTuple
 
-from .pen import Pen, Rgb
-from .stroke import Stroke
+from llfsm.bridges.turtlesim.errors import PenError
 
-__all__ = ["SIZE", "Canvas"]
+
+class Rgb(NamedTuple):
+    """An opaque colour, as in turtlesim/msg/Color; each part 0 to 255."""
+
+    r: int
+    g: int
+    b: int
+
+    @property
+    def hex(self) -> str:
+        """The colour as "#rrggbb"."""
+        return "#{:02x}{:02x}{:02x}".format(*self)
+
+
+class Pen(NamedTuple):
+    """What a turtle draws with: a colour, and a width in pixels (1 to 255)."""
+
+    color: Rgb = Rgb(0xB3, 0xB8, 0xFF)
+    width: int = 3
+
+    @classmethod
+    def of(cls, r: int, g: int, b: int, width: int) -> Pen:
+        """Make the pen that SetPen asks for; width 0 is 1, as Qt's default is."""
+        for name, value in (("r", r), ("g", g), ("b", b), ("width", width)):
+            if not 0 <= value <= 255:
+                raise PenError(f"a pen's {name} is from 0 to 255, not {value}")
+        return cls(Rgb(r, g, b), width or 1)
+
+
+TOLERANCE = 0.05
+"""Pixels that a point on the way may lie off the kept line: too little to see."""
+
+
+class Stroke:
+    """Grow a polyline of points (x, y), in pixels, drawn by one turtle with one pen.
+
+    `points` is at all times what to draw: its last point is the latest one.
+    """
+
+    __slots__ = ("_ahead", "_high", "_low", "_ux", "_uy", "pen", "points", "turtle")
+
+    def __init__(self, turtle: str, pen: Pen, x0: float, y0: float, x1: float, y1: float) -> None:
+        self.turtle = turtle
+        self.pen = pen
+        self.points = [(x0, y0)]
+        self._ux = self._uy = self._ahead = self._low = self._high = 0.0
+        self._bend(x1, y1)
+
+    def prolong(self, x: float, y: float) -> bool:
+        """Move the end of the last leg to (x, y), or return False if that would bend it."""
+        x0, y0 = self.points[-2]
+        dx, dy = x - x0, y - y0
+        ahead = dx * self._ux + dy * self._uy
+        if ahead <= self._ahead:
+            return False
+        aside = dy * self._ux - dx * self._uy
+        if not self._low * ahead <= aside <= self._high * ahead:
+            return False
+        self.points[-1] = (x, y)
+        self._ahead = ahead
+        self._low = max(self._low, (aside - TOLERANCE) / ahead)
+        self._high = min(self._high, (aside + TOLERANCE) / ahead)
+        return True
+
+    def extend(self, x: float, y: float) -> None:
+        """Go on to (x, y), with a new leg where the way bends."""
+        if not self.prolong(x, y):
+            self._bend(x, y)
+
+    def _bend(self, x: float, y: float) -> None:
+        x0, y0 = self.points[-1]
+        self.points.append((x, y))
+        dx, dy = x - x0, y - y0
+        length = hypot(dx, dy)
+        # A leg without length is a dot: any longer leg from it is a new one.
+        self._ux, self._uy = (dx / length, dy / length) if length else (0.0, 0.0)
+        self._ahead = length
+        self._high = TOLERANCE / length if length else 0.0
+        self._low = -self._high
+
 
 SIZE = 500
 """Width and height in pixels; x runs right and y down from the upper left corner."""

@@ -12,14 +12,6 @@ of them must not end the simulation. They are refused, and the reason is logged.
 
 from llfsm.errors import LlfsmError
 
-__all__ = [
-    "ParameterError",
-    "PenError",
-    "PictureFormatError",
-    "TurtlesimError",
-    "UnknownTurtleError",
-]
-
 
 class TurtlesimError(LlfsmError):
     """Everything the turtle simulator raises."""

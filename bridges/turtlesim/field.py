@@ -13,18 +13,13 @@ from textwrap import wrap
 from typing import Final, NamedTuple
 from uuid import uuid4
 
+from llfsm.bridges.turtlesim.canvas import SIZE, Rgb
+from llfsm.bridges.turtlesim.errors import PictureFormatError
+from llfsm.bridges.turtlesim.simulator import Simulator
+from llfsm.bridges.turtlesim.turtle import FIELD, METER, Turtle
 from llfsm.runtime.drawing.png import write_png
 from llfsm.runtime.drawing.shapes import Ellipse, FilledPolygon, Group, Line, Picture, Shape, Text
 from llfsm.runtime.drawing.svg import write_svg
-
-from .arithmetic import FIELD, METER
-from .canvas import SIZE
-from .errors import PictureFormatError
-from .pen import Rgb
-from .simulator import Simulator
-from .turtle import Turtle
-
-__all__ = ["draw", "field_picture"]
 
 _WRITERS: Final[dict[str, Callable[[Picture], bytes]]] = {
     ".svg": lambda picture: write_svg(picture).encode(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.whiteboard import Board, BoundSlot, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from llfsm.whiteboard.messages.turtle_sensor_poster import (
@@ -12,10 +13,6 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
     TurtlePositionAnswer,
 )
 from llfsm.whiteboard.messages.turtlesim import Color, Pose
-
-from .simulator import Simulator
-
-__all__ = ["TurtlesimNode"]
 
 _REPORTED = "turtle1"  # the turtle whose position the service returns, as in the original system
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from ..ros2.node_parameters import NodeParameters, Parameter, Value
-from .errors import ParameterError
-from .pen import Rgb
-
-__all__ = ["Parameters"]
+from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter, Value
+from llfsm.bridges.turtlesim.canvas import Rgb
+from llfsm.bridges.turtlesim.errors import ParameterError
 
 _BYTE = (0, 255)
 

@@ -12,17 +12,11 @@ from collections.abc import Callable, Mapping
 from math import isfinite
 from types import MappingProxyType
 
+from llfsm.bridges.turtlesim.canvas import Canvas, Pen
+from llfsm.bridges.turtlesim.errors import UnknownTurtleError
+from llfsm.bridges.turtlesim.parameters import Parameters
+from llfsm.bridges.turtlesim.turtle import FIELD, Level, Log, RotateGoal, Turtle, float32
 from llfsm.runtime.engine.clock import Clock, MonotonicClock
-
-from .arithmetic import FIELD, float32
-from .canvas import Canvas
-from .errors import UnknownTurtleError
-from .parameters import Parameters
-from .pen import Pen
-from .rotate import RotateGoal
-from .turtle import Level, Log, Turtle
-
-__all__ = ["STEP_NS", "Simulator", "run"]
 
 STEP_NS = 16_000_000
 """Nanoseconds of a step: 62.5 steps a second."""

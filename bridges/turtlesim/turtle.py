@@ -4,24 +4,104 @@ The arithmetic follows turtlesim 1.8.2's turtle.cpp to the bit. The state is dou
 y pointing *down*, as in Qt's image; poses are published with y up. A step applies, in this order:
 teleports, the rotation goal, the time-out, the motion, the walls. Then it publishes pose and
 colour, and only then draws, so that a turtle does not sense the line it is drawing.
+
+turtlesim's numbers, on which bit-exact poses hang.
+
+A turtle's state is double precision. What crosses a message or service is float32, and so is the
+size of the field. The order of every operation in `turtle` is that of turtlesim's turtle.cpp:
+double-precision addition is not associative, so regrouping a term changes poses.
+
+A goal of the action rotate_absolute: turn on the spot to a heading.
 """
+
+from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
 from enum import IntEnum
 from functools import partial
-from math import cos, sin, sqrt
+from math import cos, floor, sin, sqrt
 from typing import NamedTuple
 
+from llfsm.bridges.turtlesim.canvas import Canvas, Pen, Rgb
+from llfsm.bridges.turtlesim.parameters import Parameters
 from llfsm.runtime.goals import GoalStatus
 
-from .arithmetic import DT, FIELD, METER, float32, normalize
-from .canvas import Canvas
-from .parameters import Parameters
-from .pen import Pen, Rgb
-from .rotate import RotateGoal
+PI = 3.14159265
+"""turtlesim's pi, short as it is: with math.pi headings drift from the recorded ones."""
+_TWO_PI = 2.0 * PI
 
-__all__ = ["COMMAND_STEPS", "Level", "Log", "Turtle", "TurtlePose"]
+METER = 45.0
+"""Pixels in a metre: the height of turtlesim's turtle images."""
+
+DT = 0.016
+"""Seconds of simulated time in a step."""
+
+
+def float32(value: float) -> float:
+    """Round to the nearest float32; beyond its range to an infinity, as C's conversion does."""
+    return array("f", (value,))[0]
+
+
+FIELD = float32(499 / METER)
+"""Width and height of the field in metres: from the first to the last of its 500 pixels."""
+
+
+def normalize(angle: float) -> float:
+    """Wrap a finite angle into [-PI, PI), up to a rounding of the last digit."""
+    return angle - _TWO_PI * floor((angle + PI) / _TWO_PI)
+
+
+SPEED = 1.0  # rad/s
+NEAR = 0.02  # rad; closer than this the goal is reached
+
+
+class RotateGoal:
+    """Follow one accepted goal to its end.
+
+    theta: the wanted heading in rad, float32; it may lie beyond pi.
+    status: where the goal stands; SUCCEEDED, CANCELED and ABORTED are final.
+    remaining: the latest feedback, rad still to turn, float32; new after each step that begins
+        with the status EXECUTING, the one that succeeds included.
+    delta: the result, start minus end in rad, float32, as of the latest feedback.
+    """
+
+    __slots__ = ("_start", "delta", "remaining", "status", "theta")
+
+    def __init__(self, theta: float, start: float) -> None:
+        self.theta = theta
+        self.status = GoalStatus.EXECUTING
+        self.remaining = 0.0
+        self.delta = 0.0
+        self._start = start
+
+    @property
+    def active(self) -> bool:
+        """Whether the goal has not ended."""
+        return self.status.active
+
+    def cancel(self) -> bool:
+        """Ask for the goal's end at the next step; return False if it has ended already."""
+        if self.active:
+            self.status = GoalStatus.CANCELING
+            return True
+        return False
+
+    def advance(self, heading: float) -> float:
+        """Go on by a step from a heading in rad; return the speed to turn at, 0 at the end."""
+        if self.status is GoalStatus.CANCELING:
+            self.status = GoalStatus.CANCELED
+            return 0.0
+        # turtlesim mixes precisions here: the heading as float32, the goal wrapped as double.
+        goal = normalize(self.theta)
+        remaining = normalize(goal - float32(heading))
+        self.delta = float32(normalize(float32(self._start - heading)))
+        self.remaining = float32(remaining)
+        if abs(normalize(float32(heading) - goal)) < NEAR:
+            self.status = GoalStatus.SUCCEEDED
+            return 0.0
+        return -SPEED if remaining < 0.0 else SPEED
+
 
 COMMAND_STEPS = 63
 """Steps that a command lasts: those that begin at most 1 s after it."""

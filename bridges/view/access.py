@@ -9,22 +9,41 @@ Any web site that this user has open can send requests to an address of this hos
   user, and any user of this host can connect to an address of it.
 
 The headers of every response forbid the page to load or run anything from elsewhere.
+
+Connections: how many there are, and for how long, before they are the streams of pages.
+
+Any user of this host can connect, and needs no token to be silent. Only a WebSocket may stay, which
+needs the token.
+
+A web application behind its access control, from its routes.
+
+The files of a page, read once; no other file is ever served.
 """
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import ipaddress
+import logging
 import secrets
 import socket
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from http import HTTPStatus
+from pathlib import Path
+from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
+import msgspec
+from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import JSONResponse
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
-__all__ = ["AccessMiddleware"]
+from uvicorn import Config
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 _HEADERS = {
     "Content-Security-Policy": (
@@ -111,3 +130,140 @@ class AccessMiddleware:
             return name in self._names or bool(ipaddress.ip_address(name))
         except ValueError:
             return False
+
+
+_MOST: Final = 64  # of those that are no WebSockets; a browser makes six for a page
+_LONGEST_S: Final = 10.0  # the life of one; a browser makes a new one when it needs one
+_LOG_S: Final = 60.0
+_EXHAUSTED: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+
+_log = logging.getLogger(__name__)
+
+
+def configured(app: ASGIApp) -> Config:
+    """Return the configuration of a server for the page."""
+    return Config(
+        app,
+        log_config=None,
+        log_level="error",  # any client can cause warnings
+        access_log=False,
+        http=_ShortConnection,
+        backlog=64,  # connections that are accepted at once
+        ws="websockets-sansio",
+        ws_max_size=1 << 20,
+        ws_per_message_deflate=False,  # costs more time than the bytes it saves
+        timeout_graceful_shutdown=1,
+        server_header=False,
+    )
+
+
+# With this the loop accepts connections again after a second; it fails if the page has ended since.
+_RETRY = "_start_serving"
+
+
+class _ShortConnection(H11Protocol):
+    """HTTP that ends after a few seconds, whatever the client does; the oldest gives way."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin."""
+        super().connection_made(transport)
+        self._made_s = self.loop.time()
+        self.loop.call_later(_LONGEST_S, self._end)
+        short = [each for each in self.connections if isinstance(each, _ShortConnection)]
+        if len(short) > _MOST:
+            min(short, key=lambda each: each._made_s)._end()
+
+    def _end(self) -> None:
+        if self in self.connections:  # else it is over, or has become a WebSocket
+            self.connections.discard(self)
+            self.transport.abort()
+
+
+def log_exhaustion_once(loop: asyncio.AbstractEventLoop) -> None:
+    """Log once a minute that no connection can be accepted, for example without file descriptors.
+
+    By default the loop logs hundreds of tracebacks each second.
+    """
+    due_s = 0.0
+
+    def handle(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        nonlocal due_s
+        error = context.get("exception")
+        if isinstance(error, ValueError) and _RETRY in context["message"]:
+            return
+        if not isinstance(error, OSError) or error.errno not in _EXHAUSTED:
+            loop.default_exception_handler(context)
+        elif loop.time() >= due_s:
+            due_s = loop.time() + _LOG_S
+            _log.error("the page cannot accept connections: %s; trying again", error.strerror)
+
+    loop.set_exception_handler(handle)
+
+
+def guarded_app(
+    routes: Sequence[BaseRoute],
+    *,
+    end: Callable[[], None],
+    host: str,
+    token: str,
+    is_open: Callable[[str], bool],
+    begin: Callable[[], None] = lambda: None,
+    styles: str = "",
+) -> AccessMiddleware:
+    """Return the application; `begin` and `end` are called in its loop, before and after it serves.
+
+    The rest is as for :class:`.AccessMiddleware`.
+    """
+
+    @asynccontextmanager
+    async def life(_: Starlette) -> AsyncIterator[None]:
+        begin()
+        log_exhaustion_once(asyncio.get_running_loop())
+        yield
+        end()
+
+    app = Starlette(routes=routes, lifespan=life)
+    app.router.redirect_slashes = False
+    return AccessMiddleware(app, host=host, token=token, is_open=is_open, styles=styles)
+
+
+ASSETS: Final = Path(__file__).with_name("assets")
+"""The files of the page that shows a whiteboard, some of which others have, too."""
+_TYPES: Final = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+
+class PageFiles:
+    """The files of some folders, by their names; of two with one name, that of the later folder."""
+
+    def __init__(self, *folders: Path):
+        self._files = {
+            path.name: path.read_bytes()
+            for folder in folders
+            for path in folder.iterdir()
+            if path.suffix in _TYPES
+        }
+
+    async def respond(self, request: Request) -> Response:
+        """Return the file that a request names, by default the page itself."""
+        return self.response(request.path_params.get("name", "index.html"))
+
+    def response(self, name: str) -> Response:
+        """Return the file of this name."""
+        if name not in self._files:
+            return json_response({"problem": f"no such file: {name}"}, 404)
+        return Response(self._files[name], media_type=_TYPES[Path(name).suffix])
+
+
+def is_open(path: str) -> bool:
+    """Return whether a path is one of a page's own files, which are not secret."""
+    return path == "/" or path.startswith("/assets/")
+
+
+def json_response(content: Any, status: int = 200) -> Response:
+    """Return something as JSON."""
+    return Response(msgspec.json.encode(content), status, media_type="application/json")

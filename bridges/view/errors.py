@@ -9,8 +9,6 @@
 
 from llfsm.errors import LlfsmError
 
-__all__ = ["RequestError", "ViewError"]
-
 
 class ViewError(LlfsmError):
     """The base of the errors of showing a whiteboard."""

@@ -1,34 +1,123 @@
 """The web application of a fleet: a page with all hosts, and a page for each that is looked at.
 
 Nothing is read of a host but its summary, except while its own page is open.
+
+The hosts of a fleet as the source of a page.
 """
 
 from __future__ import annotations
 
 import os
-from typing import Any, Final
+import time
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
+import msgspec
 from starlette.requests import Request as HttpRequest
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from llfsm.bridges.view import access as page_files
+from llfsm.bridges.view.access import (
+    ASSETS,
+    AccessMiddleware,
+    PageFiles,
+    guarded_app,
+    json_response,
+)
+from llfsm.bridges.view.app import Broadcaster, SourcePage, frames
+from llfsm.bridges.view.errors import RequestError
+from llfsm.bridges.view.frames import TimedEncoder
+from llfsm.bridges.view.live_source import LiveSource, ReopenedBoard
+from llfsm.bridges.view.page_requests import decode, serve_page
+from llfsm.runtime.presence.hosts import FleetTable, HostRow
 from llfsm.whiteboard.board_files import DIRECTORY
 from llfsm.whiteboard.mirror.naming import require_host_name
 
-from . import page_files
-from .access import AccessMiddleware
-from .broadcaster import Broadcaster, frames
-from .errors import RequestError
-from .fleet_source import FleetEncoder, FleetSource
-from .guarded_app import guarded_app
-from .live_source import LiveSource
-from .page_files import ASSETS, PageFiles, json_response
-from .page_requests import decode
-from .page_session import SourcePage
-from .page_socket import serve_page
 
-__all__ = ["make_fleet_app"]
+class FleetSnapshot(NamedTuple):
+    """The hosts at one moment."""
+
+    now_ns: int
+    hosts: Sequence[HostRow]
+    trouble: str
+    """Why there is nothing to show, in a sentence with the remedy; else empty."""
+
+
+class FleetSource:
+    """Reads the hosts of the fleet from the board of a name while it is asked for snapshots."""
+
+    def __init__(self, name: str, directory: str | os.PathLike[str] = DIRECTORY) -> None:
+        self.title = f"{name}, fleet"
+        self._opened = ReopenedBoard(name, directory)
+        self._table: FleetTable | None = None
+        self._hosts: Sequence[HostRow] = ()
+
+    def snapshot(self) -> FleetSnapshot:
+        """Return the hosts; never raise because of what a board holds."""
+        now_ns, trouble = time.monotonic_ns(), ""
+        try:
+            before, board = self._opened.board, self._opened.look(now_ns)
+            if board is None:
+                self._table, trouble = None, self._opened.trouble
+            else:
+                if board is not before or self._table is None:
+                    self._table = FleetTable(board)
+                self._table.look()
+                self._hosts, trouble = self._table.rows(), self._table.problem()
+        except Exception as error:  # also what a damaged file makes of the libraries that read it
+            trouble = f"the whiteboard cannot be read: {error}; trying again"
+            self.close()
+        return FleetSnapshot(now_ns, self._hosts, trouble)
+
+    def close(self) -> None:
+        """Read no more of the hosts."""
+        self._table, self._hosts = None, ()
+        self._opened.close()  # what is bound to it is forgotten with it
+
+
+class FleetEncoder(TimedEncoder):
+    """Encode what a page does not know yet of the hosts.
+
+    A frame is a JSON object. Members that are missing have not changed:
+
+        now      seconds on the clock of all stamps; 0 is the page's first frame
+        trouble  why there is nothing to show
+        hosts    by name, see `_host`; null: removed
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._trouble: str | None = None
+        self._known: dict[str, HostRow] = {}
+
+    def encode(self, snapshot: FleetSnapshot, beat: bool) -> bytes | None:
+        """Return the frame for a snapshot; None if nothing has changed and no `beat` is due."""
+        if self._base_ns is None:
+            self._base_ns = snapshot.now_ns
+        frame: dict[str, Any] = {}
+        if snapshot.trouble != self._trouble:
+            frame["trouble"] = self._trouble = snapshot.trouble
+        rows = {row.name: row for row in snapshot.hosts}
+        new: dict[str, Any] = dict.fromkeys(self._known.keys() - rows.keys())
+        new |= {n: self._host(row) for n, row in rows.items() if self._known.get(n) != row}
+        self._known = rows
+        if new:
+            frame["hosts"] = new
+        return self._framed(snapshot.now_ns, frame, beat=beat)
+
+    def _host(self, row: HostRow) -> dict[str, Any]:
+        contact_ns = row.contact_ns
+        return {
+            "own": row.is_own,
+            "there": row.is_there,
+            "contact": None if contact_ns is None else self._seconds(contact_ns),
+            "lead": None if row.lead_s is None else round(row.lead_s, 4),
+            "trouble": row.trouble,
+            "summary": None if row.summary is None else msgspec.structs.asdict(row.summary),
+        }
+
 
 _HOSTS: Final = "/host/"
 _PERIOD_S = 0.25  # hosts publish their summaries once a second

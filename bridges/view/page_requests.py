@@ -1,12 +1,20 @@
-"""The requests of a page: control a machine, post a message, move in a recording."""
+"""The requests of a page: control a machine, post a message, move in a recording.
+
+The socket of a page: frames as fast as it shows them, and answers to its requests.
+"""
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Any, Final, get_args
 
 import msgspec
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from llfsm.bridges.view.errors import RequestError
+from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.engine.errors import FsmError
 from llfsm.runtime.engine.events import Status
 from llfsm.runtime.presence.remote import Directory
@@ -14,11 +22,6 @@ from llfsm.whiteboard import WhiteboardError
 from llfsm.whiteboard.message_text import parse_message
 from llfsm.whiteboard.messages.llfsm import Action, Debugging, MachineRequest
 from llfsm.whiteboard.shared import Whiteboard
-
-from .errors import RequestError
-from .page_source import PageSource
-
-__all__ = ["PageRequest", "decode", "is_early", "perform"]
 
 _LEASE_S: Final = 6.0  # a page that is there renews a pause every second
 
@@ -127,3 +130,59 @@ def _move(request: Seek | Play, source: PageSource) -> str:
     after_s = min(max(request.at, 0.0), (last_ns - first_ns) / 1e9)
     player.seek(min(first_ns + round(after_s * 1e9), last_ns))
     return f"at {request.at:.3f} s"
+
+
+_UNSEEN = 2  # frames sent to a page before it confirms that it has shown one
+
+
+async def serve_page(
+    socket: WebSocket,
+    next_frame: Callable[[], Awaitable[bytes]],
+    decode: Callable[[str], Any],
+    perform: Callable[[Any], Awaitable[str]],
+) -> None:
+    """Send a page every frame that it has time for, and carry out its requests, until it closes.
+
+    `decode` and `perform` raise `RequestError`, whose text is the answer.
+    """
+    room = asyncio.BoundedSemaphore(_UNSEEN)
+
+    async def send() -> None:
+        while True:
+            await room.acquire()
+            await socket.send_text((await next_frame()).decode())
+
+    async def receive() -> None:
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            number: int | None = None
+            try:
+                request = decode(message.get("text") or "")
+                if isinstance(request, FrameShown):
+                    with suppress(ValueError):  # it confirms more frames than it was sent
+                        room.release()
+                    continue
+                number = request.id
+                answer = {"answer": number, "done": await perform(request)}
+            except RequestError as error:
+                answer = {"answer": number, "problem": str(error)}
+            await socket.send_text(msgspec.json.encode(answer).decode())
+
+    tasks = {asyncio.create_task(send()), asyncio.create_task(receive())}
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        with suppress(WebSocketDisconnect):
+            for task in done:
+                task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+            task.add_done_callback(_take)
+
+
+def _take(task: asyncio.Task[None]) -> None:
+    """Take how a task has ended, of which asyncio would print a traceback: both see the page go."""
+    if not task.cancelled():
+        task.exception()

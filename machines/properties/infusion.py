@@ -1,9 +1,8 @@
 """Properties of the infusion pump."""
 
+from llfsm.machines.infusion_pump import BELL, DRUG, Drug, InfusionAlarm, InfusionPump, Key, Rate
 from llfsm.runtime import Machine, Sensor, State
 from llfsm.runtime.verification import leads_to, monitor, never, reachable, step
-
-from ..infusion_pump import BELL, DRUG, Drug, InfusionAlarm, InfusionPump, Key, Rate
 
 __all__ = [
     "INFUSION",

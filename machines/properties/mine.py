@@ -1,8 +1,15 @@
 """Properties of the mine pump."""
 
+from llfsm.machines.mine_pump import (
+    EVACUATE,
+    PUMP,
+    PUMP_FAILURE,
+    MineAlarm,
+    MinePump,
+    MineWatch,
+    WaterLevel,
+)
 from llfsm.runtime.verification import leads_to, never, reachable, step
-
-from ..mine_pump import EVACUATE, PUMP, PUMP_FAILURE, MineAlarm, MinePump, MineWatch, WaterLevel
 
 __all__ = [
     "MINE",

@@ -1,8 +1,6 @@
 """Properties of the one-minute microwave."""
 
-from llfsm.runtime.verification import Member, always, leads_to, never, reachable
-
-from ..microwave import (
+from llfsm.machines.microwave import (
     DOOR,
     MOTOR,
     SOUND,
@@ -12,6 +10,7 @@ from ..microwave import (
     OvenTimer,
     SafeOvenCooker,
 )
+from llfsm.runtime.verification import Member, always, leads_to, never, reachable
 
 __all__ = [
     "OVEN",

@@ -2,9 +2,8 @@
 
 from typing import Any
 
+from llfsm.machines.press import PERMIT, RAM, PressHands, PressRam, Way
 from llfsm.runtime.verification import leads_to, never, reachable, step
-
-from ..press import PERMIT, RAM, PressHands, PressRam, Way
 
 __all__ = [
     "PRESS",

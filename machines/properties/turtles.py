@@ -2,15 +2,14 @@
 
 from typing import Any
 
+from llfsm.machines.blind_turtle import RosBlindTurttleBot
+from llfsm.machines.common import CMD_VEL
+from llfsm.machines.grid_turtle import FIELD, GridTurtle
+from llfsm.machines.ping_pong import PINPONG, RosPingPong
+from llfsm.machines.suspend_resume import TurtleSuspendResume
+from llfsm.machines.wall_turtle import RosWallTurttleBot
 from llfsm.runtime.verification import leads_to, never, reachable, step
 from llfsm.whiteboard.messages.geometry_msgs import Twist
-
-from ..blind_turtle import RosBlindTurttleBot
-from ..common import CMD_VEL
-from ..grid_turtle import FIELD, GridTurtle
-from ..ping_pong import PINPONG, RosPingPong
-from ..suspend_resume import TurtleSuspendResume
-from ..wall_turtle import RosWallTurttleBot
 
 __all__ = [
     "BLIND",

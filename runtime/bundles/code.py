@@ -6,12 +6,9 @@ import ast
 from collections.abc import Callable
 from typing import Any
 
-from ..engine.state import DEFERRED
-from .model import Fragment
-from .names import MACHINE
-
-__all__ = ["evaluate", "function_of", "label_of", "parse", "parse_expression", "run", "too_deep"]
-
+from llfsm.runtime.bundles.model import Fragment
+from llfsm.runtime.bundles.names import MACHINE
+from llfsm.runtime.engine.state import DEFERRED
 
 _DEEPEST = 200
 _TOO_DEEP = f"it is nested more than {_DEEPEST} deep, such as by a sum of as many parts"

@@ -9,10 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..engine.errors import BundleError
-from ..engine.layout import MachineLayout
-
-__all__ = ["CLASS", "PYTHON", "Bundle", "BundleState", "BundleTransition", "Fragment"]
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.engine.table import MachineLayout
 
 PYTHON = "python"
 CLASS = "class"

@@ -15,14 +15,8 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
 from llfsm.errors import nothing_called
-
-from ..engine.errors import BundleError
-from .model import Fragment
-
-__all__ = [
-    "MACHINE", "UNTRANSLATED", "Known", "Meaning", "bound_names", "included_names", "is_mark",
-    "resolve", "resolve_method", "untranslated",
-]  # fmt: skip
+from llfsm.runtime.bundles.model import Fragment
+from llfsm.runtime.engine.errors import BundleError
 
 MACHINE = "<machine>"
 """The hidden parameter, a name that code cannot contain."""

@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers.expat import ExpatError
 
-from ..engine.errors import BundleError
-from ..engine.layout import MachineLayout, Point, StateBox, TransitionPath
-
-__all__ = ["described_path", "layout_to_plist", "read_layout", "split_states"]
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.engine.table import MachineLayout, Point, StateBox, TransitionPath
 
 _SIZE = (90.0, 50.0)  # of a state whose size is not given
 _KNOWN = ("x", "y", "w", "h", "expanded", "Transitions")

@@ -2,25 +2,47 @@
 
 The list of states decides which files are read: bundles keep files of states and transitions that
 no longer exist, and one state's name may be a prefix of another's.
+
+The files of a bundle, which may come from anybody.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import stat
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 
-from ..engine.errors import BundleError
-from ..engine.layout import MachineLayout
-from ..engine.state import SECTIONS
-from .cpp import suspend_state, targets
-from .files import read_file
-from .model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
-from .plist import read_layout
+from llfsm.runtime.bundles.cpp import suspend_state, targets
+from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState, BundleTransition, Fragment
+from llfsm.runtime.bundles.plist import read_layout
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.engine.state import SECTIONS
+from llfsm.runtime.engine.table import MachineLayout
 
-__all__ = ["NAME_LIMIT", "NAME_RULE", "PARTS", "STATE_NAME", "SUFFIX", "Reader", "read_bundle"]
+
+def read_file(file: Path) -> bytes | None:
+    """Return what is in the file; None if it does not exist.
+
+    Raise `BundleError` if it cannot be read, or is a pipe or device, which may never end.
+    """
+    try:
+        with open(file, "rb", opener=_open) as opened:
+            if not stat.S_ISREG(os.fstat(opened.fileno()).st_mode):
+                raise BundleError("not a regular file", file)
+            return opened.read()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise BundleError(error.strerror or str(error), file) from error
+
+
+def _open(path: str, flags: int) -> int:
+    # Without this, a pipe would be opened when somebody writes to it. Windows has neither.
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
 
 SUFFIX = ".machine"
 _DEFAULT_LANGUAGE = "objc++"

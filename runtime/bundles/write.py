@@ -7,12 +7,10 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..engine.errors import BundleError
-from .model import PYTHON, Bundle, BundleState
-from .plist import layout_to_plist
-from .read import NAME_LIMIT, NAME_RULE, STATE_NAME, SUFFIX
-
-__all__ = ["write_bundle"]
+from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState
+from llfsm.runtime.bundles.plist import layout_to_plist
+from llfsm.runtime.bundles.read import NAME_LIMIT, NAME_RULE, STATE_NAME, SUFFIX
+from llfsm.runtime.engine.errors import BundleError
 
 
 def write_bundle(bundle: Bundle, folder: str | Path, *, replace: bool = False) -> None:

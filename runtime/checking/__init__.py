@@ -8,11 +8,11 @@ is wrong with values), with `operators`, `nothing` and `optional` (None), `point
 `type_checkers`, with `bundle_module`, has mypy or pyright check the code.
 """
 
-from .arrangement_rules import check_arrangement, requests_of
-from .bundles import check_bundle
-from .classes import check_class
-from .subject import Finding
-from .type_checkers import check_types
+from llfsm.runtime.checking.arrangement_rules import check_arrangement, requests_of
+from llfsm.runtime.checking.bundles import check_bundle
+from llfsm.runtime.checking.classes import check_class
+from llfsm.runtime.checking.subject import Finding
+from llfsm.runtime.checking.type_checkers import check_types
 
 __all__ = [
     "Finding",

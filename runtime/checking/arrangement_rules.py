@@ -9,18 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from llfsm.errors import did_you_mean
-
-from ..bundles import SUFFIX
-from ..debugging.breakpoints import Breakpoint, check_breakpoints
-from ..engine.errors import BreakpointError
-from ..engine.machine import Machine
-from ..plans.plan import Plan
-from .bundles import bundle_subject
-from .classes import class_subject
-from .subject import Code, Finding, Subject
-from .uses import nodes_of
-
-__all__ = ["check_arrangement", "requests_of"]
+from llfsm.runtime.bundles import SUFFIX
+from llfsm.runtime.checking.bundles import bundle_subject
+from llfsm.runtime.checking.classes import class_subject
+from llfsm.runtime.checking.subject import Code, Finding, Subject
+from llfsm.runtime.checking.uses import nodes_of
+from llfsm.runtime.debugging.breakpoints import Breakpoint, check_breakpoints
+from llfsm.runtime.engine.errors import BreakpointError
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.plans import Plan
 
 _OF_A_MACHINE = frozenset({
     "abandon", "index_of", "is_running", "is_suspended", "restart", "resume", "state_name_of",

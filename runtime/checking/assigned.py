@@ -12,9 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from .subject import Code, Finding
-
-__all__ = ["unassigned"]
+from llfsm.runtime.checking.subject import Code, Finding
 
 _Lines = dict[str, int]
 _INNER: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)

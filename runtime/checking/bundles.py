@@ -2,6 +2,8 @@
 
 Names are resolved as when it is loaded, but through all files. A bundle without errors is then
 loaded, so a bundle without findings is one that loads.
+
+The files of a bundle that look like part of its machine, but that nothing reads.
 """
 
 from __future__ import annotations
@@ -10,16 +12,23 @@ import ast
 import builtins
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from llfsm.errors import nothing_called
-
-from ..bundles import PYTHON, Bundle, BundleState, BundleTransition, Fragment, compile_bundle
-from ..bundles.code import parse, parse_expression
-from ..bundles.names import (
+from llfsm.errors import did_you_mean, nothing_called
+from llfsm.runtime.bundles import (
+    PYTHON,
+    Bundle,
+    BundleState,
+    BundleTransition,
+    Fragment,
+    compile_bundle,
+)
+from llfsm.runtime.bundles.code import parse, parse_expression
+from llfsm.runtime.bundles.compiling import CONTROLS, Scope
+from llfsm.runtime.bundles.names import (
     MACHINE,
     UNTRANSLATED,
     Known,
@@ -28,19 +37,49 @@ from ..bundles.names import (
     resolve,
     resolve_method,
     untranslated,
-)  # fmt: skip
-from ..bundles.read import Reader, read_bundle
-from ..bundles.scope import CONTROLS, Scope
-from ..engine.errors import BundleError, DefinitionError, UnreachableStateWarning
-from ..engine.machine import Machine
-from ..engine.table import Table
-from .bundle_files import unread_files
-from .rules import findings_of
-from .subject import CheckedState, CheckedTransition, Code, Declared, Finding, Place, Subject
-from .typed_rules import typed_findings
-from .uses import parameter_names
+)
+from llfsm.runtime.bundles.read import Reader, read_bundle
+from llfsm.runtime.checking.rules import findings_of
+from llfsm.runtime.checking.subject import (
+    CheckedState,
+    CheckedTransition,
+    Code,
+    Declared,
+    Finding,
+    Place,
+    Subject,
+)
+from llfsm.runtime.checking.typed_rules import typed_findings
+from llfsm.runtime.checking.uses import parameter_names
+from llfsm.runtime.engine.errors import BundleError, DefinitionError, UnreachableStateWarning
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.state import SECTIONS
+from llfsm.runtime.engine.table import Table
 
-__all__ = ["bundle_subject", "check_bundle", "declared_names", "load_checked"]
+_OF_A_MACHINE = ("Includes", "Methods", "Variables")
+_OTHERS = ("IncludePath", "Language", "Layout.plist", "States", "SuspendState")
+_OF_TRANSITIONS = (".expr", ".target")
+
+
+def unread_files(bundle: Bundle, folder: Path) -> Iterator[Finding]:
+    """Find the files of a Python bundle that nothing reads, each with the name that was meant.
+
+    Only files named like those of a bundle count: notes and modules may be kept beside them.
+    """
+    known = {*_OTHERS, *(f"{bundle.name}_{part}.py" for part in _OF_A_MACHINE)}
+    for state in bundle.states:
+        stem = f"State_{state.name}"
+        known |= {f"{stem}_{part}.py" for part in (*SECTIONS, *_OF_A_MACHINE)}
+        for number in range(len(state.transitions) + 1):  # one more: its name may be meant
+            known |= {f"{stem}_Transition_{number}{suffix}" for suffix in _OF_TRANSITIONS}
+    for file in sorted(folder.iterdir()):
+        if file.name not in known and file.is_file() and not file.name.startswith("."):
+            near = did_you_mean(file.name, known)
+            is_python = file.suffix == ".py" and file.name.startswith(("State_", f"{bundle.name}_"))
+            if is_python or file.suffix in _OF_TRANSITIONS or (near and not file.suffix):
+                text = f"nothing reads this file{near or ': States lists no such state'}"
+                yield Finding(str(file), 1, "warning", text)
+
 
 _ALWAYS_KNOWN = frozenset(
     (*dir(builtins), *vars(ModuleType("")), "__builtins__", "__class__", "__file__")

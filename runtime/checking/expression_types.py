@@ -28,22 +28,9 @@ from typing import (
 
 import msgspec
 
-from ..engine.table import Table
-from .subject import Code, Finding, Severity
-from .uses import nodes_of
-
-__all__ = [
-    "MISSING",
-    "PLAIN",
-    "Options",
-    "Piece",
-    "Types",
-    "fields_of",
-    "is_message",
-    "may_be",
-    "named",
-    "options_of",
-]
+from llfsm.runtime.checking.subject import Code, Finding, Severity
+from llfsm.runtime.checking.uses import nodes_of
+from llfsm.runtime.engine.table import Table
 
 Options: TypeAlias = tuple[Any, ...]
 

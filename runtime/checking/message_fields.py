@@ -14,11 +14,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TypeAlias, get_type_hints
 
+from llfsm.runtime.bundles import PYTHON, Bundle, Fragment
 from llfsm.whiteboard import Message, Slot
-
-from ..bundles import PYTHON, Bundle, Fragment
-
-__all__ = ["MessageFields", "class_fields", "message_fields"]
 
 MessageFields: TypeAlias = dict[str, "MessageFields"]
 """Names of fields, each with the fields of its own value; none if that is no message."""

@@ -6,13 +6,10 @@ import ast
 from collections.abc import Iterator
 
 from llfsm.errors import did_you_mean
-
-from ..engine.table import dead_transitions, unreachable_states
-from .assigned import unassigned
-from .subject import Code, Finding, Place, Subject
-from .uses import nodes_of, uses_of
-
-__all__ = ["findings_of"]
+from llfsm.runtime.checking.assigned import unassigned
+from llfsm.runtime.checking.subject import Code, Finding, Place, Subject
+from llfsm.runtime.checking.uses import nodes_of, uses_of
+from llfsm.runtime.engine.table import dead_transitions, unreachable_states
 
 _REQUESTS = frozenset({
     "abandon", "call_machine", "load", "load_suspended", "restart", "restart_self", "resume",

@@ -8,11 +8,6 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-__all__ = [
-    "CheckedState", "CheckedTransition", "Code", "Declared", "Finding", "Place", "Severity",
-    "Subject", "truth_of",
-]  # fmt: skip
-
 Severity: TypeAlias = Literal["error", "warning"]
 
 

@@ -1,12 +1,17 @@
 """The rules that need types: each gives what it finds wrong with a machine that has been loaded.
 
 They find what every run of the code would find, and nothing where a type is unknown.
+
+The rules for ports: what is wrong with the values that they are declared with.
+
+How functions are called, whatever their annotations name.
 """
 
 from __future__ import annotations
 
 import ast
 import inspect
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
@@ -16,12 +21,7 @@ from typing import Any, TypeAlias, get_origin
 import msgspec
 
 from llfsm.errors import did_you_mean
-
-from ..engine.machine import Machine
-from ..engine.outside import reads_outside
-from ..engine.state import State
-from ..engine.table import REQUIRED, Table
-from .expression_types import (
+from llfsm.runtime.checking.expression_types import (
     PLAIN,
     Options,
     Piece,
@@ -32,23 +32,84 @@ from .expression_types import (
     named,
     options_of,
 )
-from .nothing import of_none, of_none_inside
-from .operators import of_comparison, of_division, of_items, of_operator
-from .optional import of_optional
-from .pointless import (
+from llfsm.runtime.checking.operand_rules import (
+    of_comparison,
     of_condition,
+    of_division,
     of_effectless,
     of_hidden,
     of_identity,
+    of_items,
+    of_none,
+    of_none_inside,
+    of_operator,
+    of_optional,
     of_sign,
     of_text,
 )
-from .port_rules import of_ports
-from .signatures import signature_of
-from .subject import Code, Finding, Subject
-from .uses import nodes_of, uses_of
+from llfsm.runtime.checking.subject import Code, Finding, Subject
+from llfsm.runtime.checking.uses import nodes_of, uses_of
+from llfsm.runtime.engine.errors import DefinitionError
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.ports import Actuator, Sensor, messages_of_domain
+from llfsm.runtime.engine.source_text import reads_outside
+from llfsm.runtime.engine.state import State
+from llfsm.runtime.engine.table import REQUIRED, Table
 
-__all__ = ["typed_findings"]
+_SAFE_VALUES = ("at_end", "at_suspend", "at_failure")
+
+
+def of_ports(subject: Subject, table: Table) -> Iterator[Finding]:
+    """Find defaults, safe values and domains that are not messages of their slot's type."""
+    ports: list[tuple[str, Sensor[Any, Any] | Actuator[Any], Sequence[str]]] = [
+        *((name, each, ("default",)) for name, each in table.sensors.items()),
+        *((name, each, _SAFE_VALUES) for name, each in table.actuators.items()),
+    ]
+    slots: dict[str, tuple[str, Any]] = {}
+    for name, port, options in ports:
+        declared = subject.declared.get(name)
+        where = subject.states[0].where if declared is None else declared.where
+        first, slot = slots.setdefault(port.slot.name, (name, port.slot))
+        if slot.fingerprint != port.slot.fingerprint:
+            types = f"{slot.type.__name__} and {port.slot.type.__name__}"
+            text = f"{first!r} and {name!r} use slot {slot.name!r} for messages of {types}"
+            yield Finding(*where, "error", text)
+        for option in options:
+            value = getattr(port, option)
+            if value is not None and not isinstance(value, port.slot.type):
+                wanted = port.slot.type.__name__
+                given = f"the class {value.__name__}" if isinstance(value, type) else repr(value)
+                text = f"{name!r}: {option} is a {wanted}, as {wanted}(), not {given}"
+                yield Finding(*where, "error", text)
+                break
+        if isinstance(port, Sensor) and port.domain is not None:
+            try:
+                messages_of_domain(port.slot, port.domain)
+            except DefinitionError as error:
+                yield Finding(*where, "error", f"{name!r}: {error}")
+
+
+def signature_of(function: FunctionType) -> inspect.Signature:
+    """Return what a function can be called with; in bundles, what stands for self has no name."""
+    try:
+        return _unevaluated(function)
+    except ValueError:
+        code = function.__code__
+        names = tuple(each if each.isidentifier() else "self" for each in code.co_varnames)
+        code = code.replace(co_varnames=names)
+        named = FunctionType(code, {}, function.__name__, function.__defaults__)
+        named.__kwdefaults__ = function.__kwdefaults__
+        return _unevaluated(named)
+
+
+def _unevaluated(function: FunctionType) -> inspect.Signature:
+    """Leave annotations that wait to be evaluated: they may name what only type checkers import."""
+    if sys.version_info >= (3, 14):
+        import annotationlib
+
+        return inspect.signature(function, annotation_format=annotationlib.Format.STRING)
+    return inspect.signature(function)
+
 
 _CONTROLS = {*dir(Machine), "table"}
 _SIMPLE = {"float": float, "int": int, "str": str}

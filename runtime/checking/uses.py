@@ -7,9 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from .subject import Code
-
-__all__ = ["Uses", "nodes_of", "parameter_names", "uses_of"]
+from llfsm.runtime.checking.subject import Code
 
 _Function: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 

@@ -5,10 +5,10 @@ Read in this order: `edited_text` (a text that is changed at nodes), `to_class`,
 `class_process`.
 """
 
-from .class_files import class_layout, layout_file, module_name, write_class
-from .convert import write_converted
-from .to_bundle import class_bundle
-from .to_class import class_text
+from llfsm.runtime.converting.class_files import class_layout, layout_file, module_name, write_class
+from llfsm.runtime.converting.convert import write_converted
+from llfsm.runtime.converting.to_bundle import class_bundle
+from llfsm.runtime.converting.to_class import class_text
 
 __all__ = [
     "class_bundle", "class_layout", "class_text", "layout_file", "module_name", "write_class",

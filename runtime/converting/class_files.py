@@ -8,20 +8,11 @@ from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 
-from ..bundles.files import read_file
-from ..bundles.plist import read_layout
-from ..engine.errors import BundleError
-from ..engine.layout import MachineLayout
-from ..engine.machine import Machine
-
-__all__ = [
-    "LAYOUT_SUFFIX",
-    "class_file",
-    "class_layout",
-    "layout_file",
-    "module_name",
-    "write_class",
-]
+from llfsm.runtime.bundles.plist import read_layout
+from llfsm.runtime.bundles.read import read_file
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.table import MachineLayout
 
 LAYOUT_SUFFIX = ".layout"
 

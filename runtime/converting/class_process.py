@@ -1,6 +1,8 @@
 """A machine is loaded in a process of its own: its class is always that of the newest text.
 
 The process is asked once, by its arguments, and answers with a JSON object.
+
+A machine class as its texts, to be looked at: also one of which no bundle can be made.
 """
 
 from __future__ import annotations
@@ -11,22 +13,59 @@ import os
 import subprocess
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
 from llfsm.errors import LlfsmError
+from llfsm.runtime.bundles import load_bundle
+from llfsm.runtime.bundles.model import CLASS, Bundle, BundleState, BundleTransition, Fragment
+from llfsm.runtime.checking import Finding
+from llfsm.runtime.drawing.arrange import MachineLinks, links_of
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.ports import Actuator, Sensor
+from llfsm.runtime.engine.source_text import body_of
+from llfsm.runtime.engine.table import Table
+from llfsm.runtime.plans import PlannedMachine
 
-from ..bundles import Bundle, load_bundle
-from ..checking import Finding
-from ..drawing.overview import MachineLinks, links_of
-from ..engine.errors import BundleError
-from ..engine.machine import Machine
-from ..plans.plan import PlannedMachine
 
-__all__ = ["ClassName", "ClassText", "convert_class", "load_machine", "read_class", "read_links"]
+def class_outline(cls: type[Machine]) -> Bundle:
+    """Return the states, transitions and texts of a class, without a layout."""
+    table = cls.table
+    states = tuple(
+        BundleState(
+            state.name,
+            {key: Fragment(body_of(code) or repr(code)) for key, code in state.sections.items()},
+            tuple(
+                BundleTransition(
+                    each.target.name, None if each.unconditional else Fragment(each.label)
+                )
+                for each in state.transitions
+            ),
+        )
+        for state in table.states
+    )
+    suspend = table.suspend.name if table.suspend else None
+    declared = "".join(f"{line}\n" for line in declared_lines(table))
+    variables = Fragment(declared) if declared else None
+    return Bundle(cls.__name__, states, CLASS, suspend, variables=variables)
+
+
+def declared_lines(table: Table) -> Iterator[str]:
+    """Give a line for each port and variable."""
+    yield from (_port(name, port) for name, port in table.sensors.items())
+    yield from (_port(name, port) for name, port in table.actuators.items())
+    for variable in table.variables.values():
+        yield f"{variable.name}: {variable.type_text} = {variable.default!r}"
+
+
+def _port(name: str, port: Sensor[Any, Any] | Actuator[Any]) -> str:
+    slot = port.slot
+    return f"{name} = {type(port).__name__}({slot.name!r}, {slot.type.__name__})"
+
 
 _PATIENCE_S = 30.0  # for the imports of the module, too
 
@@ -109,9 +148,8 @@ def _main() -> None:
 
 
 def _answer(what: str, arguments: Sequence[str]) -> Any:
-    from ..checking import check_class, requests_of
-    from .class_outline import class_outline
-    from .convert import write_converted
+    from llfsm.runtime.checking import check_class, requests_of
+    from llfsm.runtime.converting.convert import write_converted
 
     if what == "links":
         planned = msgspec.json.decode(arguments[0], type=PlannedMachine)

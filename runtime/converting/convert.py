@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..bundles import SUFFIX, read_bundle, write_bundle
-from ..bundles.plist import layout_to_plist
-from ..engine.errors import BundleError
-from ..engine.machine import Machine
-from .class_files import LAYOUT_SUFFIX, write_class
-from .to_bundle import class_bundle
-from .to_class import class_text
-
-__all__ = ["write_converted"]
+from llfsm.runtime.bundles import SUFFIX, read_bundle, write_bundle
+from llfsm.runtime.bundles.plist import layout_to_plist
+from llfsm.runtime.converting.class_files import LAYOUT_SUFFIX, write_class
+from llfsm.runtime.converting.to_bundle import class_bundle
+from llfsm.runtime.converting.to_class import class_text
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.engine.machine import Machine
 
 
 def write_converted(machine: type[Machine] | Path, folder: Path) -> Path:

@@ -10,8 +10,6 @@ from collections.abc import Callable
 from copy import deepcopy
 from functools import lru_cache
 
-__all__ = ["EditedText"]
-
 _F_STRING = {getattr(tokenize, f"FSTRING_{end}", None): end for end in ("START", "END")}
 """Tokens of Python 3.12 and later; before, an f-string is one token, as other strings are."""
 

@@ -2,28 +2,359 @@
 
 The texts of the class stay as they are, with their comments; only ``self.`` is left out where a
 bundle needs none. The structure is the class's table: a loop that declares transitions is not seen.
+
+The imports that a bundle needs for the names that a class's code takes from its module.
+
+The texts of a class's functions as a bundle has them: bare names instead of ``self.name``.
 """
 
 from __future__ import annotations
 
 import ast
+import builtins
+import importlib.util
 import os
+import sys
 import sysconfig
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
-from ..bundles.read import NAME_RULE, STATE_NAME
-from ..engine.errors import BundleError, DefinitionError
-from ..engine.machine import Machine
-from ..engine.source_text import parse_file
-from ..engine.state import State, Transition
-from .class_files import class_file, class_layout
-from .function_text import FunctionTexts, refusal
+from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
+from llfsm.runtime.bundles.compiling import CONTROLS
+from llfsm.runtime.bundles.names import bound_names
+from llfsm.runtime.bundles.read import NAME_RULE, STATE_NAME
+from llfsm.runtime.converting.class_files import class_file, class_layout
+from llfsm.runtime.converting.edited_text import EditedText
+from llfsm.runtime.engine.errors import BundleError, DefinitionError
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.source_text import parse_file, syntax_of
+from llfsm.runtime.engine.state import State, Transition
 
-__all__ = ["class_bundle"]
+if TYPE_CHECKING:
+    from llfsm.runtime.engine.source_text import FunctionSyntax
+
+
+class Imports:
+    """Names of modules, each of which is imported as its module does, or from its module."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, tuple[str, str]] = {}  # the line of each name, and its module
+
+    def need(self, name: str, module: Mapping[str, Any], file: Path, line: int) -> None:
+        """Import `name` as code of `module` does; raise `BundleError` if that cannot be done."""
+        if name not in module:
+            if hasattr(builtins, name):
+                return
+            what = f"nothing is called {name!r} when it runs; is it imported for type checkers only"
+            raise BundleError(f"cannot be made a bundle: {what}?", file, line)
+        home = str(module["__name__"])
+        if self._lines.get(name, ("", home))[1] == home:
+            if name not in self._lines:
+                self._lines[name] = _import_of(name, module, file, line), home
+            return
+        written = _import_of(name, module, file, line)
+        other, where = self._lines[name]
+        if other != written:
+            raise BundleError(
+                f"cannot be made a bundle: {name!r} is of {home} here, and of {where} elsewhere; "
+                f"rename one of them",
+                file,
+                line,
+            )
+
+    @property
+    def names(self) -> set[str]:
+        """The names that are imported."""
+        return {*self._lines}
+
+    @property
+    def text(self) -> str:
+        """The statements, those from one module in one."""
+        plain = sorted({line for line, _ in self._lines.values() if "\n" not in line})
+        by_module: dict[str, list[str]] = {}
+        for line in {line for line, _ in self._lines.values() if "\n" in line}:
+            module, name = line.split("\n")
+            by_module.setdefault(module, []).append(name)
+        several = [
+            _from(module, sorted(names, key=_as_sorted)) for module, names in by_module.items()
+        ]
+        return "".join(f"{line}\n" for line in (*plain, *sorted(several)))
+
+
+def _from(module: str, names: list[str]) -> str:
+    line = f"from {module} import {', '.join(names)}"
+    if len(line) <= 100:
+        return line
+    return f"from {module} import (\n" + "".join(f"    {name},\n" for name in names) + ")"
+
+
+def _as_sorted(name: str) -> tuple[bool, bool, str]:
+    """Order names as import sorters do: constants, classes, the rest."""
+    return not name.isupper(), not name[:1].isupper(), name
+
+
+def _import_of(name: str, module: Mapping[str, Any], file: Path, line: int) -> str:
+    """Return how to import a name: a line, or the module and the name on two."""
+    parsed = parse_file(str(module.get("__file__", "")))
+    for node in reversed(parsed[1].body if parsed else []):
+        for alias in node.names if isinstance(node, ast.Import | ast.ImportFrom) else ():
+            if (alias.asname or alias.name.partition(".")[0]) != name:
+                continue
+            called = alias.name if alias.asname is None else f"{alias.name} as {alias.asname}"
+            if isinstance(node, ast.Import):
+                return f"import {called}"
+            assert isinstance(node, ast.ImportFrom)
+            source = "." * node.level + (node.module or "")
+            home = importlib.util.resolve_name(source, str(module.get("__package__") or ""))
+            if home != "__future__":
+                return f"{home}\n{called}"
+        if name in _bound_by(node):
+            break
+    home = str(module["__name__"])
+    if getattr(sys.modules.get(home), name, None) is not module[name] or home == "__main__":
+        raise BundleError(
+            f"cannot be made a bundle: {name!r} is of {home}, which cannot be imported; "
+            f"put it into a module of its own",
+            file,
+            line,
+        )
+    return f"{home}\n{name}"
+
+
+def _bound_by(node: ast.stmt) -> Iterator[str]:
+    for each in ast.walk(node):
+        if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
+            yield each.id
+        elif isinstance(each, ast.FunctionDef | ast.ClassDef):
+            yield each.name
+
+
+_LOOSE = (ast.IfExp, ast.Lambda, ast.NamedExpr)
+"""Expressions that need parentheses behind `and`."""
+_TWICE = "{!r} is of the module here, and the machine has one, too; rename one of them"
+
+
+def refusal(what: str, file: Path, line: int | None) -> BundleError:
+    """Return the error of what a bundle cannot have."""
+    return BundleError(f"cannot be made a bundle: {what}", file, line)
+
+
+class FunctionTexts:
+    """The texts of a machine with these variables, ports and methods, whose imports it collects.
+
+    `others` are what else the class has, and a bundle lacks. `called` are the methods that the
+    texts name, `written` those whose texts were made.
+    """
+
+    def __init__(self, names: set[str], others: set[str], cls: type):
+        self.names = names
+        self.others = others
+        self.imports = Imports()
+        self.called: set[str] = set()
+        self.written: set[str] = set()
+        self._known = names | CONTROLS.keys()
+        self._module = vars(sys.modules[cls.__module__])
+
+    def declaration(self, file: Path, whole: ast.stmt, part: ast.stmt | ast.expr) -> str:
+        """Return the text of a statement of the class body, or of its value."""
+        text = self._text(file)
+        for node in _loaded(whole):
+            if node.id in self.others:
+                raise refusal(f"{node.id!r} is an attribute of the class", file, node.lineno)
+            if node.id in self.names and node.id in self._module:
+                raise refusal(_TWICE.format(node.id), file, node.lineno)
+            if node.id not in self.names and node.id not in bound_names([whole]):
+                self.imports.need(node.id, self._module, file, node.lineno)
+        last = part.end_lineno or part.lineno
+        text.indent(part.lineno + 1, last, -whole.col_offset)
+        end = text.end(part)
+        comment = text.find(rb"[ \t]*#[^\n]*", end) if part is whole else None
+        return text.text(text.start(part), comment.end() if comment else end)
+
+    def section(self, code: Any, what: str, line: int) -> str:
+        """Return the statements of a section."""
+        function, node, text, file = self._read(code, what, line)
+        return self._body(function, node, text, file, what)
+
+    def method(self, function: FunctionType) -> str:
+        """Return a function of the machine, without its parameter for the machine."""
+        what = f"function {function.__name__!r}"
+        self.written.add(function.__name__)
+        _, node, text, file = self._read(function, what, 1, is_alone=False)
+        assert isinstance(node, ast.FunctionDef)
+        if node.args.posonlyargs or not node.args.args:
+            raise refusal(f"{what} is written with /, or without self", file, node.lineno)
+        for default in _outside(node):
+            for name in _loaded(default):
+                if name.id in self._known | self.others:
+                    raise refusal(
+                        f"{what} names {name.id!r} of the class in its header", file, name.lineno
+                    )
+                self.imports.need(name.id, function.__globals__, file, name.lineno)
+        first = node.args.args[0]
+        comma = text.find(rb"\s*,\s*", text.end(first))
+        text.replace(text.start(first), comma.end() if comma else text.end(first), "")
+        self._rewrite(function, node, text, file, what)
+        last = node.end_lineno or node.lineno
+        text.indent(node.lineno, last, -node.col_offset)
+        return text.text(text.line_start(node.lineno), text.line_start(last + 1)).rstrip() + "\n"
+
+    def expression(self, guard: Any, what: str, line: int, *, is_alone: bool) -> str | None:
+        """Return what a guard returns; None if it has other statements, too."""
+        function, node, text, file = self._read(guard, what, line)
+        if isinstance(node, ast.Lambda):
+            value = node.body
+            start, end = text.start(value), text.end(value)
+        else:
+            body = _undocumented(node)
+            if len(body) != 1 or not isinstance(body[0], ast.Return) or body[0].value is None:
+                return None
+            value = body[0].value
+            start, end = text.start(body[0]) + len("return"), text.end(body[0])
+        self._rewrite(function, node, text, file, what)
+        if value.end_lineno is not None:
+            text.indent(value.lineno + 1, value.end_lineno, -200)
+        made = text.text(start, end).strip()
+        is_loose = isinstance(value, _LOOSE) or (
+            isinstance(value, ast.BoolOp) and isinstance(value.op, ast.Or)
+        )
+        is_true = made in ("true", "True")
+        if is_true or "\n" in made or (is_loose and not is_alone):
+            return f"({made})"
+        return made
+
+    def _body(
+        self, function: FunctionType, node: FunctionSyntax, text: EditedText, file: Path, what: str
+    ) -> str:
+        self._rewrite(function, node, text, file, what)
+        if isinstance(node, ast.Lambda):
+            return text.text(text.start(node.body), text.end(node.body)) + "\n"
+        body = _undocumented(node)
+        if not body:
+            return "pass\n"
+        first, last = body[0].lineno, body[-1].end_lineno or body[-1].lineno
+        end = text.line_start(last + 1)
+        if first == node.lineno:  # def f(self): a; b
+            return text.text(text.start(body[0]), end).rstrip() + "\n"
+        while text.line(first - 1).lstrip()[:1] == "#":
+            first -= 1
+        text.indent(first, last, -body[0].col_offset)
+        return text.text(text.line_start(first), end).rstrip() + "\n"
+
+    def _read(
+        self, code: Any, what: str, line: int, *, is_alone: bool = True
+    ) -> tuple[FunctionType, FunctionSyntax, EditedText, Path]:
+        """Return a function's syntax and text; refuse one whose text is not all there is to it."""
+        if not isinstance(code, FunctionType):
+            what = f"{what} is {code!r}, not a function written in Python"
+            raise refusal(what, Path(self._module["__file__"]), line)
+        file, line = Path(code.__code__.co_filename), code.__code__.co_firstlineno
+        if free := code.__code__.co_freevars:
+            uses = "super()" if free == ("__class__",) else f"{free[0]!r} of the code around it"
+            raise refusal(f"{what} uses {uses}", file, line)
+        node = syntax_of(code)
+        if node is None:
+            raise refusal(f"the text of {what} cannot be found", file, line)
+        arguments = node.args
+        several = (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
+        if is_alone and (len(several) != 1 or arguments.vararg or arguments.kwarg):
+            raise refusal(f"{what} has parameters besides the machine", file, line)
+        return code, node, self._text(file), file
+
+    def _text(self, file: Path) -> EditedText:
+        parsed = parse_file(str(file))
+        assert parsed is not None  # a node of it has been found
+        return EditedText(parsed[0])
+
+    def _rewrite(
+        self, function: FunctionType, node: FunctionSyntax, text: EditedText, file: Path, what: str
+    ) -> None:
+        """Leave out the machine where a bundle's code does, and import what else is named."""
+        body = node.body if isinstance(node.body, list) else [node.body]
+        machine = (*node.args.posonlyargs, *node.args.args)[0].arg
+        parameters = {each.arg for each in ast.walk(node.args) if isinstance(each, ast.arg)}
+        inner = {each.arg for part in body for each in ast.walk(part) if isinstance(each, ast.arg)}
+        stored = {
+            each.id
+            for part in body
+            for each in ast.walk(part)
+            if isinstance(each, ast.Name) and not isinstance(each.ctx, ast.Load)
+        }
+        own = bound_names([*body])
+        hidden = (parameters - {machine}) | inner | stored | own
+        if clash := (own - parameters) & self._known:
+            raise refusal(
+                f"{what} has a local variable {min(clash)!r}, as the machine has; rename it",
+                file,
+                _line_of(body, min(clash)),
+            )
+        if machine in hidden or (machine != "self" and "self" in hidden):
+            raise refusal(f"{what} binds the name of the machine anew", file, node.lineno)
+        for part in body:
+            for each in ast.walk(part):
+                if isinstance(each, ast.Attribute) and _is_name(each.value, machine):
+                    if each.attr in self.others:
+                        raise refusal(
+                            f"{what} uses {each.attr!r}, which a bundle's code cannot name",
+                            file,
+                            each.lineno,
+                        )
+                    self.called.add(each.attr)
+            for name in _loaded(part):
+                if name.id == machine or name.id in hidden:
+                    continue
+                if name.id in self._known:
+                    raise refusal(_TWICE.format(name.id), file, name.lineno)
+                self.imports.need(name.id, function.__globals__, file, name.lineno)
+            text.replace_names(part, self._bare(machine, hidden))
+
+    def _bare(self, machine: str, hidden: set[str]) -> Callable[[ast.expr], ast.expr | None]:
+        def bare(node: ast.expr) -> ast.expr | None:
+            match node:
+                case ast.Attribute(ast.Name(name), attribute) if name == machine:
+                    if attribute in self._known and attribute not in hidden:
+                        return ast.Name(attribute)
+                    return ast.Attribute(ast.Name("self"), attribute, node.ctx)
+                case ast.Name(name) if name == machine:
+                    return ast.Name("self")
+            return None
+
+        return bare
+
+
+def _loaded(tree: ast.AST) -> Iterator[ast.Name]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
+            yield node
+
+
+def _is_name(node: ast.expr, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
+
+
+def _line_of(body: list[Any], name: str) -> int:
+    """Return the line on which a function binds a name."""
+    for part in body:
+        for each in ast.walk(part):
+            if isinstance(each, ast.Name) and each.id == name:
+                return each.lineno
+    return int(body[0].lineno)
+
+
+def _outside(function: ast.FunctionDef) -> list[ast.expr]:
+    arguments = function.args
+    every = [*arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]
+    found = [function.returns, *(each.annotation for each in every if each is not None)]
+    found += [*arguments.defaults, *arguments.kw_defaults]
+    return [each for each in found if each is not None]
+
+
+def _undocumented(function: ast.FunctionDef) -> list[ast.stmt]:
+    return function.body[ast.get_docstring(function, clean=False) is not None :]
+
 
 _OURS = "llfsm"
 

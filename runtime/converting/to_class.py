@@ -15,21 +15,19 @@ from functools import partial
 from os.path import abspath
 from pathlib import Path
 
-from ..bundles import Bundle, BundleState, Fragment, require_python
-from ..bundles.code import label_of, parse, parse_expression
-from ..bundles.names import (
+from llfsm.runtime.bundles import Bundle, BundleState, Fragment, require_python
+from llfsm.runtime.bundles.code import label_of, parse, parse_expression
+from llfsm.runtime.bundles.compiling import Scope
+from llfsm.runtime.bundles.names import (
     MACHINE,
     Known,
     included_names,
     resolve,
     resolve_method,
 )
-from ..bundles.scope import Scope
-from ..engine.machine import Machine
-from .class_files import module_name
-from .edited_text import EditedText
-
-__all__ = ["class_text"]
+from llfsm.runtime.converting.class_files import module_name
+from llfsm.runtime.converting.edited_text import EditedText
+from llfsm.runtime.engine.machine import Machine
 
 _DECORATORS = {
     "OnEntry": "on_entry",

@@ -1,5 +1,5 @@
 """Pause machines between two turns, step them, and see why they are where they are."""
 
-from .debugger import Debugger
+from llfsm.runtime.debugging.debugger import Debugger
 
 __all__ = ["Debugger"]

@@ -1,4 +1,9 @@
-"""Why a machine is still in its state: each transition's value, and the operands it has seen."""
+"""Why a machine is still in its state: each transition's value, and the operands it has seen.
+
+What machines' transitions were when they were evaluated last, and what they saw.
+
+What is known of a machine's transitions at a moment: those of its state, and those before.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +12,142 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from llfsm.runtime.debugging.evaluator import Operands, elapsed_text, parsed, seen_text
+from llfsm.runtime.engine.events import Eval, Event, Section, Turn
 from llfsm.runtime.engine.source_text import EXPRESSION
 
-from .operands import Operands, parsed
-from .seen_text import elapsed_text, seen_text
-
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.errors import ExecutionError
     from llfsm.runtime.engine.machine import Machine
+    from llfsm.runtime.engine.seat import BoundState, BoundTransition, Seat
     from llfsm.runtime.engine.state import Transition
 
-    from .last_turns import LastTurn
 
-__all__ = ["NOT_EVALUATED", "Cause", "fired", "seen_in", "why"]
+_COPIED: Final = frozenset({list, dict, set})  # of what is in them when transitions are evaluated
+_LONG: Final = 1000  # a longer one is shown as it is now
+
+
+class Evaluated(NamedTuple):
+    """The value of a transition, and for how long the machine was in its state then."""
+
+    value: bool | None
+    """None if it has raised."""
+    elapsed_ns: int
+
+
+class LastTurn(NamedTuple):
+    """A turn of a machine in which it has evaluated transitions of a state."""
+
+    state: str
+    entered_ns: int
+    time_ns: int
+    """When it evaluated the first of them."""
+    attributes: Mapping[str, Any]
+    """The sensors and variables that they saw."""
+    transitions: dict[int, Evaluated]
+    """By their numbers, as far as they were evaluated."""
+
+    @property
+    def has_fired(self) -> bool:
+        """Whether one of them has fired."""
+        return any(each.value for each in self.transitions.values())
+
+
+class LastTurns:
+    """The last turn of each machine: all of those whose events it is given, or a sample."""
+
+    def __init__(self, arrangement: Arrangement):
+        self._arrangement = arrangement
+        self._turns: dict[str, LastTurn] = {}
+        self._coming = ""  # the machine whose turn is to come
+        self._sampled: list[_Sampled] = []
+
+    def __call__(self, event: Event) -> None:
+        """Take an event."""
+        if isinstance(event, Turn):
+            self._coming = event.machine  # a debugger may wait now
+        elif isinstance(event, Eval | Section):
+            if event.machine == self._coming:
+                self._coming = ""
+                self._turns.pop(event.machine, None)
+            if isinstance(event, Eval):
+                seat = self._arrangement.seat(event.machine)
+                self._take(seat, event.state, event.transition, event.value, event.time_ns)
+
+    def sample(self) -> None:
+        """Keep the next turn of each machine in its state: to keep all would slow them down."""
+        for each in self._sampled:
+            each.end()
+        seats = [self._arrangement.seat(each.name) for each in self._arrangement.machines]
+        self._sampled = [_Sampled(self, seat) for seat in seats if seat.current.transitions]
+
+    def take_failure(self, seat: Seat, state: str, number: int, now_ns: int) -> None:
+        """Take that a transition has raised: those before it did not hold."""
+        self._turns.pop(seat.name, None)
+        for each in range(number):
+            self._take(seat, state, each, False, now_ns)
+        self._take(seat, state, number, None, now_ns)
+
+    def forget(self, machine: str = "") -> None:
+        """Forget the turn of a machine, or of all: there will be others that are not seen."""
+        if machine:
+            self._turns.pop(machine, None)
+        else:
+            self._turns.clear()
+
+    def of(self, machine: str) -> LastTurn | None:
+        """Return the last turn of a machine; None if it is not known."""
+        return self._turns.get(machine)
+
+    def _take(self, seat: Seat, state: str, number: int, value: bool | None, now_ns: int) -> None:
+        turn = self._turns.get(seat.name)
+        if turn is None:
+            seen = vars(seat.machine).items()
+            attributes = {name: _kept(value) for name, value in seen}
+            turn = LastTurn(state, seat.entered_ns, now_ns, attributes, {})
+            self._turns[seat.name] = turn
+        turn.transitions[number] = Evaluated(value, now_ns - turn.entered_ns)
+
+
+class _Sampled:
+    """The state of a machine whose transitions are seen when they are evaluated next."""
+
+    def __init__(self, turns: LastTurns, seat: Seat):
+        self._turns = turns
+        self._seat = seat
+        self._state: BoundState = seat.current
+        self._before = seat.current.transitions
+        self._wrapped = tuple(map(self._watching, range(len(self._before))))
+        self._state.transitions = self._wrapped
+
+    def end(self) -> None:
+        """Let them be as they were, unless they were bound anew."""
+        if self._state.transitions is self._wrapped:
+            self._state.transitions = self._before
+
+    def _watching(self, number: int) -> BoundTransition:
+        limit_ns, guard, target = self._before[number]
+        seat, environment = self._seat, self._seat.arrangement.environment
+        now, is_last = environment.clock.now_ns, number == len(self._before) - 1
+
+        def evaluate_and_take(machine: Any) -> bool:
+            due = limit_ns is None or now() - seat.entered_ns > limit_ns
+            value = due and (guard is None or guard(machine))
+            if isinstance(value, bool):  # else the ringlet looks for this function
+                if not number:
+                    self._turns.forget(seat.name)
+                self._turns._take(seat, self._state.name, number, value, environment.peek_ns())
+                if value or is_last:
+                    self.end()
+            return value
+
+        return None, evaluate_and_take, target
+
+
+def _kept(value: Any) -> Any:
+    return value.copy() if type(value) in _COPIED and len(value) <= _LONG else value
+
 
 NOT_EVALUATED: Final = "not evaluated"
 """What stands for the operands of a transition after the one that has fired, or has raised."""
@@ -115,3 +244,65 @@ def _cause(
         if value is not None:
             value = value and held
     return Cause(transition.target.name, transition.label, value, " and ".join(parts) or "always")
+
+
+def raised_at(seat: Seat, error: ExecutionError) -> int:
+    """Return the number of the transition that has raised.
+
+    It is -1 if code before the transitions has, and their number if that after them has.
+    """
+    state = seat.states.get(error.state)  # one that is not declared has no transitions
+    transitions = [] if state is None else seat.declared(state).transitions
+    steps = [f"transition {each.label}" for each in transitions] + ["Internal"]
+    return steps.index(error.step) if error.step in steps else -1
+
+
+class Fired(NamedTuple):
+    """A transition that has fired, and what the transitions of its state had seen."""
+
+    machine: str
+    source: str
+    target: str
+    """"" if none has fired: code of the machine has raised in the state `source`."""
+    causes: list[Cause]
+    error: ExecutionError | None = None
+    """What that code has raised."""
+
+    @classmethod
+    def of(cls, seat: Seat, source: str, now_ns: int) -> Fired:
+        """Return the one by which a machine is just leaving a state."""
+        elapsed_ns, number = now_ns - seat.entered_ns, seat.arrival().transition
+        causes = fired(seat.machine, source, number, elapsed_ns)
+        return cls(seat.name, source, seat.current.name, causes)
+
+    @classmethod
+    def failed(cls, seat: Seat, error: ExecutionError, now_ns: int) -> Fired:
+        """Return what the transitions of a state had seen in which code has raised."""
+        number = raised_at(seat, error)
+        elapsed_ns = now_ns - seat.entered_ns
+        causes = fired(seat.machine, error.state, number, elapsed_ns, value=None)
+        return cls(seat.name, error.state, "", causes, error)
+
+
+class Sight(NamedTuple):
+    """What is known of the transitions of a machine in `state`."""
+
+    state: str
+    causes: list[Cause]
+    evaluated_ns: int | None
+    """When they were evaluated last; None if they are as they would be now."""
+    before: Fired | None
+    """How it came to the state, if it was not evaluated there yet."""
+
+
+def sight_of(arrangement: Arrangement, machine: str, turns: LastTurns, now_ns: int) -> Sight:
+    """Return what is known of a machine at `now_ns`, from its last turn if that is known."""
+    state, arrival = arrangement.standing(machine).state, arrangement.arrival(machine)
+    turn, found = turns.of(machine), arrangement.machine(machine)
+    if turn is not None and (turn.state, turn.entered_ns) == (state, arrival.entered_ns):
+        return Sight(state, seen_in(turn, found), turn.time_ns, None)
+    elapsed_ns = None if arrival.entered_ns is None else now_ns - arrival.entered_ns
+    before = None
+    if turn is not None and turn.has_fired:
+        before = Fired(machine, turn.state, state, seen_in(turn, found))
+    return Sight(state, why(found, state, elapsed_ns), None, before)

@@ -3,6 +3,8 @@
 It is an observer that does not return from the event with which a turn begins. Meanwhile the
 arrangement publishes its machines and obeys requests, as while it sleeps. An arrangement that runs
 freely has no such observer, and its turns cost what they cost without a debugger.
+
+Overrides of sensors that end when nobody renews them.
 """
 
 from __future__ import annotations
@@ -11,11 +13,9 @@ import threading
 import time
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self, TypeAlias, get_args
 
-from llfsm.runtime.engine.errors import (
-    ArrangementEndedError,
-    NotPausedError,
-    OptionError,
-)
+from llfsm.runtime.debugging.breakpoints import Breakpoint, Probes, check_breakpoints
+from llfsm.runtime.debugging.causes import Fired, LastTurns, Sight, raised_at, sight_of
+from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError, OptionError
 from llfsm.runtime.engine.events import Eval, Event, Turn
 from llfsm.runtime.engine.failure import logger
 from llfsm.whiteboard.message_text import parse_message
@@ -23,21 +23,50 @@ from llfsm.whiteboard.message_text import parse_message
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
+    from llfsm.runtime.debugging.causes import Cause
     from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.runtime.engine.environment import Read
     from llfsm.runtime.engine.errors import ExecutionError
     from llfsm.runtime.engine.machine import Machine
     from llfsm.runtime.engine.seat import Seat
 
-    from .causes import Cause
 
-from .breakpoints import Breakpoint, check_breakpoints
-from .last_turns import LastTurns
-from .leases import OverrideLeases
-from .probes import Probes
-from .sight import Fired, Sight, raised_at, sight_of
+class OverrideLeases:
+    """When the overrides of an arrangement's sensors end; those without a lease do not."""
 
-__all__ = ["Debugger", "Goal", "Step"]
+    def __init__(self, arrangement: Arrangement):
+        self._arrangement = arrangement
+        self._ends_s: dict[tuple[str, str], float] = {}  # by machine and slot
+
+    def begin(self, machine: str, slot: str, lease_s: float) -> None:
+        """Let an override last so long from now on."""
+        self._ends_s[machine, slot] = time.monotonic() + lease_s
+
+    def end(self, machine: str, slot: str) -> None:
+        """Let an override last until it is released."""
+        self._ends_s.pop((machine, slot), None)
+
+    def renew(self, lease_s: float) -> None:
+        """Let all that have a lease last at least so long from now on."""
+        ends_s = time.monotonic() + lease_s
+        self._ends_s = {key: max(each, ends_s) for key, each in self._ends_s.items()}
+
+    def left_s(self, machine: str, sensor: str) -> float | None:
+        """Return how long a sensor stays overridden; None if only a release ends that."""
+        ends_s = self._ends_s.get((machine, self._arrangement.slot_of(machine, sensor).name))
+        return None if ends_s is None else max(0.0, ends_s - time.monotonic())
+
+    def look(self) -> None:
+        """Release the sensors whose overrides nobody has renewed."""
+        for (machine, slot), ends_s in [*self._ends_s.items()]:
+            if time.monotonic() > ends_s:
+                self.end(machine, slot)
+                for sensor in self._arrangement.overridden(machine):
+                    if self._arrangement.slot_of(machine, sensor).name == slot:
+                        what = "nobody renews the override: %s: %s is released"
+                        logger().warning(what, machine, sensor)
+                        self._arrangement.release(machine, sensor)
+
 
 Step: TypeAlias = Literal["turn", "round", "transition", "leave"]
 """Until when: the next turn, the next round, a transition has fired, a machine left its state."""

@@ -1,18 +1,23 @@
-"""What other processes request of a debugger: a page, or a command."""
+"""What other processes request of a debugger: a page, or a command.
+
+Why a machine is in its state, as a message for other processes.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
 from llfsm.errors import LlfsmError
+from llfsm.runtime.debugging.debugger import Debugger
 from llfsm.runtime.engine.failure import logger
+from llfsm.whiteboard.messages.llfsm import MachineWhy, SeenTransition
 
 if TYPE_CHECKING:
+    from llfsm.runtime.debugging.causes import Cause
+    from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.whiteboard.messages.llfsm import MachineRequest
 
-    from .debugger import Debugger
-
-__all__ = ["LEASE_S", "obey"]
 
 LEASE_S: Final = 60.0
 """How long a pause or an override from outside lasts that nobody renews."""
@@ -54,3 +59,24 @@ def _obey(debugger: Debugger, request: MachineRequest, machine: str) -> None:
             debugger.override(machine, sensor, text, lease_s=lease_s)
         case "release":
             debugger.arrangement.release(machine, argument)
+
+
+def why_of(arrangement: Arrangement, machine: str, now_ns: int) -> MachineWhy:
+    """Return why a machine is in its state at `now_ns` of the arrangement's clock."""
+    debugger = Debugger.of(arrangement)
+    found = debugger.sight(machine, now_ns)
+    before, evaluated_ns = found.before, found.evaluated_ns
+    return MachineWhy(
+        found.state,
+        _seen(found.causes),
+        before.source if before else "",
+        _seen(before.causes) if before else (),
+        debugger.breakpoints,
+        debugger.problem,
+        None if evaluated_ns is None else (now_ns - evaluated_ns) / 1e9,
+        before is not None and not before.target,
+    )
+
+
+def _seen(causes: Iterable[Cause]) -> tuple[SeenTransition, ...]:
+    return tuple(SeenTransition(*cause) for cause in causes)

@@ -7,8 +7,6 @@ import sys
 from types import CodeType, FrameType
 from typing import Any
 
-__all__ = ["SectionPdb"]
-
 
 class SectionPdb(pdb.Pdb):
     """A pdb that opens when the next call of some code begins, and closes when that returns.

@@ -4,14 +4,13 @@
 `overview` draws the machines of an arrangement and their slots; `timeline` shows what machines did.
 """
 
-from .arrange import arrange
-from .diagram import Box, Diagram, Edge, Label
-from .dot import to_dot
-from .mermaid import to_mermaid
-from .overview import MachineLinks, overview
-from .rendering import to_png, to_svg
-from .shapes import PicturePoint
-from .timeline import Stay, Timeline, timeline
+from llfsm.runtime.drawing.arrange import MachineLinks, arrange, overview
+from llfsm.runtime.drawing.diagram import Box, Diagram, Edge, Label
+from llfsm.runtime.drawing.dot import to_dot
+from llfsm.runtime.drawing.mermaid import to_mermaid
+from llfsm.runtime.drawing.rendering import to_png, to_svg
+from llfsm.runtime.drawing.shapes import PicturePoint
+from llfsm.runtime.drawing.timeline import Stay, Timeline, timeline
 
 __all__ = [
     "Box",

@@ -1,21 +1,32 @@
-"""From a machine's table to its picture's geometry."""
+"""From a machine's table to its picture's geometry.
+
+The overview of an arrangement: its machines, the slots that they share, and their requests.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
-from ..engine.state import State
-from ..engine.table import Table
-from .automatic_layout import automatic_layout
-from .curves import hits, sample, straight
-from .diagram import Arrow, Box, Diagram, Edge, Label, SectionText
-from .editor_layout import editor_layout, has_room
-from .shapes import Curve, PicturePoint
-from .style import DOT, LINE, MARGIN
-from .text import numbered_labels, section_texts
-from .typeset import cut_sections, make_box, make_label
-
-__all__ = ["arrange", "framed"]
+from llfsm.runtime.drawing.automatic_layout import automatic_layout
+from llfsm.runtime.drawing.curves import hits, sample, straight
+from llfsm.runtime.drawing.diagram import Arrow, Box, Diagram, Edge, Label, SectionText
+from llfsm.runtime.drawing.editor_layout import editor_layout, has_room
+from llfsm.runtime.drawing.shapes import Curve, PicturePoint
+from llfsm.runtime.drawing.style import DOT, LINE, MARGIN
+from llfsm.runtime.drawing.typeset import (
+    cut_sections,
+    make_box,
+    make_label,
+    numbered_labels,
+    section_texts,
+)
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.ports import Actuator, Sensor
+from llfsm.runtime.engine.state import State
+from llfsm.runtime.engine.table import Table
 
 _START = 26.0  # from the dot's centre to the initial state
 
@@ -103,3 +114,60 @@ def framed(title: str, boxes: list[Box], edges: list[Edge], start: Curve) -> Dia
     left, top = min(x) - MARGIN - LINE, min(y) - MARGIN - LINE
     width, height = max(x) + MARGIN + LINE - left, max(y) + MARGIN + LINE - top
     return Diagram(title, left, top, width, height, tuple(boxes), tuple(edges), start)
+
+
+class MachineLinks(NamedTuple):
+    """What a machine has to do with others: the slots that it reads and posts, and its requests.
+
+    A request is what is asked, as "suspend", and the name of the machine that is asked.
+    """
+
+    reads: Sequence[str] = ()
+    posts: Sequence[str] = ()
+    requests: Sequence[tuple[str, str]] = ()
+
+
+def links_of(
+    cls: type[Machine], slots: Mapping[str, str], requests: Sequence[tuple[str, str]]
+) -> MachineLinks:
+    """Return the links of a machine that makes `requests` and is loaded with other `slots`."""
+
+    def names(ports: Mapping[str, Sensor[Any, Any] | Actuator[Any]]) -> list[str]:
+        return [slots.get(port.slot.name, port.slot.name) for port in ports.values()]
+
+    return MachineLinks(names(cls.table.sensors), names(cls.table.actuators), requests)
+
+
+def overview(title: str, machines: Mapping[str, MachineLinks]) -> Diagram:
+    """Return a drawing of machines and slots: arrows lead where messages and requests go.
+
+    A machine that is only asked, as one that others load, is drawn, too. Equal machines give equal
+    diagrams.
+    """
+    asked = [name for each in machines.values() for _, name in each.requests]
+    names = list(dict.fromkeys([*machines, *asked]))
+    slots = list(dict.fromkeys(s for m in machines.values() for s in (*m.posts, *m.reads)))
+    machine_at = {name: i for i, name in enumerate(names)}
+    slot_at = {slot: len(names) + i for i, slot in enumerate(slots)}
+    kinds = {"initial": False, "accepting": False, "suspend": False}
+    boxes = [make_box(name, (), **kinds) for name in names]
+    boxes += [replace(make_box(slot, (), **kinds), slot=True) for slot in slots]
+    found: list[tuple[int, int, str]] = []
+    for name, each in machines.items():
+        here = machine_at[name]
+        asks: dict[str, list[str]] = {}
+        for what, other in each.requests:
+            asks.setdefault(other, []).append(what)
+        found += [(here, slot_at[slot], "posts") for slot in dict.fromkeys(each.posts)]
+        found += [(slot_at[slot], here, "reads") for slot in dict.fromkeys(each.reads)]
+        found += [
+            (here, machine_at[other], ", ".join(dict.fromkeys(what)))
+            for other, what in asks.items()
+        ]
+    numbers: Counter[int] = Counter()
+    arrows = []
+    for source, target, label in found:
+        arrows.append(Arrow(source, numbers[source], target, make_label(label)))
+        numbers[source] += 1
+    placed, edges = automatic_layout(boxes, arrows)
+    return framed(title, placed, edges, ())

@@ -1,17 +1,16 @@
-"""Cubic Bézier curves: where they run, and what they run into."""
+"""Cubic Bézier curves: where they run, and what they run into.
+
+Transitions from a state to itself: loops at a side of its box.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
-from .shapes import Curve, PicturePoint
-
-if TYPE_CHECKING:
-    from .diagram import Box, Label
-
-__all__ = ["at", "contains", "crossing", "hits", "part", "sample", "straight", "through"]
+from llfsm.runtime.drawing.diagram import Box, Label
+from llfsm.runtime.drawing.shapes import Curve, PicturePoint
 
 
 def straight(start: PicturePoint, end: PicturePoint) -> Curve:
@@ -104,3 +103,44 @@ def hits(points: Iterable[PicturePoint], box: Box | Label, margin: float = 0) ->
     """Return how many points are within a box, or nearer to it than `margin`."""
     x, y = box.width / 2 + margin, box.height / 2 + margin
     return sum(abs(p.x - box.x) < x and abs(p.y - box.y) < y for p in points)
+
+
+_HEIGHT = 32.0
+_END = 8.0  # from a loop's middle to its ends
+_SWING = 2.2  # how much wider a loop is than at its ends
+_REACH = 28.0
+_GAP = 3.0
+
+
+def loop_room(labels: Sequence[Label]) -> tuple[float, float]:
+    """Return the width that loops take beside their box, and the height of box that they need."""
+    width = max((_REACH + _GAP + label.width for label in labels), default=0)
+    return width, len(labels) * _pitch(labels)
+
+
+def self_loops(box: Box, labels: Sequence[Label], side: int = 1) -> list[tuple[Curve, Label]]:
+    """Return loops at the right of a box, or the left if `side` is -1, the first at the top.
+
+    Their labels are in their places.
+    """
+    pitch = min(_pitch(labels), box.height / max(len(labels), 1))  # an editor's box may be small
+    end = min(_END, 0.4 * pitch)
+    y = box.y - (len(labels) - 1) / 2 * pitch
+    border = box.right if side > 0 else box.left
+    reach = side * _REACH / 0.75  # a curve goes three quarters of the way to its control points
+    loops: list[tuple[Curve, Label]] = []
+    for label in labels:
+        curve = (
+            PicturePoint(border, y - end),
+            PicturePoint(border + reach, y - _SWING * end),
+            PicturePoint(border + reach, y + _SWING * end),
+            PicturePoint(border, y + end),
+        )
+        beside = replace(label, x=border + side * (_REACH + _GAP + label.width / 2), y=y)
+        loops.append((curve, beside))
+        y += pitch
+    return loops
+
+
+def _pitch(labels: Sequence[Label]) -> float:
+    return max((_HEIGHT, *(label.height + 4 for label in labels)))

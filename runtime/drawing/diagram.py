@@ -11,18 +11,7 @@ from dataclasses import dataclass
 from math import hypot
 from typing import NamedTuple
 
-from .shapes import Curve, PicturePoint
-
-__all__ = [
-    "HEAD",
-    "Arrow",
-    "Box",
-    "Diagram",
-    "Edge",
-    "Label",
-    "SectionText",
-    "arrow_head",
-]
+from llfsm.runtime.drawing.shapes import Curve, PicturePoint
 
 HEAD = 9.0
 """The length of an arrow's head."""
@@ -129,7 +118,7 @@ class Diagram:
 
     def _repr_svg_(self) -> str:
         """Return what a notebook shows."""
-        from .rendering import to_svg
+        from llfsm.runtime.drawing.rendering import to_svg
 
         return to_svg(self)
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from html import escape
 
-from ..engine.state import State
-from ..engine.table import Table
-from .text import numbered_labels, printable, section_texts
-
-__all__ = ["to_dot"]
+from llfsm.runtime.drawing.typeset import numbered_labels, printable, section_texts
+from llfsm.runtime.engine.state import State
+from llfsm.runtime.engine.table import Table
 
 
 def to_dot(table: Table, *, title: str | None = None, sections: bool = False) -> str:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 
-from ..engine.table import Table
-from .text import numbered_labels, printable, section_texts
-
-__all__ = ["to_mermaid"]
+from llfsm.runtime.drawing.typeset import numbered_labels, printable, section_texts
+from llfsm.runtime.engine.table import Table
 
 
 def to_mermaid(table: Table, *, title: str | None = None, sections: bool = False) -> str:

@@ -9,9 +9,8 @@ from itertools import pairwise
 from math import ceil, cos, hypot, pi, radians, sin
 from typing import TYPE_CHECKING, TypeAlias
 
-from ..engine.errors import DrawingError
-from .curves import sample
-from .shapes import (
+from llfsm.runtime.drawing.curves import sample
+from llfsm.runtime.drawing.shapes import (
     Ellipse,
     FilledPolygon,
     Group,
@@ -23,12 +22,12 @@ from .shapes import (
     Shape,
     Text,
 )  # fmt: skip
+from llfsm.runtime.engine.errors import DrawingError
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-__all__ = ["SCALE", "write_png"]
 
 SCALE = 2
 """Pixels for a unit of the picture; one for a picture so large that two take too much memory."""

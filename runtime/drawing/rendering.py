@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from . import style
-from .diagram import Box, Diagram, Edge, arrow_head
-from .png import write_png
-from .shapes import Curve, Ellipse, FilledPolygon, Group, Path, Picture, Rectangle, Shape
-from .svg import write_svg
-from .text import printable
-from .typeset import box_lines, label_lines
-
-__all__ = ["to_png", "to_svg"]
+from llfsm.runtime.drawing import style
+from llfsm.runtime.drawing.diagram import Box, Diagram, Edge, arrow_head
+from llfsm.runtime.drawing.png import write_png
+from llfsm.runtime.drawing.shapes import (
+    Curve,
+    Ellipse,
+    FilledPolygon,
+    Group,
+    Path,
+    Picture,
+    Rectangle,
+    Shape,
+)
+from llfsm.runtime.drawing.svg import write_svg
+from llfsm.runtime.drawing.typeset import box_lines, label_lines, printable
 
 
 def to_svg(diagram: Diagram) -> str:

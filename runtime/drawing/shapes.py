@@ -10,20 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeAlias
 
-__all__ = [
-    "Curve",
-    "Ellipse",
-    "FilledPolygon",
-    "Group",
-    "Line",
-    "Path",
-    "Picture",
-    "PicturePoint",
-    "Rectangle",
-    "Shape",
-    "Text",
-]  # fmt: skip
-
 
 class PicturePoint(NamedTuple):
     """A position in the picture."""

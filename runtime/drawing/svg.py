@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 from html import escape
 
-from .shapes import (
+from llfsm.runtime.drawing.shapes import (
     Ellipse,
     FilledPolygon,
     Group,
@@ -17,8 +17,6 @@ from .shapes import (
     Shape,
     Text,
 )  # fmt: skip
-
-__all__ = ["write_svg"]
 
 _FACES = {
     "regular": "",

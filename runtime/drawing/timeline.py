@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from ..engine.errors import DrawingError
-from ..engine.events import Accepting, Event, IdleSleep, Turn
-from . import style
-from .shapes import Line, Picture, Rectangle, Shape, Text
-from .svg import write_svg
-from .text import printable, text_width
-
-__all__ = ["Stay", "Timeline", "timeline"]
+from llfsm.runtime.drawing import style
+from llfsm.runtime.drawing.shapes import Line, Picture, Rectangle, Shape, Text
+from llfsm.runtime.drawing.svg import write_svg
+from llfsm.runtime.drawing.typeset import printable, text_width
+from llfsm.runtime.engine.errors import DrawingError
+from llfsm.runtime.engine.events import Accepting, Event, IdleSleep, Turn
 
 _WIDTH = 720.0
 """Of the time, whatever it is."""

@@ -1,15 +1,101 @@
-"""Boxes and labels that fit their text, and where each line of it stands."""
+"""Boxes and labels that fit their text, and where each line of it stands.
+
+The words of a picture: what is written where, in how many lines, and how wide that is.
+"""
 
 from __future__ import annotations
 
+import re
+import textwrap
+import unicodedata
 from collections.abc import Iterator
 
-from . import style
-from .diagram import Box, Label, SectionText
-from .shapes import Text
-from .text import code_width, line_height, text_width, wrap
+from llfsm.runtime.drawing import style
+from llfsm.runtime.drawing.diagram import Box, Label, SectionText
+from llfsm.runtime.drawing.shapes import Text
+from llfsm.runtime.engine.source_text import body_of
+from llfsm.runtime.engine.state import SECTIONS, State
 
-__all__ = ["box_lines", "cut_sections", "label_lines", "make_box", "make_label"]
+_TAB = 4
+_CHARACTERS = 34  # of a line of a label, before it is broken
+
+# Widths of Helvetica in thousandths of the font's size
+_WIDTHS = {
+    character: width
+    for width, characters in {
+        222: "ijl'",
+        278: "ftI!/\\[] .,:;|",
+        355: 'r()-{}`"*',
+        500: "ckJsvxyz^",
+        556: "abdeghnopqu_L0123456789#$?",
+        611: "FTZ<>=+~",
+        667: "ABEKPSVXY&",
+        722: "CDHNRUw",
+        778: "GOQ",
+        833: "mM",
+        960: "W%@",
+    }.items()
+    for character in characters
+}
+_NOT_SHOWN = re.compile("[^\n\x20-\x7e\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def printable(text: str) -> str:
+    """Replace what no format can hold, such as control characters, and expand tabs."""
+    return _NOT_SHOWN.sub("\ufffd", re.sub("\r\n?", "\n", text).expandtabs(_TAB))
+
+
+def text_width(text: str, size: float) -> float:
+    """Return about how wide a line of proportional text is."""
+    return sum(_WIDTHS.get(c) or _wide(c) * 620 for c in text) * size / 1000
+
+
+def code_width(text: str, size: float) -> float:
+    """Return how wide a line of monospaced text is."""
+    return sum(_wide(c) for c in text) * 0.602 * size
+
+
+def _wide(character: str) -> float:
+    if unicodedata.combining(character):
+        return 0
+    return 1.7 if unicodedata.east_asian_width(character) in "WF" else 1
+
+
+def line_height(size: float) -> float:
+    """Return the distance of two lines."""
+    return size * 1.35
+
+
+def wrap(text: str) -> tuple[str, ...]:
+    """Break text into short lines, between words where it can."""
+    lines = []
+    for line in printable(text).split("\n"):
+        lines += textwrap.wrap(line, _CHARACTERS, break_on_hyphens=False) or [""]
+    return tuple(lines)
+
+
+def numbered_labels(state: State) -> list[str]:
+    """Return the labels of a state's transitions, numbered from 1 if there are several."""
+    labels = [transition.label for transition in state.transitions]
+    if len(labels) < 2:
+        return labels
+    return [f"{number}: {label}" for number, label in enumerate(labels, 1)]
+
+
+def section_texts(state: State) -> tuple[SectionText, ...]:
+    """Return the sections that a state has, in the order in which they are always listed."""
+    return tuple(
+        SectionText(name, text_lines(body_of(state.sections[name]) or ""))
+        for name in SECTIONS
+        if name in state.sections
+    )
+
+
+def text_lines(text: str) -> tuple[str, ...]:
+    """Return the lines of code, without blank ones around it; none if it is blank."""
+    lines = [line.rstrip() for line in printable(text).split("\n")]
+    return tuple("\n".join(lines).strip("\n").split("\n")) if any(lines) else ()
+
 
 _PADDING = 12.0  # beside the text of a box
 _ABOVE = 9.0  # above and below a title on its own

@@ -6,7 +6,7 @@ and `layout_edits` (where the machine is drawn), then `document` (edits, undo an
 and `class_document`.
 """
 
-from .document import Document, Edit, decode_edits
-from .errors import EditConflictError, EditError
+from llfsm.runtime.editing.document import Document, Edit, decode_edits
+from llfsm.runtime.editing.errors import EditConflictError, EditError
 
 __all__ = ["Document", "Edit", "EditConflictError", "EditError", "decode_edits"]

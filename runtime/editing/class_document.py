@@ -7,19 +7,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ..bundles.model import Bundle
-from ..bundles.plist import read_layout
-from ..checking import Finding
-from ..converting.class_files import LAYOUT_SUFFIX
-from ..converting.class_process import ClassName, ClassText, convert_class, read_class
-from ..engine.errors import BundleError
-from .bundle_folder import BundleFolder, FileChanges
-from .document import Document
-from .draft import Draft
-from .errors import EditError
-from .layout_text import LAYOUT
-
-__all__ = ["ClassDocument"]
+from llfsm.runtime.bundles.model import Bundle
+from llfsm.runtime.bundles.plist import read_layout
+from llfsm.runtime.checking import Finding
+from llfsm.runtime.converting.class_files import LAYOUT_SUFFIX
+from llfsm.runtime.converting.class_process import ClassName, ClassText, convert_class, read_class
+from llfsm.runtime.editing.document import Document
+from llfsm.runtime.editing.draft import BundleFolder, Draft, FileChanges
+from llfsm.runtime.editing.errors import EditError
+from llfsm.runtime.editing.layout_edits import LAYOUT
+from llfsm.runtime.engine.errors import BundleError
 
 
 class ClassDocument(Document):

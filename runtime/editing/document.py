@@ -8,27 +8,33 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from ..bundles.model import Bundle
-from ..bundles.scope import CONTROLS
-from ..checking import Finding, check_bundle
-from ..checking.bundles import declared_names
-from ..converting import write_converted
-from ..engine.errors import BundleError
-from .bundle_folder import BundleFolder, FileChange, FileChanges
-from .draft import Draft, FilesReader
-from .errors import EditConflictError, EditError
-from .include_edits import Include
-from .layout_edits import ArrangeAgain, BendTransition, ExpandState, PlaceStates, ResizeState
-from .state_edits import AddState, DeleteState, OrderState, RenameState, SetSuspendState
-from .text_edits import SetText
-from .transition_edits import (
-    AddTransition,
-    DeleteTransition,
-    OrderTransition,
-    RetargetTransition,
+from llfsm.runtime.bundles.compiling import CONTROLS
+from llfsm.runtime.bundles.model import Bundle
+from llfsm.runtime.checking import Finding, check_bundle
+from llfsm.runtime.checking.bundles import declared_names
+from llfsm.runtime.converting import write_converted
+from llfsm.runtime.editing.draft import BundleFolder, Draft, FileChange, FileChanges, FilesReader
+from llfsm.runtime.editing.errors import EditConflictError, EditError
+from llfsm.runtime.editing.layout_edits import (
+    ArrangeAgain,
+    BendTransition,
+    ExpandState,
+    PlaceStates,
+    ResizeState,
 )
-
-__all__ = ["Document", "Edit", "decode_edits"]
+from llfsm.runtime.editing.state_edits import (
+    AddState,
+    AddTransition,
+    DeleteState,
+    DeleteTransition,
+    OrderState,
+    OrderTransition,
+    RenameState,
+    RetargetTransition,
+    SetSuspendState,
+)
+from llfsm.runtime.editing.text_edits import Include, SetText
+from llfsm.runtime.engine.errors import BundleError
 
 Edit: TypeAlias = (
     AddState | DeleteState | OrderState | RenameState | SetSuspendState

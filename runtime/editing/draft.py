@@ -2,20 +2,249 @@
 
 An edit sees and leaves files, so what it does not name keeps every byte, and taking it back is
 putting the former files in their places.
+
+The files of a bundle on disk: read together, and changed together or not at all.
+
+* A file is written only if it still is what the change was made from. What another program has
+  changed meanwhile is never overwritten.
+* Each file is replaced atomically. Before a change of several files, all that it does is written
+  to a journal beside them. If the program is killed on the way, `recover` takes the change back.
+* Only regular files directly in the folder are read and written. Symbolic links are refused, also
+  ones that appear later: the folder is opened first, and files by their names in it. Windows can
+  neither do that nor lock a folder: there, files are opened by their paths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import os
+import stat
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import reduce
+from operator import or_
 from pathlib import Path
+from typing import NamedTuple, TypeAlias
 
-from ..bundles.model import CLASS, PYTHON, Bundle, BundleState, BundleTransition
-from ..bundles.read import NAME_RULE, PARTS, STATE_NAME, Reader
-from ..engine.layout import MachineLayout
-from .bundle_folder import FileChange
-from .errors import EditError
+import msgspec
 
-__all__ = ["Draft", "FilesReader", "text_like"]
+from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, BundleTransition
+from llfsm.runtime.bundles.read import NAME_RULE, PARTS, STATE_NAME, SUFFIX, Reader
+from llfsm.runtime.editing.errors import EditConflictError, EditError
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.engine.table import MachineLayout
+
+JOURNAL = ".llfsm-edit"
+"""The file that says how to take back a change that was interrupted."""
+_TEMPORARY = ".llfsm-edit.new"
+_ALONE = ("States", "Language", "SuspendState", "IncludePath", "Layout.plist")
+_LINK = "a symbolic link, which may lead anywhere: put the file in its place"
+_TICK_NS = 100_000_000  # a file changed since may change again without another time of its own
+_BY_NAME = os.open in os.supports_dir_fd  # not on Windows
+_SAFE = ("O_CLOEXEC", "O_NOFOLLOW", "O_BINARY")  # as far as the system has them
+_FLAGS = reduce(or_, (getattr(os, flag, 0) for flag in _SAFE))
+_FILE = os.O_RDONLY | _FLAGS | getattr(os, "O_NONBLOCK", 0)
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _FLAGS
+
+
+class FileChange(NamedTuple):
+    """What a file contains before and after a change; None if there is no such file."""
+
+    before: bytes | None
+    after: bytes | None
+
+
+FileChanges: TypeAlias = Mapping[str, FileChange]
+
+
+class _Opened(NamedTuple):
+    """A folder whose files are used: each operation takes ``at(name)`` and the descriptor."""
+
+    path: Path
+    descriptor: int | None
+    """None where files can only be named by their paths."""
+
+    def at(self, name: str) -> str:
+        return name if self.descriptor is not None else str(self.path / name)
+
+    def names(self) -> list[str]:
+        return os.listdir(self.path) if self.descriptor is None else os.listdir(self.descriptor)
+
+
+class BundleFolder:
+    """A folder with a bundle; its own path may lead through symbolic links, as the user's choice.
+
+    Raise `BundleError` if it cannot be read.
+    """
+
+    def __init__(self, path: str | Path):
+        path = Path(path)
+        if not path.is_dir():
+            raise BundleError("folder not found", path)
+        self.path = path.resolve()
+        self.name = self.path.name.removesuffix(SUFFIX)
+        self._known: dict[str, tuple[tuple[int, ...], bytes]] = {}
+
+    def read(self) -> dict[str, bytes]:
+        """Return all files that are, or may become, part of the machine, by their names."""
+        with self._opened() as folder:
+            names = sorted(filter(self._is_part, folder.names()))
+            files = {name: self._read_again(folder, name) for name in names}
+        return {name: data for name, data in files.items() if data is not None}
+
+    def _read_again(self, folder: _Opened, name: str) -> bytes | None:
+        """Read a file unless it is as it was when it was read last."""
+        try:
+            status = os.stat(folder.at(name), dir_fd=folder.descriptor, follow_symlinks=False)
+        except FileNotFoundError:
+            return None
+        mark = (status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+        known, data = self._known.get(name, (None, b""))
+        if known == mark:
+            return data
+        read = self._read(folder, name)
+        if read is not None and time.time_ns() - status.st_ctime_ns > _TICK_NS:
+            self._known[name] = (mark, read)
+        return read
+
+    def write(self, changes: FileChanges) -> None:
+        """Make changes: all of them, or none.
+
+        Raise `EditConflictError` if a file is not as it was, and `EditError` if one cannot be
+        written.
+        """
+        for name in changes:
+            if not self._is_part(name):
+                raise EditError(f"{name!r} is not a file of machine {self.name}")
+        with self._opened() as folder:
+            self._take_back(folder)
+            changed = [n for n, each in changes.items() if self._read(folder, n) != each.before]
+            if changed:
+                raise EditConflictError(
+                    f"not written: {', '.join(changed)} was changed by another program; "
+                    "look at it and edit again"
+                )
+            try:
+                if len(changes) > 1:
+                    journal = msgspec.json.encode(changes)
+                    self._replace(folder, JOURNAL, journal)
+                for name in sorted(changes, key=lambda name: _order(name, changes[name])):
+                    self._replace(folder, name, changes[name].after)
+            except OSError as error:
+                with suppress(OSError):  # else the next who opens it does
+                    self._restore(folder, changes)
+                what = error.strerror or str(error)
+                raise EditError(f"not written: {what}: {self.path}") from error
+            if len(changes) > 1:
+                os.unlink(folder.at(JOURNAL), dir_fd=folder.descriptor)
+
+    def recover(self) -> bool:
+        """Take back a change on whose way a program was killed; return whether there was one."""
+        with self._opened() as folder:
+            with suppress(OSError):
+                os.unlink(folder.at(_TEMPORARY), dir_fd=folder.descriptor)
+            return self._take_back(folder)
+
+    def _take_back(self, folder: _Opened) -> bool:
+        journal = self._read(folder, JOURNAL)
+        if journal is None:
+            return False
+        try:
+            changes = msgspec.json.decode(journal, type=dict[str, FileChange])
+            if not all(map(self._is_part, changes)):
+                raise ValueError("it names other files")
+            self._restore(folder, changes)
+        except (ValueError, OSError) as error:
+            raise BundleError(
+                f"an interrupted edit cannot be taken back: {error}; look at the files, "
+                "then delete this one",
+                self.path / JOURNAL,
+            ) from error
+        return True
+
+    def _restore(self, folder: _Opened, changes: FileChanges) -> None:
+        """Put back what is as the change left it; what anybody changed since is kept."""
+        for name, (before, after) in changes.items():
+            if before != after and self._read(folder, name) == after:
+                self._replace(folder, name, before)
+        with suppress(FileNotFoundError):
+            os.unlink(folder.at(JOURNAL), dir_fd=folder.descriptor)
+
+    def _is_part(self, name: str) -> bool:
+        """Return whether a file of this name can belong to the machine."""
+        starts = ("State_", f"{self.name}_", f"{self.name}.")
+        is_of_it = name.startswith(starts) and os.sep not in name
+        return name in _ALONE or (is_of_it and not name.endswith(SUFFIX))  # another one inside
+
+    @contextmanager
+    def _opened(self) -> Iterator[_Opened]:
+        """Open the folder, and keep other editors of ours from it; `BundleError` if that fails."""
+        try:
+            if not _BY_NAME:
+                yield _Opened(self.path, None)
+                return
+            descriptor = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | _FLAGS)
+            try:
+                import fcntl  # here, as Windows lacks it
+
+                with suppress(OSError):  # some file systems have no locks
+                    fcntl.flock(descriptor, fcntl.LOCK_EX)
+                yield _Opened(self.path, descriptor)
+            finally:
+                os.close(descriptor)
+        except OSError as error:
+            raise BundleError(error.strerror or str(error), self.path) from error
+
+    def _read(self, folder: _Opened, name: str) -> bytes | None:
+        if folder.descriptor is None and (folder.path / name).is_symlink():
+            raise BundleError(_LINK, self.path / name)  # it would be followed
+        try:
+            descriptor = os.open(folder.at(name), _FILE, dir_fd=folder.descriptor)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            with suppress(OSError):
+                if stat.S_ISLNK(os.lstat(folder.at(name), dir_fd=folder.descriptor).st_mode):
+                    raise BundleError(_LINK, self.path / name) from error
+            raise BundleError(error.strerror or str(error), self.path / name) from error
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # Python opens no folder as a file
+            os.close(descriptor)
+            raise BundleError("not a regular file", self.path / name)
+        with os.fdopen(descriptor, "rb") as opened:
+            return opened.read()
+
+    def _replace(self, folder: _Opened, name: str, data: bytes | None) -> None:
+        """Give a file new contents at once, with the permissions that it has; None removes it."""
+        if data is None:
+            os.unlink(folder.at(name), dir_fd=folder.descriptor)
+            return
+        mode = 0o666
+        with suppress(FileNotFoundError):
+            mode = stat.S_IMODE(os.lstat(folder.at(name), dir_fd=folder.descriptor).st_mode)
+        with suppress(FileNotFoundError):  # left by one that was killed
+            os.unlink(folder.at(_TEMPORARY), dir_fd=folder.descriptor)
+        descriptor = os.open(folder.at(_TEMPORARY), _NEW, mode, dir_fd=folder.descriptor)
+        try:
+            with os.fdopen(descriptor, "wb") as opened:
+                opened.write(data)
+                opened.flush()
+                os.fsync(descriptor)
+            os.replace(
+                folder.at(_TEMPORARY),
+                folder.at(name),
+                src_dir_fd=folder.descriptor,
+                dst_dir_fd=folder.descriptor,
+            )
+        except OSError:
+            with suppress(OSError):
+                os.unlink(folder.at(_TEMPORARY), dir_fd=folder.descriptor)
+            raise
+
+
+def _order(name: str, change: FileChange) -> tuple[bool, bool, str]:
+    """Order the files so that one who reads meanwhile finds those that States lists."""
+    return change.after is None, name == "States", name
+
 
 _BOM = "\ufeff"
 _STATE = "State_"  # how the names of a state's files begin

@@ -7,9 +7,7 @@ FsmError
 
 from __future__ import annotations
 
-from ..engine.errors import FsmError
-
-__all__ = ["EditConflictError", "EditError"]
+from llfsm.runtime.engine.errors import FsmError
 
 
 class EditError(FsmError):

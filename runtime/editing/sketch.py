@@ -13,23 +13,19 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TypeAlias
 
-from ..bundles.code import label_of
-from ..bundles.cpp import without_comments
-from ..bundles.model import CLASS, PYTHON, Bundle, BundleState, BundleTransition
-from ..bundles.outline import cpp_label
-from ..drawing.automatic_layout import automatic_layout
-from ..drawing.curves import at, straight
-from ..drawing.diagram import Arrow, Box, Diagram, Edge, Label, SectionText
-from ..drawing.editor_layout import bowed_curve, given_curve, label_places, place_boxes
-from ..drawing.loops import self_loops
-from ..drawing.shapes import Curve, PicturePoint
-from ..drawing.style import MARGIN
-from ..drawing.text import text_lines
-from ..drawing.typeset import cut_sections, make_box, make_label
-from ..engine.errors import BundleError
-from ..engine.layout import MachineLayout, StateBox, TransitionPath
-
-__all__ = ["automatic", "is_placed", "path_between", "placed_boxes", "sketch"]
+from llfsm.runtime.bundles.code import label_of
+from llfsm.runtime.bundles.compiling import cpp_label
+from llfsm.runtime.bundles.cpp import without_comments
+from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, BundleTransition
+from llfsm.runtime.drawing.automatic_layout import automatic_layout
+from llfsm.runtime.drawing.curves import at, self_loops, straight
+from llfsm.runtime.drawing.diagram import Arrow, Box, Diagram, Edge, Label, SectionText
+from llfsm.runtime.drawing.editor_layout import bowed_curve, given_curve, label_places, place_boxes
+from llfsm.runtime.drawing.shapes import Curve, PicturePoint
+from llfsm.runtime.drawing.style import MARGIN
+from llfsm.runtime.drawing.typeset import cut_sections, make_box, make_label, text_lines
+from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
 
 _IN_PYTHON = (PYTHON, CLASS)
 _BOW = 26.0  # between arrows that connect the same states

@@ -1,16 +1,184 @@
-"""Edits of a machine's states."""
+"""Edits of a machine's states.
+
+The names of states in code: what `state_name` is compared with.
+
+Edits of a machine's transitions; their numbers, which are their order, are in file names.
+"""
 
 from __future__ import annotations
 
+import ast
+from collections.abc import Iterable, Iterator, Sequence
+
 import msgspec
 
-from .draft import Draft
-from .errors import EditError
-from .layout_text import LAYOUT, NEW_SIZE, check_numbers, layout_text, made_layout
-from .named_states import rename_in_texts
-from .transition_edits import DeleteTransition
+from llfsm.runtime.bundles.plist import described_path
+from llfsm.runtime.converting.edited_text import EditedText
+from llfsm.runtime.editing.draft import Draft
+from llfsm.runtime.editing.errors import EditError
+from llfsm.runtime.editing.layout_edits import (
+    LAYOUT,
+    NEW_SIZE,
+    Path,
+    change_paths,
+    check_numbers,
+    layout_text,
+    made_layout,
+)
+from llfsm.runtime.editing.sketch import path_between, placed_boxes
+from llfsm.runtime.editing.text_edits import text_of
 
-__all__ = ["AddState", "DeleteState", "OrderState", "RenameState", "SetSuspendState"]
+_VARIABLE = "state_name"
+
+
+def rename_in_texts(draft: Draft, old: str, new: str) -> None:
+    """Let the texts of a machine compare `state_name` with another name; all else stays."""
+    found = [name for name, data in draft.files.items() if _may_name(name, data, old)]
+    if not found:
+        return
+    own = {f"{draft.bundle.name}_Methods.py"}.union(
+        *(draft.files_of(state.name) for state in draft.bundle.states)
+    )
+    for name in own.intersection(found):
+        draft.put_text(name, _renamed(text_of(draft.files[name]), old, new))
+
+
+def _may_name(file: str, data: bytes, state: str) -> bool:
+    return file.endswith((".py", ".expr")) and _VARIABLE.encode() in data and state.encode() in data
+
+
+def _renamed(text: str, old: str, new: str) -> str:
+    shift = len(text) - len(text.lstrip(" \t"))  # of an expression
+    try:
+        tree = ast.parse(text[shift:])
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return text
+    edited = EditedText(text[shift:])
+    for node in _compared(tree):
+        if node.value == old:
+            start, end = edited.start(node), edited.end(node)
+            written = edited.text(start, end)
+            if written[1:-1] == old:
+                edited.replace(start, end, f"{written[0]}{new}{written[-1]}")
+    return text[:shift] + edited.text()
+
+
+def _compared(tree: ast.AST) -> Iterator[ast.Constant]:
+    """Give the constants with which the name of the state is compared."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Compare(ast.Name(name), comparators=others) if name == _VARIABLE:
+                yield from _constants(others)
+            case ast.Compare(ast.Constant() as one, comparators=[ast.Name(name)]):
+                if name == _VARIABLE:
+                    yield one
+            case ast.Match(ast.Name(name), cases) if name == _VARIABLE:
+                yield from _constants(each.pattern for each in cases)
+
+
+def _constants(nodes: Iterable[ast.AST]) -> Iterator[ast.Constant]:
+    """Give the constants in nodes, and in the tuples and patterns that these are."""
+    for each in nodes:
+        if isinstance(each, ast.Constant):
+            yield each
+        elif isinstance(each, ast.Tuple | ast.List | ast.Set | ast.MatchValue | ast.MatchOr):
+            yield from _constants(ast.iter_child_nodes(each))
+
+
+_ENDINGS = ("target", "expr")
+
+
+class AddTransition(msgspec.Struct, frozen=True, tag="add transition", tag_field="edit"):
+    """Add a transition behind the others of its state; without an expression it always fires."""
+
+    source: str
+    target: str
+    expression: str = ""
+
+    def apply(self, draft: Draft) -> None:
+        """Make the edit in a draft."""
+        draft.require_python()
+        number = len(draft.state(self.source).transitions)
+        stem = f"State_{self.source}_Transition_{number}"
+        draft.put_name(f"{stem}.target", draft.state(self.target).name)
+        if self.expression.strip():
+            draft.put_text(f"{stem}.expr", self.expression.rstrip("\n") + "\n")
+
+
+class RetargetTransition(msgspec.Struct, frozen=True, tag="retarget transition", tag_field="edit"):
+    """Let a transition lead to another state."""
+
+    source: str
+    number: int
+    target: str
+
+    def apply(self, draft: Draft) -> None:
+        """Make the edit in a draft."""
+        draft.require_python()
+        draft.transition(self.source, self.number)
+        target = draft.state(self.target).name
+        draft.put_name(f"State_{self.source}_Transition_{self.number}.target", target)
+
+        def redraw(paths: list[Path]) -> None:
+            if self.number < len(paths):
+                boxes = {box.state: box for box in placed_boxes(draft.bundle)}
+                paths[self.number] = described_path(path_between(boxes[self.source], boxes[target]))
+
+        change_paths(draft, self.source, redraw, -1)
+
+
+class OrderTransition(msgspec.Struct, frozen=True, tag="order transition", tag_field="edit"):
+    """Evaluate a transition at another place among those of its state."""
+
+    source: str
+    number: int
+    to: int
+
+    def apply(self, draft: Draft) -> None:
+        """Make the edit in a draft."""
+        draft.require_python()
+        draft.transition(self.source, self.number)
+        draft.transition(self.source, self.to)
+        order = list(range(len(draft.state(self.source).transitions)))
+        order.insert(self.to, order.pop(self.number))
+        _renumber(draft, self.source, order)
+        change_paths(
+            draft,
+            self.source,
+            lambda paths: paths.insert(self.to, paths.pop(self.number)),
+            max(self.number, self.to),
+        )
+
+
+class DeleteTransition(msgspec.Struct, frozen=True, tag="delete transition", tag_field="edit"):
+    """Delete a transition; those behind it move up."""
+
+    source: str
+    number: int
+
+    def apply(self, draft: Draft) -> None:
+        """Make the edit in a draft."""
+        draft.require_python()
+        draft.transition(self.source, self.number)
+        numbers = range(len(draft.state(self.source).transitions))
+        _renumber(draft, self.source, [number for number in numbers if number != self.number])
+        change_paths(draft, self.source, lambda paths: _delete(paths, self.number), -1)
+        draft.keep_a_file(self.source)
+
+
+def _delete(paths: list[Path], number: int) -> None:
+    del paths[number : number + 1]
+
+
+def _renumber(draft: Draft, state: str, order: Sequence[int]) -> None:
+    """Give the transitions' files new numbers: the first number of `order` becomes 0."""
+    stem = f"State_{state}_Transition_"
+    count = len(draft.state(state).transitions)
+    old = {(n, end): draft.files.get(f"{stem}{n}.{end}") for n in range(count) for end in _ENDINGS}
+    for new in range(count):
+        for end in _ENDINGS:
+            data = old[order[new], end] if new < len(order) else None
+            draft.put(f"{stem}{new}.{end}", data)
 
 
 class AddState(msgspec.Struct, frozen=True, tag="add state", tag_field="edit"):

@@ -3,10 +3,9 @@ from typing import final
 
 from typing_extensions import disjoint_base
 
-from .binding import BoundSensor, BoundState, BoundTransition, Running
 from .events import Request
 from .machine import Machine
-from .seat import Failure, Seat
+from .seat import BoundSensor, BoundState, BoundTransition, Failure, Running, Seat
 from .state import SectionCode
 from .statistics import Meter
 

@@ -1,38 +1,223 @@
-"""An arrangement: machines that take turns, round after round, in one thread."""
+"""An arrangement: machines that take turns, round after round, in one thread.
+
+What can be loaded, and how: machines from classes, instances and names.
+
+The tables of an arrangement's machines, bound anew when who watches them comes or goes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from threading import get_ident
-from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeVar, Unpack
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Literal,
+    Self,
+    TypeAlias,
+    TypedDict,
+    TypeVar,
+    Unpack,
+)
 
-from .clock import Clock
-from .control import Control
-from .environment import BoardEnvironment, Environment
-from .errors import ArrangementEndedError, ExecutionError, OptionError
-from .events import Accepting, End, Failed, Observer, Reason, Request, RoundBegin, RoundEnd
-from .execution import Execution
-from .failure import logger
-from .loading import Library, Loadable, Loader, LoadOptions
-from .machine import Machine
-from .observed import Observed
-from .observers import Instrument, Observers
-from .pacing import Pacer
-from .realtime import check_real_time
-from .ringlet import ringlet as defined_ringlet
-from .schedule import Timetable
-from .seat import Failure, Seat
-from .signals import Critical, stop_on_signals
-from .statistics import Stopwatch
-from .submachine import Submachine
-from .twin import Rotation
-from .watchdog import stop_by_signal
+from llfsm.runtime.engine.clock import Clock
+from llfsm.runtime.engine.control import Control
+from llfsm.runtime.engine.environment import BoardEnvironment, Environment
+from llfsm.runtime.engine.errors import (
+    ArrangementEndedError,
+    ExecutionError,
+    LoadError,
+    OptionError,
+    UnknownMachineError,
+)
+from llfsm.runtime.engine.events import (
+    Accepting,
+    End,
+    Failed,
+    Instrument,
+    Observer,
+    Observers,
+    Reason,
+    Request,
+    RoundBegin,
+    RoundEnd,
+)
+from llfsm.runtime.engine.execution import Execution
+from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.engine.machine import Machine, Submachine
+from llfsm.runtime.engine.realtime import Critical, check_real_time, stop_on_signals
+from llfsm.runtime.engine.ringlet import observed_ringlet
+from llfsm.runtime.engine.ringlet import ringlet as defined_ringlet
+from llfsm.runtime.engine.schedule import Pacer, Timetable
+from llfsm.runtime.engine.seat import Failure, Roster, Seat, bind
+from llfsm.runtime.engine.statistics import Stopwatch
+from llfsm.runtime.engine.twin import Rotation, ringlet
+from llfsm.runtime.engine.watchdog import stop_by_signal
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board
 
-__all__ = ["Arrangement"]
+
+Factory: TypeAlias = Callable[[], Machine]
+"""What makes a machine to load: a machine class is one."""
+Library: TypeAlias = Mapping[str, Factory] | Callable[[str], Factory | None]
+"""Where machines are found by name: a mapping, or a function that returns None for no machine."""
+Loadable: TypeAlias = str | type[Machine] | Machine
+
+
+class LoadOptions(TypedDict, total=False):
+    """How a machine is loaded.
+
+    It is called `name` (default: its class's name), or `name.0`, `name.1` … if that is taken.
+    `variables` replaces defaults; `slots` gives the machine's slots other names on the board, as
+    in `{"turtle1/pose": "bob/pose"}`. `path` decides which holes it may fill (default: its
+    class's module and name).
+    """
+
+    name: str | None
+    variables: Mapping[str, Any] | None
+    slots: Mapping[str, str] | None
+    path: str | None
+
+
+class Loader:
+    """Put machines into seats of `arrangement`; names are looked up in the `library`.
+
+    A class that was loaded once can be loaded by its name, too.
+    """
+
+    def __init__(self, arrangement: Arrangement, roster: Roster, library: Library | None):
+        self._arrangement = arrangement
+        self._roster = roster
+        self._library = {} if library is None else library
+        self.classes: dict[str, type[Machine]] = {}
+        """Of the machines loaded so far, by name."""
+        self._reloaded: dict[str, type[Machine]] = {}  # the latest of each path
+
+    def load(
+        self,
+        loadable: Loadable,
+        *,
+        name: str | None = None,
+        variables: Mapping[str, Any] | None = None,
+        slots: Mapping[str, str] | None = None,
+        path: str | None = None,
+    ) -> Seat:
+        """Load a machine as described by `LoadOptions` and return its seat.
+
+        Of a class that was reloaded, load the latest. Raise `LoadError` or `UnknownMachineError`.
+        """
+        machine = self._make(loadable, variables)
+        cls, roster = type(machine), self._roster
+        path = path or cls.table.path
+        name = roster.free_name(name or cls.__name__)
+        timetable = self._arrangement.timetable
+        if timetable is not None and name not in timetable.machines:
+            raise LoadError(
+                f"{name} has no slot in the timetable; it has slots for: "
+                f"{', '.join(timetable.machines)}; add a [[machine]] for it to the "
+                f"arrangement file, with preload = true and a period_us"
+            )
+        index = roster.free_index(path)
+        seat = Seat(machine, self._arrangement, index, name, path, slots or {}, variables or {})
+        seat.connect(self._arrangement.environment)
+        seat.claim(self._arrangement.environment)
+        machine._seat = seat
+        self.classes[cls.__name__] = cls
+        self._arrangement.bind(seat)
+        roster.add(seat)
+        machine.stopping = self._arrangement.stopping  # last, as any thread may stop all
+        self._arrangement.environment.loaded(name, path)
+        return seat
+
+    def reload(self, seat: Seat, cls: type[Machine]) -> None:
+        """Give a seat to another definition of its machine; raise as `Arrangement.reload`."""
+        arrangement, sensors = self._arrangement, type(seat.machine).table.sensors
+        held = [seat.slot_of(sensors[each]) for each in arrangement.overridden(seat.name)]
+        machine = cls(**seat.variables)
+        seat.reload(machine)
+        machine._seat = seat
+        self.classes[cls.__name__] = self._reloaded[cls.table.path] = cls
+        for slot in held:  # nobody knows whether the override still makes sense
+            arrangement.environment.release(seat.name, slot)
+            seat.read_again(slot.name)
+        arrangement.bind(seat)
+        machine.stopping = seat.stopping or arrangement.stopping
+
+    def _make(self, machine: Loadable, variables: Mapping[str, Any] | None) -> Machine:
+        made: object = self._look_up(machine) if isinstance(machine, str) else machine
+        if isinstance(made, type) and issubclass(made, Machine):
+            made = self._reloaded.get(made.table.path, made)
+            made, variables = made(**(variables or {})), None
+        elif isinstance(machine, str) and callable(made):
+            made = made()
+        if not isinstance(made, Machine):
+            raise LoadError(f"{machine!r} is not a machine, a machine class or the name of one")
+        if not hasattr(made, "_seat"):
+            raise LoadError(f"{type(made).__qualname__}.__init__ must call super().__init__()")
+        if variables:
+            raise LoadError(f"{made.name} is made already: give its variables to the class")
+        if made._seat.taken:
+            raise LoadError(f"{made.name} is loaded already: make another instance")
+        return made
+
+    def _look_up(self, name: str) -> Factory:
+        if isinstance(self._library, Mapping):
+            factory, known = self._library.get(name), set(self._library)
+        else:
+            factory, known = self._library(name), set()
+        factory = factory or self.classes.get(name)
+        if factory is None:
+            raise UnknownMachineError(name, sorted(known | set(self.classes)), "loadable")
+        return factory
+
+
+class Observed:
+    """Machines that observers and an instrument may watch, in an environment that may change."""
+
+    unobserved = staticmethod(ringlet)
+    """A turn that nobody observes: the ringlet, or its twin."""
+    environment: Environment
+    observers: Observers
+    instrument: Instrument | None
+    roster: Roster
+
+    def move(self, environment: Environment) -> None:
+        """Connect all machines with another environment, between two rounds."""
+        self.environment = environment
+        for seat in self.roster:
+            seat.connect(environment)
+        self._bind_all()
+
+    def attach(self, observer: Observer) -> None:
+        """Call `observer` with every event from now on; also while running."""
+        self.observers.append(observer)
+        self._bind_all()
+
+    def detach(self, observer: Observer) -> None:
+        """Call `observer` no more; also while running, and if it was not attached."""
+        if observer in self.observers:
+            self.observers.remove(observer)
+            self._bind_all()
+
+    def equip(self, instrument: Instrument) -> None:
+        """Have `instrument` wrap what it wants of each machine's table, from now on."""
+        self.instrument = instrument
+        self._bind_all()
+
+    def bind(self, seat: Seat) -> None:
+        """Bind the table of a machine, for the observers that there are."""
+        bind(seat, observed=bool(self.observers))
+        if self.instrument is not None:
+            self.instrument.bound(seat)
+
+    def _bind_all(self) -> None:
+        for seat in self.roster:
+            self.bind(seat)
+        self._turn: Callable[[Seat], bool] = observed_ringlet if self.observers else self.unobserved
+
 
 M = TypeVar("M", bound=Machine)
 

@@ -8,18 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final, Literal, Protocol
 
-from .errors import ClockError
-
-__all__ = [
-    "NEVER",
-    "Clock",
-    "DebugClock",
-    "ManualClock",
-    "MonotonicClock",
-    "SimulatedClock",
-    "pace_of",
-    "while_paused",
-]
+from llfsm.runtime.engine.errors import ClockError
 
 NEVER: Final = -(2**63)
 """Instead of a time or a duration in nanoseconds: there has been none, or none is planned."""
@@ -44,7 +33,7 @@ class Clock(Protocol):
 
 
 try:
-    from ._ringlet import sleep_until_ns as _sleep_until_ns
+    from llfsm.runtime.engine._ringlet import sleep_until_ns as _sleep_until_ns
 except ImportError:
 
     def _sleep_until_ns(deadline_ns: int, /) -> None:

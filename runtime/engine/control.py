@@ -5,23 +5,19 @@ from __future__ import annotations
 from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
-from .clock import Clock
-from .environment import Environment
-from .errors import OptionError
-from .events import Request, Standing, Status
-from .machine import Machine
-from .roster import Roster
-from .seat import Arrival, Failure, Seat
-from .twin import running
+from llfsm.runtime.engine.clock import Clock
+from llfsm.runtime.engine.environment import Environment
+from llfsm.runtime.engine.errors import OptionError
+from llfsm.runtime.engine.events import Request, Standing, Status
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.seat import Arrival, Failure, Roster, Seat
+from llfsm.runtime.engine.twin import running
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.events import Instrument
+    from llfsm.runtime.engine.seat import Running
+    from llfsm.runtime.engine.statistics import MachineStatistics, Stopwatch
     from llfsm.whiteboard import Board, Message, Slot
-
-    from .binding import Running
-    from .observers import Instrument
-    from .statistics import MachineStatistics, Stopwatch
-
-__all__ = ["Control"]
 
 
 class Control:
@@ -298,7 +294,7 @@ class Control:
 
     def _repr_html_(self) -> str:
         """Return the machines with their states, as a notebook shows the arrangement."""
-        from llfsm.whiteboard.notebook import html_table  # here, as few arrangements are in one
+        from llfsm.whiteboard.board import html_table  # here, as few arrangements are in one
 
         rows = [
             (

@@ -37,33 +37,6 @@ if TYPE_CHECKING:
 
 from llfsm.errors import LlfsmError, did_you_mean
 
-__all__ = [
-    "ActuatorClosedError",
-    "ActuatorTakenError",
-    "ArrangementEndedError",
-    "BreakpointError",
-    "BundleError",
-    "ClockError",
-    "ConfigurationError",
-    "DefinitionError",
-    "DrawingError",
-    "ExecutionError",
-    "FsmError",
-    "GuardResultError",
-    "LoadError",
-    "NotLoadedError",
-    "NotPausedError",
-    "ObserverError",
-    "OptionError",
-    "RealtimeError",
-    "ScheduleError",
-    "SensorNameError",
-    "TypeCheckerError",
-    "UnknownMachineError",
-    "UnreachableStateWarning",
-    "VariableError",
-]
-
 
 class FsmError(LlfsmError):
     """The root of every error that the runtime raises."""

@@ -6,15 +6,14 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from .clock import pace_of
-from .events import IdleSleep, Reason
-from .realtime import collect_if_due, in_real_time
-from .watchdog import Watchdog
+from llfsm.runtime.engine.clock import pace_of
+from llfsm.runtime.engine.events import IdleSleep, Reason
+from llfsm.runtime.engine.realtime import collect_if_due, in_real_time
+from llfsm.runtime.engine.watchdog import Watchdog
 
 if TYPE_CHECKING:
-    from .arrangement import Arrangement
+    from llfsm.runtime.engine.arrangement import Arrangement
 
-__all__ = ["Execution"]
 
 _NAP_NS = 20_000_000  # a sleep is cut into these, to notice a stop, a request or the board's end
 _EARLY_NS = 100_000  # before a turn in real time, to have what it needs in the caches

@@ -6,15 +6,13 @@ import os
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
-from .errors import ExecutionError, GuardResultError, ObserverError
+from llfsm.runtime.engine.errors import ExecutionError, GuardResultError, ObserverError
 
 if TYPE_CHECKING:
     from logging import Logger
 
-    from .binding import BoundState
-    from .seat import Seat
+    from llfsm.runtime.engine.seat import BoundState, Seat
 
-__all__ = ["explain", "logger", "not_a_bool", "one_line", "place_of"]
 
 _LONGEST = 300  # characters of an error in a status
 

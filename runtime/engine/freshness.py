@@ -10,17 +10,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Protocol
 
-from .clock import DebugClock, MonotonicClock
+from llfsm.runtime.engine.clock import DebugClock, MonotonicClock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from llfsm.runtime.engine.clock import Clock
+    from llfsm.runtime.engine.ports import Sensor
     from llfsm.whiteboard import BoundSlot, Sample
-
-    from .clock import Clock
-    from .ports import Sensor
-
-__all__ = ["AgedRead", "BoardAgedRead", "OverriddenSlot"]
 
 
 class AgedRead(Protocol):

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 if TYPE_CHECKING:
-    from . import twin
+    from llfsm.runtime.engine import twin
 
-__all__ = ["Histogram", "Spread", "doublings"]
 
 _RANGES = 640  # those up to two hours
 

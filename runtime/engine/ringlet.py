@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from .events import Turn
-from .failure import explain, not_a_bool
+from llfsm.runtime.engine.events import Turn
+from llfsm.runtime.engine.failure import explain, not_a_bool
 
 if TYPE_CHECKING:
-    from .seat import Seat
-
-__all__ = ["observed_ringlet", "ringlet"]
+    from llfsm.runtime.engine.seat import Seat
 
 
 def ringlet(seat: Seat) -> bool:

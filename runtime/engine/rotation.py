@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-from .errors import ExecutionError
+from llfsm.runtime.engine.errors import ExecutionError
 
 if TYPE_CHECKING:
-    from .seat import Seat
-    from .twin import Timing
-
-__all__ = ["Rotation"]
+    from llfsm.runtime.engine.seat import Seat
+    from llfsm.runtime.engine.twin import Timing
 
 
 class Rotation:

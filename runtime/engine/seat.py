@@ -1,32 +1,151 @@
-"""A machine's seat in an arrangement: its place in the order and where its execution stands."""
+"""A machine's seat in an arrangement: its place in the order and where its execution stands.
+
+The table of a loaded machine as the ringlet wants it: plain functions and their targets.
+
+While there are observers, each function is wrapped in one that reports it, so that the one
+ringlet serves both and pays for observers only when there are some.
+
+Who is loaded: the machines of an arrangement by index and by name.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from math import floor
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 from llfsm.errors import LlfsmError, did_you_mean
-
-from .binding import BoundSensor, BoundState
-from .clock import NEVER
-from .errors import LoadError, SensorNameError
-from .events import Request, Standing, Status
-from .failure import logger
-from .ports import Actuator, Sensor
-from .state import State
-from .twin import SeatFields
+from llfsm.runtime.engine.clock import NEVER
+from llfsm.runtime.engine.errors import LoadError, SensorNameError, UnknownMachineError
+from llfsm.runtime.engine.events import Eval, Request, Section, Standing, Status
+from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.engine.ports import Actuator, Sensor
+from llfsm.runtime.engine.state import SECTIONS, Guard, SectionCode, State
+from llfsm.runtime.engine.twin import SeatFields, StateFields
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.environment import Environment, Read
+    from llfsm.runtime.engine.errors import ExecutionError
+    from llfsm.runtime.engine.freshness import AgedRead
+    from llfsm.runtime.engine.machine import Machine
+    from llfsm.runtime.engine.statistics import Meter
     from llfsm.whiteboard import Board, Message, Slot
 
-    from .arrangement import Arrangement
-    from .environment import Environment, Read
-    from .errors import ExecutionError
-    from .freshness import AgedRead
-    from .machine import Machine
-    from .statistics import Meter
 
-__all__ = ["Arrival", "Failure", "Seat"]
+BoundSensor: TypeAlias = tuple[str, "Read", object]
+"""A sensor's name, what reads it, and what stands for None in the snapshot."""
+BoundTransition: TypeAlias = tuple[int | None, Guard | None, "BoundState"]
+"""Nanoseconds in the state that must have passed (None: any), the guard and the target."""
+
+_FOREVER_NS = 2**63 - 1  # by any clock
+_ON_SUSPEND = SECTIONS.index("OnSuspend")
+
+Running: TypeAlias = tuple["BoundState", Callable[[Any], object] | None, int]
+"""What a ringlet runs: the state it began in, code (None: it takes the snapshot), and its step."""
+
+
+class BoundState(StateFields):
+    """A state of one loaded machine: plain functions and targets, nothing to look up.
+
+    It stays the same object while observers come and go; only what it holds is exchanged.
+    """
+
+    __slots__ = ("name",)
+
+    def __init__(self, name: str):
+        self.name = name
+        self.on_entry: SectionCode | None = None
+        self.on_exit: SectionCode | None = None
+        self.internal: SectionCode | None = None
+        self.on_suspend: SectionCode | None = None
+        self.on_resume: SectionCode | None = None
+        self.transitions: tuple[BoundTransition, ...] = ()
+        self.spent_ns = NEVER  # how long the machine was in it, if its turns are timed
+
+
+def bind(seat: Seat, *, observed: bool) -> None:
+    """Fill the bound states of `seat` from its machine's table."""
+    for state in type(seat.machine).table.states:
+        bound = seat.states[state.name]
+        code = [state.sections.get(section) for section in SECTIONS]
+        code[_ON_SUSPEND] = _suspending(seat, code[_ON_SUSPEND])
+        transitions = [_transition(seat, state, number) for number in range(len(state.transitions))]
+        if observed:
+            code = [_watch_section(seat, state, *pair) for pair in zip(SECTIONS, code, strict=True)]
+            transitions = [_watch_transition(seat, state, *pair) for pair in enumerate(transitions)]
+        bound.on_entry, bound.on_exit, bound.internal, bound.on_suspend, bound.on_resume = code
+        bound.transitions = tuple(transitions)
+    states = seat.states.values()
+    seat.notifies = any(bound.on_suspend or bound.on_resume for bound in states)
+
+
+def _suspending(seat: Seat, code: SectionCode | None) -> SectionCode | None:
+    """Return OnSuspend's code, after the safe values if the machine has any."""
+    actuators = type(seat.machine).table.actuators.values()
+    if all(actuator.at_suspend is None for actuator in actuators):
+        return code
+
+    def post_and_run(machine: Any) -> None:
+        if seat.failure is None:  # else the values for that were posted, and stay
+            seat.post_safe("at_suspend")
+        if code is not None:
+            code(machine)
+
+    return post_and_run
+
+
+def _transition(seat: Seat, state: State, number: int) -> BoundTransition:
+    transition = state.transitions[number]
+    guard, target = transition.guard, transition.target
+    after_ms, limit_ns = transition.after_ms, None
+    if after_ms is not None:
+        limit_ns = floor(min(after_ms * 1_000_000, _FOREVER_NS))
+
+    def evaluate_and_note(machine: Any) -> bool:  # the target alone does not identify it
+        value = guard is None or guard(machine)
+        if value is True:
+            seat.fired = number
+        return value
+
+    alone = sum(each.target is target for each in state.transitions) == 1
+    return limit_ns, guard if alone else evaluate_and_note, seat.states[target.name]
+
+
+def _watch_section(seat: Seat, state: State, section: str, code: SectionCode | None) -> SectionCode:
+    arrangement = seat.arrangement
+
+    def report_and_run(machine: Any) -> None:
+        arrangement.emit(Section(*arrangement.stamp(), seat.name, state.name, section))
+        if code is not None:
+            outer, seat.doing = seat.doing, state.name
+            try:
+                code(machine)
+            finally:
+                seat.doing = outer
+
+    return report_and_run
+
+
+def _watch_transition(
+    seat: Seat, state: State, number: int, bound: BoundTransition
+) -> BoundTransition:
+    arrangement, (limit_ns, guard, target) = seat.arrangement, bound
+    now, label = arrangement.environment.clock.now_ns, state.transitions[number].label
+
+    def evaluate_and_report(machine: Any) -> bool:
+        outer, seat.doing = seat.doing, None
+        try:
+            due = limit_ns is None or now() - seat.entered_ns > limit_ns
+            value = due and (guard is None or guard(machine))
+        finally:
+            seat.doing = outer
+        arrangement.emit(
+            Eval(*arrangement.stamp(), seat.name, state.name, number, label, target.name, value)
+        )
+        return value
+
+    return None, evaluate_and_report, target
 
 
 class Arrival(NamedTuple):
@@ -395,3 +514,66 @@ class Seat(SeatFields):
         """Let nothing be posted any more, such as by a thread that a section has started."""
         for name, actuator in type(machine).table.actuators.items():
             setattr(machine, name, actuator.closed(self.name))
+
+
+class Roster:
+    """The seats of an arrangement in order, and by name.
+
+    Unloading leaves a hole, so that no index shifts; a hole is filled again only by a machine of
+    the same path.
+    """
+
+    def __init__(self) -> None:
+        self.seats: list[Seat | None] = []
+        """In order of index, with None for each hole. It grows and gets holes during a round."""
+        self.named: dict[str, Seat] = {}
+        self._holes: dict[int, str] = {}  # index -> path of the machine that left it
+
+    def __iter__(self) -> Iterator[Seat]:
+        """Return the seats that are taken, in order."""
+        return (seat for seat in self.seats if seat is not None)
+
+    def find(self, name: str) -> Seat:
+        """Return a machine's seat; raise `UnknownMachineError` if there is none of that name."""
+        try:
+            return self.named[name]
+        except KeyError:
+            raise UnknownMachineError(name, self.named) from None
+
+    def at(self, index: int) -> Seat:
+        """Return the seat at `index`; raise `UnknownMachineError` if none is there."""
+        seat = self.seats[index] if 0 <= index < len(self.seats) else None
+        if seat is None:
+            raise UnknownMachineError(index, self.named)
+        return seat
+
+    def free_index(self, path: str) -> int:
+        """Return where the next machine of that path goes."""
+        holes = (index for index, left in sorted(self._holes.items()) if left == path)
+        return next(holes, len(self.seats))
+
+    def free_name(self, name: str) -> str:
+        """Return `name`, or `name.0`, `name.1` … if it is taken."""
+        if name not in self.named:
+            return name
+        number = 0
+        while f"{name}.{number}" in self.named:
+            number += 1
+        return f"{name}.{number}"
+
+    def add(self, seat: Seat) -> None:
+        """Put a seat at its index, which `free_index` has returned."""
+        self.named[seat.name] = seat
+        if self._holes.pop(seat.index, None) is None:
+            self.seats.append(seat)
+        else:
+            self.seats[seat.index] = seat
+
+    def remove(self, seat: Seat) -> bool:
+        """Leave a hole in place of a seat; return False if it has gone before."""
+        if self.seats[seat.index] is not seat:
+            return False
+        self.seats[seat.index] = None
+        self._holes[seat.index] = seat.path
+        del self.named[seat.name]
+        return True

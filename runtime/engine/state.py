@@ -12,10 +12,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, TypeAlias, TypeVar
 
-from .errors import DefinitionError
-from .source_text import expression_of, location_of
-
-__all__ = ["DEFERRED", "SECTIONS", "ClassBody", "Guard", "SectionCode", "State", "Transition"]
+from llfsm.runtime.engine.errors import DefinitionError
+from llfsm.runtime.engine.source_text import expression_of, location_of
 
 SectionCode: TypeAlias = Callable[[Any], None]
 Guard: TypeAlias = Callable[[Any], bool]

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
-from .clock import NEVER
-from .failure import logger
-from .histogram import Spread, doublings
-from .twin import Histogram, MeterFields, Timing
+from llfsm.runtime.engine.clock import NEVER
+from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.engine.histogram import Spread, doublings
+from llfsm.runtime.engine.twin import Histogram, MeterFields, Timing
 
 if TYPE_CHECKING:
-    from .clock import Clock
-    from .seat import Seat
-
-__all__ = ["MachineStatistics", "Meter", "Stopwatch"]
+    from llfsm.runtime.engine.clock import Clock
+    from llfsm.runtime.engine.seat import Seat
 
 
 class MachineStatistics(NamedTuple):

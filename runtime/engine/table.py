@@ -1,4 +1,10 @@
-"""The table of a machine class: its states in order, variables and ports, checked once."""
+"""The table of a machine class: its states in order, variables and ports, checked once.
+
+Where an editor has drawn a machine: the boxes of its states and the curves of its arrows.
+
+Coordinates are the editor's points, x to the right and y downwards. A layout is a hint: it may
+lack states and transitions, and running a machine never reads it.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +12,58 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
+from dataclasses import dataclass, field
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, ClassVar, Final, ForwardRef, NamedTuple, get_origin
+from typing import (
+    Any,
+    ClassVar,
+    Final,
+    ForwardRef,
+    NamedTuple,
+    TypeAlias,
+    get_origin,
+)
 
-from .errors import DefinitionError, UnreachableStateWarning, VariableError
-from .ports import Actuator, Sensor
-from .state import ClassBody, State
+from llfsm.runtime.engine.errors import DefinitionError, UnreachableStateWarning, VariableError
+from llfsm.runtime.engine.ports import Actuator, Sensor
+from llfsm.runtime.engine.state import ClassBody, State
 
-if TYPE_CHECKING:
-    from .layout import MachineLayout
+Point: TypeAlias = tuple[float, float]
 
-__all__ = [
-    "REQUIRED", "Table", "Variable", "dead_transitions", "make_table", "unreachable_states",
-]  # fmt: skip
+
+@dataclass(frozen=True)
+class StateBox:
+    """The box of a state: its centre, its size, and whether its sections are shown.
+
+    `more` is what else an editor keeps of it, as colours and the heights of sections, by the names
+    in its property list: kept, and never looked at.
+    """
+
+    x: float
+    y: float
+    w: float
+    h: float
+    expanded: bool = False
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TransitionPath:
+    """The arrow of a transition: a cubic Bézier curve."""
+
+    src: Point
+    dst: Point
+    control1: Point
+    control2: Point
+
+
+@dataclass(frozen=True)
+class MachineLayout:
+    """The boxes of states by name, and the paths of each state's transitions, in their order."""
+
+    states: dict[str, StateBox] = field(default_factory=dict)
+    transitions: dict[str, tuple[TransitionPath, ...]] = field(default_factory=dict)
+
 
 REQUIRED: Final = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
 """The default of a variable that has none."""
@@ -116,7 +161,7 @@ class Table:
 
     def _repr_html_(self) -> str:
         """Return the transitions in the order in which they are looked at, for a notebook."""
-        from llfsm.whiteboard.notebook import html_table  # here, as few tables are in one
+        from llfsm.whiteboard.board import html_table  # here, as few tables are in one
 
         rows = [
             (state.name, each.label, each.target.name)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from .clock import NEVER
+from llfsm.runtime.engine.clock import NEVER
 
 if TYPE_CHECKING:
-    from .seat import Seat
-    from .statistics import Meter
-    from .twin import Histogram
-
-__all__ = ["Timing"]
+    from llfsm.runtime.engine.seat import Seat
+    from llfsm.runtime.engine.statistics import Meter
+    from llfsm.runtime.engine.twin import Histogram
 
 
 class Timing:

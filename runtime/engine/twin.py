@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .binding import Running
-    from .seat import Seat
+    from .seat import Running, Seat
 
 __all__ = [
     "Histogram",

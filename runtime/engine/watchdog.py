@@ -15,16 +15,14 @@ import time
 from types import FrameType
 from typing import TYPE_CHECKING, NamedTuple
 
-from .failure import logger, place_of
-from .ringlet import ringlet
+from llfsm.runtime.engine.failure import logger, place_of
+from llfsm.runtime.engine.ringlet import ringlet
 
 if TYPE_CHECKING:
-    from .arrangement import Arrangement
-    from .binding import Running
-    from .environment import Attendant
-    from .seat import Seat
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.environment import Attendant
+    from llfsm.runtime.engine.seat import Running, Seat
 
-__all__ = ["RunningCall", "Watchdog", "running_call", "stop_by_signal"]
 
 _BEAT_S = 0.25  # between two statuses of a machine that hangs
 _PATIENCE_S = 0.5  # after a signal, until a call that still runs is reported
@@ -53,7 +51,7 @@ class RunningCall(NamedTuple):
 
 def running_call(thread: int) -> RunningCall | None:
     """Return the call of a machine's code that a thread runs now, the innermost one; else None."""
-    from .arrangement import Arrangement  # here, as it imports this module
+    from llfsm.runtime.engine.arrangement import Arrangement  # here, as it imports this module
 
     frame = sys._current_frames().get(thread)
     inner: FrameType | None = None  # the last of the machine's own frames on the way out

@@ -28,11 +28,9 @@ from typing import Any, Final, TypeAlias
 
 import msgspec
 
-from ..engine import events
-from ..engine.errors import ExecutionError
-from ..engine.submachine import Submachine
-
-__all__ = ["FIELDS", "Entry", "Journal", "as_entry", "entries_of"]
+from llfsm.runtime.engine import events
+from llfsm.runtime.engine.errors import ExecutionError
+from llfsm.runtime.engine.machine import Submachine
 
 Entry: TypeAlias = dict[str, Any]
 """An entry by the names of its fields, as in JSON; `event` names its kind."""

@@ -13,21 +13,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from llfsm.runtime.engine.failure import logger
+from llfsm.runtime.journal.entries import Journal
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, WhiteboardError
 from llfsm.whiteboard.liveness import identity, is_alive, this_process
 from llfsm.whiteboard.messages.llfsm import RECORDER, JournalPart, Recorder, journal_slot
 
-from ..engine.failure import logger
-from .entries import Journal
-
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.whiteboard import Board, BoundSlot, Sample
 
-    from ..engine.arrangement import Arrangement
-
-__all__ = [
-    "BEAT_NS", "HANDOVER_LIMIT", "SILENT_S", "Handover", "Reporter", "find_recorder", "is_there",
-]  # fmt: skip
 
 HANDOVER_LIMIT: Final = 64 << 20
 """Bytes that are kept for a recorder before it counts as stalled."""

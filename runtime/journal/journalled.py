@@ -11,20 +11,18 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from ..engine.clock import Clock, DebugClock
-from ..engine.environment import Attendant, Elsewhere, Environment, Post, Read
-from ..engine.errors import LoadError, UnknownMachineError
-from ..engine.events import Status
-from ..engine.freshness import AgedRead
-from .entries import Journal
+from llfsm.runtime.engine.clock import Clock, DebugClock
+from llfsm.runtime.engine.environment import Attendant, Elsewhere, Environment, Post, Read
+from llfsm.runtime.engine.errors import LoadError, UnknownMachineError
+from llfsm.runtime.engine.events import Status
+from llfsm.runtime.engine.freshness import AgedRead
+from llfsm.runtime.journal.entries import Journal
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.ports import Actuator, Sensor
     from llfsm.whiteboard import Board, Slot
 
-    from ..engine.arrangement import Arrangement
-    from ..engine.ports import Actuator, Sensor
-
-__all__ = ["JournalledEnvironment"]
 
 A = TypeVar("A")
 

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import msgspec
 
+from llfsm.runtime.engine.failure import one_line
+from llfsm.runtime.presence.slot_ownership import OwnReport
+from llfsm.runtime.presence.will import execute, reserve
 from llfsm.whiteboard import BoardNotFoundError, MessageError, Whiteboard, WhiteboardError
 from llfsm.whiteboard.board_files import DIRECTORY
 from llfsm.whiteboard.errors import BoardClosedError, BoardFullError, SlotError
@@ -29,14 +32,9 @@ from llfsm.whiteboard.messages.llfsm import (
 from llfsm.whiteboard.mirror.naming import Naming
 from llfsm.whiteboard.shared import require_shared_memory
 
-from ..engine.failure import one_line
-from .commanders import OwnReport
-from .will import execute, reserve
-
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Sample
 
-__all__ = ["Guard", "GuardThread"]
 
 _LOOK_S = 0.05  # between two looks for new wills and silent processes; a death is seen at once
 _LIST_S = 1.0  # between two searches for wills that have rung no bell here: those of other hosts

@@ -2,33 +2,62 @@
 
 A host that is not eager receives the folders that are read on it. A viewer of another host does
 not know them in advance: the hosts publish them.
+
+The hosts of a fleet as a table, for as long as somebody looks at it.
+
+It reads which hosts there are, and the summary that each publishes, and nothing else of theirs.
+
+What a program shows of a board while it runs: all there is, or what a host of a fleet has.
+
+A host's summary, for those who look at all hosts of a fleet: what it is up to, in a few lines.
+
+Whoever looks at a hundred hosts receives one message per second from each, however many machines
+and slots these have.
 """
 
 from __future__ import annotations
 
+import socket
 import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from typing import Any, Self
+from typing import Any, Literal, NamedTuple, Self, TypeAlias
 
 from llfsm.errors import did_you_mean
+from llfsm.runtime.engine.errors import UnknownMachineError
+from llfsm.runtime.presence.remote import (
+    PATIENCE_S,
+    SILENT_S,
+    Directory,
+    RemoteMachine,
+    StatusSlots,
+    condition_of,
+    is_live,
+)
 from llfsm.whiteboard import Board, Sample, Slot, WhiteboardError
 from llfsm.whiteboard.liveness import writer_lives
-from llfsm.whiteboard.messages.fleet import HOSTS, KEEPS_READ, folders_slot, viewer_slot
 from llfsm.whiteboard.messages.llfsm import (
+    DEFINITIONS,
+    HOSTS,
+    KEEPS_READ,
     MACHINES,
     MIRROR,
+    SUMMARIES,
+    VARIABLES,
+    WHYS,
     Bell,
+    HostSummary,
     MachineStatus,
+    MachineTrouble,
     MirrorStatus,
     Viewer,
+    folders_slot,
     status_slot,
+    summary_slot,
+    viewer_slot,
 )
 from llfsm.whiteboard.mirror.naming import Naming
-
-from ..engine.errors import UnknownMachineError
-from .remote import PATIENCE_S, SILENT_S, Directory, RemoteMachine
-
-__all__ = ["NO_DAEMON", "FleetReader", "HostNames", "find_machine", "keep_read"]
 
 NO_DAEMON = "no daemon mirrors this whiteboard; start `llfsm whiteboard daemon`"
 """Why no other host can be reached, and what to do."""
@@ -224,3 +253,265 @@ def find_machine(board: Board, name: str) -> RemoteMachine:
         with FleetReader(board, host, machines=True) as fleet:
             fleet.settle()
             return Directory(board).find(name)
+
+
+Trouble: TypeAlias = Literal["lost", "failed", "clock", ""]
+"""What is worst about a host: it is silent, a machine is in trouble, its clock is wrong; or ""."""
+
+_WRONG_CLOCK_S = 1.0
+_LEADS = 10  # summaries from which a clock's lead is estimated
+
+
+class HostRow(NamedTuple):
+    """What is known of a host."""
+
+    name: str
+    is_own: bool
+    """Whether it is this host."""
+    is_there: bool
+    """Whether it can be reached."""
+    contact_ns: int | None
+    """When its latest summary arrived, by the monotonic clock; None before the first."""
+    lead_s: float | None
+    """How far its clock is ahead of this host's, or a little less: as much as messages take."""
+    summary: HostSummary | None
+    trouble: Trouble
+
+
+class _Known:
+    """What was received of a host."""
+
+    def __init__(self) -> None:
+        self.is_there = True
+        self.begun_ns = time.monotonic_ns()  # before, it may have travelled to nobody here
+        self.sample: Sample[HostSummary] | None = None
+        self._leads_s: deque[float] = deque(maxlen=_LEADS)
+
+    def take(self, sample: Sample[HostSummary] | None, ahead_ns: int) -> None:
+        """Take the latest summary, which may be the one before."""
+        if sample is None or (self.sample is not None and sample.count == self.sample.count):
+            return
+        if self.sample is not None:  # the first may be an old one, which was asked for
+            self._leads_s.append((sample.message.sent_ns - sample.stamp_ns - ahead_ns) / 1e9)
+        self.sample = sample
+
+    @property
+    def lead_s(self) -> float | None:
+        """The largest of the last leads: its message was the fastest."""
+        return max(self._leads_s, default=None)
+
+
+class FleetTable:
+    """The hosts that can be reached, or have been, until the end of a ``with``.
+
+    What a host has published stays on the board, so those that were seen before are known.
+
+    Args:
+        board: of this host.
+        silent_s: a host whose summary is older is lost. They are published once a second.
+
+    """
+
+    def __init__(self, board: Board, *, silent_s: float = 3.0) -> None:
+        self._board = board
+        self._silent_ns = silent_s * 1e9
+        self._names = HostNames(board)
+        self._known: dict[str, _Known] = {}
+
+    def __enter__(self) -> Self:
+        self.look()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._board.forget(HOSTS)
+        for name in self._known:
+            self._board.forget(self._slot(name))
+
+    def look(self) -> None:
+        """Read what has arrived since; call it a few times a second."""
+        names = HostNames(self._board)
+        if names.own != self._names.own:  # another daemon: this host's own slot is another one
+            self.__exit__()
+            self._known = {}
+        self._names = names
+        ahead_ns = time.time_ns() - time.monotonic_ns()
+        with suppress(WhiteboardError):  # no room for a slot: then what is there is all
+            hosts = names.reached(self._board)
+            for name in (*hosts, *self._seen()):
+                self._known.setdefault(name, _Known())
+            for name, known in self._known.items():
+                known.is_there = name in hosts
+                known.take(self._board[self._slot(name)].sample(), ahead_ns)
+
+    def _seen(self) -> Iterator[str]:
+        """Return the hosts whose summaries are on the board."""
+        for info in self._board.slots():
+            if info.name.startswith(SUMMARIES):
+                name = info.name.removeprefix(SUMMARIES).strip("/")
+                if name != self._names.own and self._names.is_known(name):
+                    yield name
+
+    def rows(self) -> list[HostRow]:
+        """Return a row for each host, by name."""
+        now_ns = time.monotonic_ns()
+        return [self._row(name, self._known[name], now_ns) for name in sorted(self._known)]
+
+    def problem(self) -> str:
+        """Return why there is nothing to show, and what to do; empty if there is nothing wrong."""
+        return "" if self._names.is_mirrored else NO_DAEMON
+
+    def _slot(self, name: str) -> Slot[HostSummary]:
+        return summary_slot("" if name == self._names.own else name)
+
+    def _row(self, name: str, known: _Known, now_ns: int) -> HostRow:
+        sample, lead_s = known.sample, known.lead_s
+        trouble: Trouble = ""
+        is_silent = (
+            sample is not None and now_ns - max(sample.stamp_ns, known.begun_ns) > self._silent_ns
+        )
+        if not known.is_there or is_silent:
+            trouble = "lost"
+        elif sample is not None and sample.message.troubled:
+            trouble = "failed"
+        elif lead_s is not None and abs(lead_s) > _WRONG_CLOCK_S:
+            trouble = "clock"
+        return HostRow(
+            name,
+            name == self._names.own,
+            known.is_there,
+            None if sample is None else sample.stamp_ns,
+            lead_s,
+            None if sample is None else sample.message,
+            trouble,
+        )
+
+
+_LOOK_S = 0.25  # between two looks for what hosts have announced
+_BESIDE_STATUSES = (DEFINITIONS, VARIABLES, WHYS)
+
+
+class Shown:
+    """The part of a board that a program shows; what is read for it is, until the board is closed.
+
+    Args:
+        board: of this host.
+        host: show only what is of this host of the fleet; by default, what is on the board.
+        fleet: read what all hosts have.
+
+    """
+
+    def __init__(self, board: Board, host: str = "", *, fleet: bool = False) -> None:
+        self._board = board
+        self._host = host
+        self.fleet = FleetReader(board, host) if host or fleet else None
+        """What reads other hosts, if any does."""
+        self._look_s = 0.0  # when to look again
+        self._directory = Directory(board)
+        self._read: dict[str, Slot[Any]] = {}
+
+    def look(self) -> None:
+        """Read what hosts have announced; a few times a second, however often it is called."""
+        now_s = time.monotonic()
+        if now_s >= self._look_s:
+            self._look_s = now_s + _LOOK_S
+            if self.fleet is not None:
+                self.fleet.look()
+            else:
+                self._read_machines()
+
+    def _read_machines(self) -> None:
+        """Read all that machines of other hosts publish whose statuses are on the board.
+
+        For an arrangement that looks at one, these alone are read.
+        """
+        names = HostNames(self._board)
+        if not names.is_mirrored:
+            return
+        with suppress(WhiteboardError):  # no room: then what is there is all
+            hosts = {names.of_machine(each.name) for each in self._directory.machines()}
+            for host in hosts - {"", names.own}:
+                for kind in _BESIDE_STATUSES:
+                    keep_read(self._board, kind + host, self._read)
+
+    def has(self, slot: str) -> bool:
+        """Return whether a slot on the board is shown."""
+        if self.fleet is None or not self._host:
+            return True
+        return self.fleet.names.of_slot(slot) == self._host
+
+    def ask(self, viewer: Viewer, slots: Iterable[str]) -> None:
+        """Have the machines whose statuses are among the slots publish what a viewer shows.
+
+        Those of this host are asked in any case, unless another one is shown.
+        """
+        names = HostNames(self._board)
+        hosts = {self._host or names.own}
+        if names.is_mirrored and not self._host:
+            hosts |= {names.of_slot(each) for each in slots if each.startswith(MACHINES)}
+        for host in hosts:
+            names.ask(self._board, host, viewer)
+
+
+_MOST = 16  # machines in trouble that are named
+_LONGEST = 300  # characters of an error
+_TROUBLE = ("failed", "hung", "silent")
+
+
+def summary_publisher(board: Board, *, died_s: float = 3600.0) -> Callable[[MirrorStatus], None]:
+    """Return a function that publishes the summary of a named host, to be called once a second.
+
+    It takes the status of the host's daemon. A machine that has died, or whose failure has ended
+    its process, is reported for `died_s` seconds, or until it runs again.
+    """
+    slots = StatusSlots(board)
+
+    def publish(status: MirrorStatus) -> None:
+        if not status.name:  # others would not know whose it is
+            return
+        with suppress(WhiteboardError):  # mirroring goes on without
+            slots.look(Naming(status.name, status.fleet).is_own)  # others may not be read here
+            board.add_message(summary_slot(), _summary(status, slots, died_s))
+
+    return publish
+
+
+def _summary(status: MirrorStatus, slots: StatusSlots, died_s: float) -> HostSummary:
+    samples = dict(sorted(_samples(slots, died_s)))
+    troubles = [each for name, sample in samples.items() for each in _troubles(name, sample)]
+    return HostSummary(
+        system=socket.gethostname()[:255],
+        sent_ns=time.time_ns(),
+        leave_rate=status.leave_rate,
+        enter_rate=status.enter_rate,
+        sent_rate=status.sent_rate,
+        received_rate=status.received_rate,
+        refused=sum(each.count for each in status.refused),
+        machines=len(samples),
+        troubled=len(troubles),
+        troubles=tuple(troubles[:_MOST]),
+    )
+
+
+def _samples(slots: StatusSlots, died_s: float) -> Iterator[tuple[str, Sample[MachineStatus]]]:
+    for name, sample in slots.samples():
+        counts = sample.message.loaded or sample.message.failed
+        if counts and not _is_over(sample, died_s):
+            yield name, sample
+
+
+def _is_over(sample: Sample[MachineStatus], before_s: float) -> bool:
+    """Return whether a machine has died or failed, and published nothing for so long."""
+    return time.monotonic_ns() - sample.stamp_ns > before_s * 1e9 and not is_live(sample)
+
+
+def _troubles(machine: str, sample: Sample[MachineStatus]) -> Iterator[MachineTrouble]:
+    status = sample.message
+    if not status.loaded:
+        yield MachineTrouble(machine, "failed", status.error[:_LONGEST])
+        return
+    if not is_live(sample):
+        yield MachineTrouble(machine, "died", f"its process {status.pid} has not ended it")
+        return
+    condition = condition_of(status, (time.monotonic_ns() - sample.stamp_ns) / 1e9)
+    if condition in _TROUBLE:
+        yield MachineTrouble(machine, condition, status.error[:_LONGEST])

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..engine.environment import Attendant, BoardEnvironment
-from ..engine.errors import OptionError
-from ..engine.failure import logger
+from llfsm.runtime.engine.environment import Attendant, BoardEnvironment
+from llfsm.runtime.engine.errors import OptionError
+from llfsm.runtime.engine.failure import logger
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.clock import Clock
+    from llfsm.runtime.journal.handover import Handover
+    from llfsm.runtime.presence.remote import Directory, RemoteMachine
+    from llfsm.runtime.presence.slot_ownership import Claims
+    from llfsm.runtime.presence.status_publisher import Presence
     from llfsm.whiteboard import Board, Slot
-
-    from ..engine.arrangement import Arrangement
-    from ..engine.clock import Clock
-    from ..journal.handover import Handover
-    from .commanders import Claims
-    from .remote import Directory, RemoteMachine
-    from .reporting import Presence
-
-__all__ = ["LiveEnvironment"]
 
 
 class LiveEnvironment(BoardEnvironment):
@@ -53,10 +50,9 @@ class LiveEnvironment(BoardEnvironment):
         """Return what publishes the machines' statuses; None if the board has gone, or is full."""
         if not self.alive:
             return None
+        from llfsm.runtime.presence.status_publisher import Presence
         from llfsm.whiteboard.errors import BoardFullError  # here, as few need the messages
         from llfsm.whiteboard.messages.llfsm import BELL, RECORDER, VIEWER
-
-        from .reporting import Presence
 
         try:
             self._presence = Presence(
@@ -91,7 +87,9 @@ class LiveEnvironment(BoardEnvironment):
 
     def _claimed(self) -> Claims:
         if self._claims is None:
-            from .commanders import Claims  # here, as it brings the whiteboard's messages
+            from llfsm.runtime.presence.slot_ownership import (
+                Claims,  # here, as it brings the whiteboard's messages
+            )
 
             self._claims = Claims(self.whiteboard)
         return self._claims
@@ -99,7 +97,7 @@ class LiveEnvironment(BoardEnvironment):
     def elsewhere(self, name: str, known: Iterable[str]) -> RemoteMachine:
         """Return the machine of that name that another process runs on this whiteboard."""
         if self._directory is None:
-            from .remote import Directory  # here, because few ask
+            from llfsm.runtime.presence.remote import Directory  # here, because few ask
 
             self._directory = Directory(self.whiteboard)
         return self._directory.find(name, known)

@@ -1,38 +1,205 @@
-"""One machine on the whiteboard: its slots, the name that it has there, and its last will."""
+"""One machine on the whiteboard: its slots, the name that it has there, and its last will.
+
+A machine as messages: its definition, and the values of its variables and sensors.
+
+To draw a machine of another process, or of a recording, its table is made of the definition again.
+
+What an arrangement publishes while somebody looks: variables, and why states are kept.
+"""
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
+from llfsm.runtime.engine.errors import DefinitionError
+from llfsm.runtime.engine.failure import logger, one_line
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.source_text import TextOnly, body_of
+from llfsm.runtime.engine.state import SECTIONS, State, Transition
+from llfsm.runtime.engine.table import MachineLayout, StateBox, Table, TransitionPath
+from llfsm.runtime.presence.remote import is_live
+from llfsm.runtime.presence.will import Will, vacate_executed
+from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard.errors import BoardFullError, MessageError, SlotError
-from llfsm.whiteboard.messages.debugging import MachineWhy, why_slot
 from llfsm.whiteboard.messages.llfsm import (
     MACHINES,
+    VIEWER,
+    DefinedBox,
+    DefinedSection,
+    DefinedState,
+    DefinedTransition,
+    MachineDefinition,
     MachineRequest,
     MachineStatus,
+    MachineVariables,
+    MachineWhy,
+    VariableValue,
     definition_slot,
     request_slot,
     status_slot,
     variables_slot,
+    why_slot,
     will_slot,
 )
 
-from ..engine.failure import logger, one_line
-from ..engine.machine import Machine
-from .description import definition_of, variables_of
-from .remote import is_live
-from .will import Will, vacate_executed
-
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from llfsm.runtime.engine.arrangement import Arrangement
+    from llfsm.runtime.engine.seat import Failure
     from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 
-    from ..engine.seat import Failure
 
-__all__ = ["Published", "PublishedMachine", "vacate_dead"]
+_TEXT: Final = 200  # characters of a value that is published
+_VARIABLES: Final = 12 << 10  # bytes of all of a machine's values: what is more is left out
+_MOST: Final = {"states": 250, "transitions": 800, "characters": 1_000_000}  # drawn in seconds
+
+
+def definition_of(table: Table, *, sections: bool = True) -> MachineDefinition:
+    """Return what a machine consists of, with or without its code."""
+    return MachineDefinition(
+        table.path,
+        tuple(_state(state, table.layout, sections) for state in table.states),
+        "" if table.suspend is None else table.suspend.name,
+    )
+
+
+def _state(state: State, layout: MachineLayout | None, sections: bool) -> DefinedState:
+    drawn = None if layout is None else layout.states.get(state.name)
+    paths = () if layout is None else layout.transitions.get(state.name, ())
+    return DefinedState(
+        state.name,
+        tuple(_sections(state)) if sections else (),
+        tuple(
+            DefinedTransition(t.target.name, t.label, _path(paths[i]) if i < len(paths) else ())
+            for i, t in enumerate(state.transitions)
+        ),
+        None
+        if drawn is None
+        else DefinedBox(
+            float(drawn.x), float(drawn.y), float(drawn.w), float(drawn.h), drawn.expanded
+        ),
+    )
+
+
+def _sections(state: State) -> Iterator[DefinedSection]:
+    for name in SECTIONS:
+        if name in state.sections:
+            yield DefinedSection(name, body_of(state.sections[name]) or "")
+
+
+def _path(path: TransitionPath) -> tuple[float, ...]:
+    points = (path.src, path.dst, path.control1, path.control2)
+    return tuple(float(number) for point in points for number in point)
+
+
+def table_of(definition: MachineDefinition) -> Table:
+    """Return a machine's table, to be drawn and not to be run, from its definition.
+
+    Raise `DefinitionError` if it contradicts itself or is too large to be drawn: any process that
+    may write to a board may have written it.
+    """
+    _check(definition)
+    states = {defined.name: State(defined.name) for defined in definition.states}
+    if len(states) < len(definition.states) or not states:
+        raise DefinitionError(f"{definition.path}: no states, or two of the same name")
+    layout = MachineLayout()
+    for defined in definition.states:
+        state = states[defined.name]
+        state.suspend = defined.name == definition.suspend
+        for section in defined.sections:
+            if section.name in SECTIONS:
+                state.sections[section.name] = TextOnly(section.text)
+        for transition in defined.transitions:
+            if transition.target not in states:
+                raise DefinitionError(
+                    f"{definition.path}: state {defined.name!r} has a transition to "
+                    f"{transition.target!r}, which is not a state of it"
+                )
+            state.transitions.append(
+                Transition(state, states[transition.target], ("", 0), None, None, transition.label)
+            )
+        if defined.box is not None:
+            layout.states[defined.name] = StateBox(*_finite(msgspec.structs.astuple(defined.box)))
+        paths = [transition.path for transition in defined.transitions]
+        drawn = paths[: next((i for i, path in enumerate(paths) if len(path) != 8), len(paths))]
+        layout.transitions[defined.name] = tuple(_drawn(path) for path in drawn)
+    table = Table(definition.path, tuple(states.values()), {}, {}, {})
+    table.layout = layout if layout.states else None
+    return table
+
+
+def _drawn(path: tuple[float, ...]) -> TransitionPath:
+    x0, y0, x1, y1, x2, y2, x3, y3 = _finite(path)
+    return TransitionPath((x0, y0), (x1, y1), (x2, y2), (x3, y3))
+
+
+def _finite(numbers: tuple[Any, ...]) -> tuple[Any, ...]:
+    if not all(math.isfinite(number) and abs(number) < 1e6 for number in numbers):
+        raise DefinitionError(f"a layout has impossible coordinates: {numbers}")
+    return numbers
+
+
+def _check(definition: MachineDefinition) -> None:
+    transitions = [t for state in definition.states for t in state.transitions]
+    texts = [section.text for state in definition.states for section in state.sections]
+    texts += [text for t in transitions for text in (t.label, t.target)]
+    texts += [definition.path, *(state.name for state in definition.states)]
+    sizes = {
+        "states": len(definition.states),
+        "transitions": len(transitions),
+        "characters": sum(map(len, texts)),
+    }
+    for what, size in sizes.items():
+        if size > _MOST[what]:
+            raise DefinitionError(f"it has {size} {what}; up to {_MOST[what]} are drawn")
+
+
+_texts: Final = ValueText(_TEXT)
+
+
+def variables_of(machine: Machine) -> MachineVariables:
+    """Return the values of a machine's variables and sensors; this never raises."""
+    table = type(machine).table
+    variables, left = _values(machine, table.variables, _VARIABLES)
+    sensors, _ = _values(machine, table.sensors, left)
+    return MachineVariables(variables, sensors)
+
+
+def _values(
+    machine: Machine, names: Iterable[str], left: int
+) -> tuple[tuple[VariableValue, ...], int]:
+    """Return the values that fit into so many bytes, and how many are left."""
+    values = []
+    for name in names:
+        value = _plain(getattr(machine, name, None))
+        left -= 4 * (len(name) + (len(value) if isinstance(value, str) else 2)) + 8
+        if left < 0:
+            break
+        values.append(VariableValue(name, value))
+    return tuple(values), left
+
+
+def _plain(value: Any) -> bool | int | float | str | None:
+    kind = type(value)
+    if value is None or kind is bool or kind is float:
+        return value  # type: ignore[no-any-return]
+    if kind is int and -(2**63) <= value < 2**63:
+        return value  # type: ignore[no-any-return]
+    if kind is not str:
+        return _texts.text(value)
+    text = value if len(value) <= _TEXT else f"{value[: _TEXT - 1]}…"
+    try:
+        text.encode()
+    except UnicodeError:
+        return _texts.text(value)
+    return text
 
 
 class Published(NamedTuple):
@@ -219,3 +386,70 @@ def vacate_dead(board: Board, *, after_s: float = 60.0) -> None:
 def _vacate(board: Board, machine: str) -> None:
     for slot in (status_slot, request_slot, definition_slot, variables_slot, why_slot):
         board.vacate(slot(machine))
+
+
+_VIEW_NS = 2_000_000_000  # a viewer that has posted its presence looks for so long
+_PERIOD_NS = 100_000_000
+
+
+class Viewing:
+    """Post the variables of an arrangement's machines, and why they are in their states.
+
+    `tolerating` is entered for each post: what it raises must not stop a robot.
+    """
+
+    def __init__(
+        self,
+        arrangement: Arrangement,
+        board: Board,
+        now_ns: int,
+        machine_now: Callable[[], int],
+        tolerating: AbstractContextManager[object],
+    ):
+        self._arrangement = arrangement
+        self._machine_now = machine_now
+        self._tolerating = tolerating
+        self._viewer = board[VIEWER]
+        self._seen = self._viewer.count
+        self._ends_ns = self._why_ends_ns = self._due_ns = now_ns
+        self._is_sampled = False  # whether a round was to be seen since somebody asks why
+
+    @property
+    def due_ns(self) -> int | None:
+        """When there is something to post; None while nobody looks."""
+        return self._due_ns if self._due_ns < self._ends_ns else None
+
+    def hurry(self, now_ns: int) -> None:
+        """Post at the next look, though time may stand still."""
+        self._due_ns = now_ns
+
+    def look(self, entries: Collection[PublishedMachine], now_ns: int) -> None:
+        """Post what is due."""
+        if self._viewer.count != self._seen:
+            self._seen = self._viewer.count
+            self._ends_ns = now_ns + _VIEW_NS
+            viewer = self._viewer.get()
+            if viewer is not None and viewer.why:
+                self._is_sampled = self._is_sampled and now_ns < self._why_ends_ns
+                self._why_ends_ns = self._ends_ns
+        if not self._due_ns <= now_ns < self._ends_ns:
+            return
+        self._due_ns = now_ns + _PERIOD_NS
+        for entry in entries:
+            with self._tolerating:
+                entry.post_variables()
+        if now_ns < self._why_ends_ns:
+            self._post_whys(entries)
+
+    def _post_whys(self, entries: Collection[PublishedMachine]) -> None:
+        """Post what the machines saw in a round since the last time, and have the next one seen."""
+        # here, because few look
+        from llfsm.runtime.debugging.debugger import Debugger
+        from llfsm.runtime.debugging.obeying import why_of
+
+        is_paused = bool(self._arrangement.paused)  # then no round comes
+        is_ready, self._is_sampled = self._is_sampled or is_paused, not is_paused
+        for entry in entries if is_ready else ():
+            with self._tolerating:
+                entry.post_why(why_of(self._arrangement, entry.name, self._machine_now()))
+        Debugger.of(self._arrangement).turns.sample()

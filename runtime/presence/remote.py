@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from llfsm.runtime.engine.errors import UnknownMachineError
+from llfsm.runtime.engine.events import Status
 from llfsm.whiteboard.errors import MessageUnreadableError, SlotError
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (
@@ -20,16 +22,9 @@ from llfsm.whiteboard.messages.llfsm import (
     status_slot,
 )
 
-from ..engine.errors import UnknownMachineError
-from ..engine.events import Status
-
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Sample
 
-__all__ = [
-    "PATIENCE_S", "SILENT_S", "Condition", "Directory", "RemoteMachine", "StatusSlots",
-    "condition_of", "is_live", "pause_text",
-]  # fmt: skip
 
 Condition: TypeAlias = Literal["running", "suspended", "paused", "failed", "hung", "silent"]
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
+from llfsm.runtime.engine.failure import logger, one_line
 from llfsm.whiteboard.errors import (
     BoardFullError,
     MessageError,
@@ -35,12 +36,8 @@ from llfsm.whiteboard.messages.llfsm import (
 )
 from llfsm.whiteboard.slots import Sample
 
-from ..engine.failure import logger, one_line
-
 if TYPE_CHECKING:
     from llfsm.whiteboard import Board, BoundSlot, Message, Slot
-
-__all__ = ["Executed", "Will", "execute", "reserve", "vacate_executed"]
 
 
 class Will:

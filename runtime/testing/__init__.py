@@ -5,7 +5,7 @@ Read in this order: `waiting` (run until a condition holds, with messages at giv
 `search` (random scripts, the shortest that fails as Python text).
 """
 
-from .errors import (
+from llfsm.runtime.testing.errors import (
     HypothesisMissingError,
     InvariantError,
     NotDeterministicError,
@@ -13,11 +13,16 @@ from .errors import (
     ScriptError,
     StatesError,
 )
-from .play import Invariant, play
-from .scripted import Step
-from .search import check_invariant
-from .states import assert_states, states_of
-from .waiting import Condition, SensorScript, run_until
+from llfsm.runtime.testing.play import Invariant, play
+from llfsm.runtime.testing.scripted import Step
+from llfsm.runtime.testing.search import check_invariant
+from llfsm.runtime.testing.waiting import (
+    Condition,
+    SensorScript,
+    assert_states,
+    run_until,
+    states_of,
+)
 
 __all__ = [
     "Condition",

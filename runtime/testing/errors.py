@@ -14,17 +14,7 @@ LlfsmError
 from __future__ import annotations
 
 from llfsm.errors import LlfsmError
-
-from ..engine.errors import FsmError
-
-__all__ = [
-    "HypothesisMissingError",
-    "InvariantError",
-    "NotDeterministicError",
-    "NotReachedError",
-    "ScriptError",
-    "StatesError",
-]
+from llfsm.runtime.engine.errors import FsmError
 
 
 class NotReachedError(LlfsmError, AssertionError):

@@ -1,20 +1,23 @@
-"""Play a script of messages to machines and check an invariant after every ringlet."""
+"""Play a script of messages to machines and check an invariant after every ringlet.
+
+Machines do again what was explored: on an arrangement as any other, under a manual clock.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, TypeAlias
 
-from ..engine.arrangement import Arrangement
-from ..engine.errors import ObserverError
-from ..engine.events import Event, RoundEnd, Turn
-from ..engine.loading import Factory
-from ..engine.machine import Machine
-from .errors import InvariantError, ScriptError
-from .scripted import ScriptedEnvironment, Step
-from .states import current_states, name_of
-
-__all__ = ["Invariant", "factories", "play"]
+from llfsm.runtime.engine.arrangement import Arrangement, Factory
+from llfsm.runtime.engine.environment import Environment
+from llfsm.runtime.engine.errors import ExecutionError, ObserverError
+from llfsm.runtime.engine.events import Event, RoundEnd, Turn
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.journal.entries import Entry, Journal, entries_of
+from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.testing.errors import InvariantError, ScriptError
+from llfsm.runtime.testing.scripted import ScriptedEnvironment, Step
+from llfsm.runtime.testing.waiting import current_states, name_of
 
 Invariant: TypeAlias = Callable[[Arrangement], object]
 """Holds after a ringlet unless it returns False or raises `AssertionError`."""
@@ -131,3 +134,51 @@ class _Watch:
             f"{turn.time_ns / 1e6:g} ms, after the ringlet of {turn.machine} in {turn.state}{why}"
             f"{current_states(arrangement, arrangement.machines)}"
         ) from cause
+
+
+class Playback:
+    """Load `members`, to play scripts to them.
+
+    With a `journal`, it observes them; else nothing does. The clock begins at `start_ns`.
+    """
+
+    def __init__(
+        self,
+        members: Iterable[Loading],
+        *,
+        unload_accepting: bool = True,
+        journal: Journal | None = None,
+        start_ns: int = 0,
+    ):
+        self.error: ExecutionError | None = None
+        self.scripted = ScriptedEnvironment(start_ns)
+        environment: Environment = self.scripted
+        if journal is not None:
+            environment = JournalledEnvironment(environment, journal)
+            self.scripted.asking = journal.asking
+        self.arrangement = Arrangement(environment=environment, unload_accepting=unload_accepting)
+        for member in members:
+            member.load(self.arrangement)
+
+    def play(self, script: Iterable[Step]) -> Iterator[Step]:
+        """Run one round after the other, and return the step of each when it is over.
+
+        Code that raises ends it, as it ends a run; `error` is then what it has raised.
+        """
+        try:
+            yield from self.scripted.play(self.arrangement, script)
+        except ExecutionError as error:
+            self.error = error
+
+
+def journal_of(
+    members: Iterable[Loading], script: Iterable[Step], *, unload_accepting: bool = True
+) -> tuple[Playback, list[Entry]]:
+    """Play `script`, and return what was played with its journal."""
+    written: list[bytes] = []
+    journal = Journal(written.append)
+    playback = Playback(members, unload_accepting=unload_accepting, journal=journal)
+    for _ in playback.play(script):
+        pass
+    journal.flush()
+    return playback, [entry for data in written for entry in entries_of(data)]

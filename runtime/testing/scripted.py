@@ -7,21 +7,19 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
+from llfsm.runtime.engine.arrangement import Arrangement
+from llfsm.runtime.engine.clock import ManualClock
+from llfsm.runtime.engine.environment import Read
+from llfsm.runtime.engine.events import Event, Turn
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.presence.live import LiveEnvironment
+from llfsm.runtime.testing.errors import ScriptError
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.local import LocalBoard
 
-from ..engine.arrangement import Arrangement
-from ..engine.clock import ManualClock
-from ..engine.environment import Read
-from ..engine.events import Event, Turn
-from ..engine.machine import Machine
-from ..presence.live import LiveEnvironment
-from .errors import ScriptError
-
 if TYPE_CHECKING:
-    from ..engine.ports import Sensor
+    from llfsm.runtime.engine.ports import Sensor
 
-__all__ = ["Ask", "ScriptedEnvironment", "Step"]
 
 _NOTHING: Mapping[Any, Any] = MappingProxyType({})
 

@@ -16,8 +16,8 @@ Read in this order: `domains`, `values` (keys of values), `explored` (what a rin
 `exploring`.
 """
 
-from .domains import every
-from .errors import (
+from llfsm.runtime.verification.domains import Member, every
+from llfsm.runtime.verification.errors import (
     DomainError,
     EndlessError,
     PredicateError,
@@ -26,12 +26,15 @@ from .errors import (
     UnsupportedError,
     VerificationError,
 )
-from .exploring import explore, verify
-from .members import Member
-from .properties import (
+from llfsm.runtime.verification.exploring import explore, verify
+from llfsm.runtime.verification.properties import (
     NO_FAILURE,
+    ChosenTurn,
+    MachineView,
     Property,
     Verdict,
+    View,
+    Witness,
     always,
     leads_to,
     monitor,
@@ -39,9 +42,7 @@ from .properties import (
     reachable,
     step,
 )
-from .space import Progress, Space
-from .state_view import MachineView, View
-from .witness import ChosenTurn, Witness
+from llfsm.runtime.verification.space import Progress, Space
 
 __all__ = [
     "NO_FAILURE",

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias
 
-from .deadline import ENDINGS
-from .packing import FieldName
-from .system import Choice, RelearnError, System
-from .tables import Tables
-
-__all__ = ["STATES_AT_ONCE", "Level", "Search", "Successor", "explored"]
+from llfsm.runtime.verification.system import Choice, RelearnError, System
+from llfsm.runtime.verification.tables import FieldName, Tables
+from llfsm.runtime.verification.time_model import ENDINGS
 
 Level: TypeAlias = dict[int, list[int]]
 """States by whose turn is next: 0 is also the beginning of a round."""

@@ -7,20 +7,22 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 from math import inf
 
-from .breadth_first import Level, Search, Successor
-from .clocks import TooManyZonesError, possible_way, times_of
-from .deadline import ENDINGS
-from .packing import FieldName
-from .passing import AnyTime, Periods
-from .properties import NO_FAILURE, Property, Verdict
-from .property_search import Checker
-from .responses import Lasso, Node, late_response, no_response
-from .space import Progress
-from .system import System
-from .tables import Tables
-from .witness import ChosenTurn, Witness
-
-__all__ = ["Decisions"]
+from llfsm.runtime.verification.breadth_first import Level, Search, Successor
+from llfsm.runtime.verification.properties import NO_FAILURE, ChosenTurn, Property, Verdict, Witness
+from llfsm.runtime.verification.property_search import Checker
+from llfsm.runtime.verification.responses import (
+    Lasso,
+    Node,
+    TooManyZonesError,
+    late_response,
+    no_response,
+    possible_way,
+    times_of,
+)
+from llfsm.runtime.verification.space import Progress
+from llfsm.runtime.verification.system import System
+from llfsm.runtime.verification.tables import FieldName, Tables
+from llfsm.runtime.verification.time_model import ENDINGS, AnyTime, Periods
 
 
 class Decisions:

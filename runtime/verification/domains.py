@@ -1,23 +1,32 @@
-"""Domains: what the environment may put into a slot."""
+"""Domains: what the environment may put into a slot.
+
+What is to be explored: machine classes, or functions that make machines, in their order.
+
+Domains as an arrangement file or a command line gives them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
+from functools import lru_cache
 from itertools import product
 from math import prod
-from typing import TYPE_CHECKING, Any
+from types import MemberDescriptorType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from ..engine.domain import MOST, messages_of_domain
-from ..engine.errors import DefinitionError
-from .errors import DomainError
+from llfsm.errors import did_you_mean
+from llfsm.runtime.engine.arrangement import Factory
+from llfsm.runtime.engine.errors import DefinitionError
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.ports import MOST, messages_of_domain
+from llfsm.runtime.verification.errors import DomainError, UnsupportedError
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Arrangement
     from llfsm.whiteboard import Slot
-
-__all__ = ["every", "messages_of"]
 
 
 def every(kind: Any) -> tuple[Any, ...]:
@@ -112,3 +121,121 @@ def _values(info: msgspec.inspect.Type) -> Iterator[Any]:
         case inspect.StructType(fields=fields):
             for row in product(*(list(_values(f.type)) for f in fields)):
                 yield info.cls(**{f.name: value for f, value in zip(fields, row, strict=True)})
+
+
+_SUSPENDED = "Suspended"
+_CACHED = type(lru_cache(lambda: None))
+
+
+class Member(NamedTuple):
+    """A machine to explore: its class, or a function that makes it, and how it is loaded.
+
+    `name`, `variables` and `slots` are as for `Arrangement.load`; a `suspended` one is loaded in
+    its suspend state. Suspended members come after the others.
+    """
+
+    machine: Factory
+    name: str | None = None
+    variables: Mapping[str, Any] = {}
+    slots: Mapping[str, str] = {}
+    suspended: bool = False
+
+    def load(self, arrangement: Arrangement) -> None:
+        """Load a new machine into `arrangement`."""
+        made: Any = self.machine
+        if not (isinstance(made, type) and issubclass(made, Machine)):
+            made = made()
+        load = arrangement.load_suspended if self.suspended else arrangement.load
+        load(made, name=self.name, variables=self.variables or None, slots=self.slots)
+
+
+def require_explorable(cls: type[Machine]) -> None:
+    """Raise `UnsupportedError` for a class of which not all that its code depends on is known."""
+    table = cls.table
+    if table.suspend is None and any(state.name == _SUSPENDED for state in table.states):
+        raise UnsupportedError(
+            f"{cls.__qualname__} has a state {_SUSPENDED!r} but declares no suspend state, which "
+            f"then gets the same name: rename it, or make it State(suspend=True)"
+        )
+    for base in cls.__mro__[: cls.__mro__.index(Machine)]:
+        for name, value in vars(base).items():
+            if isinstance(value, _CACHED):
+                raise UnsupportedError(
+                    f"{cls.__qualname__}.{name} keeps results from one call for the next: that is "
+                    f"no part of a state, so this cannot be explored; keep them in a variable"
+                )
+            if isinstance(value, MemberDescriptorType):
+                raise UnsupportedError(
+                    f"{cls.__qualname__}.{name} is in __slots__, so it is no variable of the "
+                    f"machine, and this cannot be explored: remove __slots__"
+                )
+
+
+def members_of(machines: Factory | Member | Iterable[Factory | Member]) -> tuple[Member, ...]:
+    """Return what is to be explored, in order; raise `UnsupportedError` for anything else."""
+    one = callable(machines) or isinstance(machines, Machine | Member)
+    listed: list[Any] = [machines] if one else list(machines)  # type: ignore[arg-type]
+    members = [each if isinstance(each, Member) else Member(each) for each in listed]
+    for member in members:
+        if not callable(member.machine):
+            raise UnsupportedError(
+                f"{member.machine!r} is neither a machine class nor a function that returns a "
+                f"machine: give the class, or lambda: Class(variable=value)"
+            )
+    if not members:
+        raise UnsupportedError("there are no machines to explore")
+    return tuple(sorted(members, key=lambda member: member.suspended))
+
+
+_EVERY, _NONE = "every", "none"
+
+
+def domain_of(slot: Slot[Any], given: Any) -> tuple[Any, ...]:
+    """Return the messages of a domain for `slot`: "every", a list of messages, or a table.
+
+    A message is a table of its fields, and "none" is no message. A table maps fields to "every" or
+    to lists of values: the domain has all combinations. Fields that are left out are zero, empty or
+    false. Raise `DomainError`.
+    """
+    if given == _EVERY:
+        return every(slot.type)
+    if isinstance(given, Mapping):
+        names = list(given)
+        values = [_field_values(slot, name, each) for name, each in given.items()]
+        given = [dict(zip(names, row, strict=True)) for row in product(*values)]
+    if not isinstance(given, list):
+        raise DomainError(
+            f"the domain of {slot.name!r} is {given!r}: it must be {_EVERY!r}, a list of messages, "
+            f'or a table of fields, as in {{"level": [0, 9]}}'
+        )
+    return tuple(_message(slot, each) for each in given)
+
+
+def _field_values(slot: Slot[Any], name: str, given: Any) -> list[Any]:
+    """Return the values of a field, as data."""
+    fields = {field.encode_name: field for field in msgspec.structs.fields(slot.type)}
+    if name not in fields:
+        raise DomainError(
+            f"the domain of {slot.name!r} names a field {name!r}, which {slot.type.__qualname__} "
+            f"does not have; it has: {', '.join(fields) or 'none'}{did_you_mean(name, fields)}"
+        )
+    if given == _EVERY:
+        return [msgspec.to_builtins(value) for value in every(fields[name].type)]
+    if not isinstance(given, list):
+        raise DomainError(
+            f"the domain of {slot.name!r} has {given!r} for {name!r}: it must be {_EVERY!r} or a "
+            f"list of values"
+        )
+    return given
+
+
+def _message(slot: Slot[Any], given: Any) -> Any:
+    if given is None or given == _NONE:
+        return None
+    from llfsm.whiteboard import MessageFieldError
+    from llfsm.whiteboard.message_text import parse_message
+
+    try:
+        return parse_message(slot, msgspec.json.encode(given))
+    except MessageFieldError as error:
+        raise DomainError(f"{given!r} in the domain: {error}") from error

@@ -17,21 +17,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from llfsm.errors import LlfsmError
-
-from ..engine.errors import FsmError
+from llfsm.runtime.engine.errors import FsmError
 
 if TYPE_CHECKING:
-    from .properties import Verdict
-
-__all__ = [
-    "DomainError",
-    "EndlessError",
-    "PredicateError",
-    "PropertyError",
-    "RepeatError",
-    "UnsupportedError",
-    "VerificationError",
-]
+    from llfsm.runtime.verification.properties import Verdict
 
 
 class PropertyError(LlfsmError, AssertionError):

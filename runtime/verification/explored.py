@@ -3,27 +3,112 @@
 Time is opaque. All that code can ask of it is whether it has been in its state for longer than some
 limit, so one ringlet stands for all times that give the same answers. Whatever else passes this
 door is refused, and the refusal holds even if the machine's code catches the error.
+
+Where machines stand, what a ringlet is given and what it does: as small tuples.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Set
 from math import floor, inf, isfinite
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Self
 
-from ..engine.clock import NEVER
-from ..engine.environment import Environment, Post, Read
-from ..engine.errors import UnknownMachineError
-from .errors import UnsupportedError
+from llfsm.runtime.engine.clock import NEVER
+from llfsm.runtime.engine.environment import Environment, Post, Read
+from llfsm.runtime.engine.errors import UnknownMachineError
+from llfsm.runtime.engine.events import Request
+from llfsm.runtime.verification.errors import UnsupportedError
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.environment import Elsewhere
+    from llfsm.runtime.engine.freshness import AgedRead
+    from llfsm.runtime.engine.ports import Actuator, Sensor
+    from llfsm.runtime.engine.seat import Seat
     from llfsm.whiteboard import Slot
 
-    from ..engine.environment import Elsewhere
-    from ..engine.freshness import AgedRead
-    from ..engine.ports import Actuator, Sensor
 
-__all__ = ["ExploredEnvironment", "Unknown"]
+class UnknownStandingError(Exception):
+    """A ringlet asked for the standing of machines that was not given."""
+
+    def __init__(self, touched: set[int]):
+        self.touched = touched
+
+
+class ControlState(NamedTuple):
+    """Where a machine stands, apart from its variables and the time."""
+
+    current: str
+    previous: str | None
+    remembered: str
+    request: Request | None
+    accepted: bool
+    loaded: bool
+    begun: bool
+    """Whether it has had a turn."""
+
+    @classmethod
+    def of(cls, seat: Seat) -> Self:
+        """Return where the machine in a seat stands."""
+        return cls(
+            seat.current.name,
+            None if seat.previous is None else seat.previous.name,
+            seat.remembered.name,
+            seat.request,
+            seat.accepted,
+            seat.taken,
+            seat.entered_ns != NEVER,
+        )
+
+    def withdrawn_by(self, request: Request | None) -> bool:
+        """Return whether a restart is pending that `request` replaces only after a suspend."""
+        return request is Request.RESUME and self.request is Request.RESTART
+
+    @property
+    def entered(self) -> bool:
+        """Whether it has had a turn in its state, so that the state's clock runs."""
+        return self.current == self.previous and self.loaded
+
+
+class Given(NamedTuple):
+    """All that a ringlet can depend on: a machine's place, and the rest by its numbers.
+
+    `contents` are the slots that it reads, `others` the machines whose control states it asks for
+    or changes. `request` comes from outside before the turn, and `stopping` is whether a stop has.
+    """
+
+    place: int
+    control: int
+    variables: int
+    elapsed_ns: int
+    contents: tuple[tuple[str, int], ...]
+    others: tuple[tuple[int, int], ...]
+    request: Request | None
+    stopping: bool
+
+
+class RingletOutcome(NamedTuple):
+    """What a ringlet did, by numbers.
+
+    It does the same for all times in the state above `low_ns`, up to `high_ns`, if the machines of
+    `asked` stand like that.
+    """
+
+    low_ns: float
+    high_ns: float
+    asked: tuple[tuple[int, int], ...]
+    control: int
+    variables: int
+    restarted: bool
+    """Whether its state's clock was started, or will be in its next turn."""
+    posts: tuple[tuple[str, int], ...]
+    others: tuple[tuple[int, int], ...]
+    """The machines whose standing it changed, and the new one."""
+    limits: tuple[tuple[str, int], ...]
+    """The times that it compared with the time in a state, with that state, in order."""
+    fired: tuple[str, int] | None
+    """The state and the number of the transition that fired."""
+    error: int
+    """The number of what its code has raised; 0 if it has not."""
 
 
 class ExploredEnvironment(Environment):

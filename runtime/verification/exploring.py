@@ -7,25 +7,20 @@ from itertools import chain
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal
 
-from ..engine.errors import OptionError
-from .breadth_first import explored
-from .deadline import ENDINGS
-from .deciding import Decisions
-from .errors import PredicateError, PropertyError
-from .hidden import Hidden
-from .members import Member, members_of
-from .passing import AnyTime, Passing, Periods
-from .properties import NO_FAILURE, Property, Verdict
-from .repeating import check_repeats
-from .space import Progress, Space
-from .system import System
+from llfsm.runtime.engine.errors import OptionError
+from llfsm.runtime.verification.breadth_first import explored
+from llfsm.runtime.verification.deciding import Decisions
+from llfsm.runtime.verification.domains import Member, members_of
+from llfsm.runtime.verification.errors import PredicateError, PropertyError
+from llfsm.runtime.verification.properties import NO_FAILURE, Property, Verdict
+from llfsm.runtime.verification.space import Progress, Space
+from llfsm.runtime.verification.system import System
+from llfsm.runtime.verification.time_model import ENDINGS, AnyTime, Passing, Periods
+from llfsm.runtime.verification.unmodelled_state import Hidden, check_repeats
 
 if TYPE_CHECKING:
+    from llfsm.runtime.engine.arrangement import Factory
     from llfsm.whiteboard import Slot
-
-    from ..engine.loading import Factory
-
-__all__ = ["explore", "verify"]
 
 
 def explore(

@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from .errors import PredicateError
-from .packing import FieldName
-from .properties import Property, evaluate
-from .standings import ControlState
-from .state_view import View
-from .system import RelearnError
-from .tables import Tables
-from .values import Variables
+from llfsm.runtime.verification.errors import PredicateError
+from llfsm.runtime.verification.explored import ControlState
+from llfsm.runtime.verification.properties import Property, View, evaluate
+from llfsm.runtime.verification.system import RelearnError
+from llfsm.runtime.verification.tables import FieldName, Tables
+from llfsm.runtime.verification.values import Variables
 
 if TYPE_CHECKING:
-    from ..engine.seat import Seat
-
-__all__ = ["Checker", "PackedSituation", "UnnamedFieldError"]
+    from llfsm.runtime.engine.seat import Seat
 
 
 class PackedSituation:

@@ -10,27 +10,37 @@ from collections.abc import Callable, Iterable, Mapping
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
 
-from ..engine.arrangement import Arrangement
-from ..engine.clock import NEVER
-from ..engine.errors import ExecutionError
-from ..engine.events import Request
-from ..engine.loading import Loadable, LoadOptions
-from ..engine.machine import Machine
-from ..engine.ringlet import ringlet
-from ..engine.seat import Seat
-from .deadline import Deadline
-from .errors import UnsupportedError
-from .explored import ExploredEnvironment, Unknown
-from .members import Member, require_explorable
-from .standings import ControlState, Given, RingletOutcome, UnknownStandingError
-from .values import Codes, UnknownValueError, Variables, freeze, other_copy
+from llfsm.runtime.engine.arrangement import Arrangement, Loadable, LoadOptions
+from llfsm.runtime.engine.clock import NEVER
+from llfsm.runtime.engine.errors import ExecutionError
+from llfsm.runtime.engine.events import Request
+from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.engine.ringlet import ringlet
+from llfsm.runtime.engine.seat import Seat
+from llfsm.runtime.verification.domains import Member, require_explorable
+from llfsm.runtime.verification.errors import UnsupportedError
+from llfsm.runtime.verification.explored import (
+    ControlState,
+    ExploredEnvironment,
+    Given,
+    RingletOutcome,
+    Unknown,
+    UnknownStandingError,
+)
+from llfsm.runtime.verification.time_model import Deadline
+from llfsm.runtime.verification.values import (
+    Codes,
+    UnknownValueError,
+    Variables,
+    freeze,
+    other_copy,
+)
 
 if TYPE_CHECKING:
-    from ..engine.binding import BoundState
-    from ..engine.events import Status
-    from ..engine.submachine import Submachine
+    from llfsm.runtime.engine.events import Status
+    from llfsm.runtime.engine.machine import Submachine
+    from llfsm.runtime.engine.seat import BoundState
 
-__all__ = ["Ringlets"]
 
 M = TypeVar("M", bound=Machine)
 

@@ -1,20 +1,173 @@
-"""What an exploration found."""
+"""What an exploration found.
+
+Write an explored space for other tools: Storm, SPIN, and those that read Aldebaran's format.
+
+Each file has one node per state, and the initial state is number 0. A label says what the machine
+on turn read. What is known of each state is a set of names: of the properties that hold there.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple, TextIO
 
-from .breadth_first import Search
-from .errors import VerificationError
-from .exporting import export, nodes_of
-from .members import Member
-from .passing import Periods
-from .properties import Verdict
-from .system import System
+from llfsm.runtime.engine.errors import ConfigurationError
+from llfsm.runtime.verification.breadth_first import Search, Successor
+from llfsm.runtime.verification.domains import Member
+from llfsm.runtime.verification.errors import PredicateError, VerificationError
+from llfsm.runtime.verification.properties import Property, Verdict, View, evaluate
+from llfsm.runtime.verification.property_search import PackedSituation, UnnamedFieldError
+from llfsm.runtime.verification.system import System
+from llfsm.runtime.verification.tables import Tables
+from llfsm.runtime.verification.time_model import Periods
+from llfsm.runtime.verification.values import message_text
 
-__all__ = ["Progress", "Space"]
+_OF_STATES: Final = ("never", "always", "reachable")
+"""The kinds of properties that are of one state."""
+
+
+class ExportedState(NamedTuple):
+    """A state, as it is exported."""
+
+    edges: tuple[tuple[str, int], ...]
+    """What leads to each next state, and its number."""
+    holds: Collection[str] = ()
+    """The names of what holds in it."""
+
+
+def nodes_of(search: Search, properties: Iterable[Property]) -> Iterator[ExportedState]:
+    """Return the states that were found, the initial one first.
+
+    Of each, what holds is the state of each machine, as "Machine.STATE", and each property's
+    predicate, by the property's name.
+    """
+    tables = search.tables
+    names = tables.system.names
+    states = [(turn, s) for level in search.levels for turn, each in level.items() for s in each]
+    numbers = {state: number for number, state in enumerate(states)}
+    named = [each for each in properties if each.functions and each.kind in _OF_STATES]
+    for turn, state in states:
+        situation = PackedSituation(tables, state, set())
+        view = View(situation)
+        holds = {f"{name}.{situation.control(name).current}" for name in names}
+        holds |= {each.name for each in named if _holds(each, view)}
+        steps = search.steps(turn, state)
+        yield ExportedState(
+            tuple((_label(tables, s), numbers[s.turn, s.state]) for s in steps), holds
+        )
+
+
+def _holds(prop: Property, view: View) -> bool:
+    try:
+        return evaluate(prop, prop.functions[0], view)
+    except UnnamedFieldError:
+        raise PredicateError(
+            f"property {prop.name!r} was decided before these states, and reads here what they do "
+            f"not have: export without it"
+        ) from None
+
+
+def _label(tables: Tables, step: Successor) -> str:
+    """Return whose turn it was, and what its environment did."""
+    codes = tables.system.ringlets.messages
+    parts = [
+        message_text(slot, codes[slot].values[number] if number else None)
+        for slot, number in (*step.round_contents, *step.choice.contents)
+    ]
+    if step.choice.request is not None:
+        parts.append(step.choice.request.value)
+    if step.choice.stop:
+        parts.append("stop")
+    return " ".join((tables.system.names[step.place], *parts))
+
+
+def export(file: Path, nodes: Iterable[ExportedState]) -> None:
+    """Write the states, in the order of their numbers, to a file of the format of its suffix.
+
+    Raise `ConfigurationError` for another suffix than those of `EXPORTS`, and for a file that
+    cannot be written.
+    """
+    write = EXPORTS.get(file.suffix)
+    if write is None:
+        known = ", ".join(EXPORTS)
+        raise ConfigurationError(f"the name of an export ends with one of {known}", file=file)
+    found = [*nodes]
+    try:
+        with file.open("w", encoding="utf-8") as stream:
+            write(stream, found)
+    except OSError as error:
+        raise ConfigurationError(f"cannot be written: {error.strerror}", file=file) from error
+
+
+def _write_aldebaran(stream: TextIO, nodes: list[ExportedState]) -> None:
+    """Write a labelled transition system, as CADP's `aldebaran` page defines it."""
+    edges = sum(len(node.edges) for node in nodes)
+    stream.write(f"des (0, {edges}, {len(nodes)})\n")
+    for number, node in enumerate(nodes):
+        for label, target in node.edges:
+            stream.write(f'({number}, "{_quoted(label)}", {target})\n')
+
+
+def _write_storm(stream: TextIO, nodes: list[ExportedState]) -> None:
+    """Write a Markov decision process in which every choice has one outcome.
+
+    A state that nothing follows gets a choice that leads to itself, because Storm wants one.
+    """
+    words = _words(nodes)
+    following = [node.edges or (("end", number),) for number, node in enumerate(nodes)]
+    stream.write("@type: MDP\n@parameters\n\n@reward_models\n\n")
+    stream.write(f"@nr_states\n{len(nodes)}\n@nr_choices\n{sum(map(len, following))}\n@model\n")
+    for number, (node, edges) in enumerate(zip(nodes, following, strict=True)):
+        names = [*(["init"] if number == 0 else []), *(words[name] for name in sorted(node.holds))]
+        stream.write(" ".join(("state", str(number), *names)) + "\n")
+        for choice, (_, target) in enumerate(edges):
+            stream.write(f"\taction {choice}\n\t\t{target} : 1\n")
+
+
+def _write_promela(stream: TextIO, nodes: list[ExportedState]) -> None:
+    """Write a process with a place for each state, whose number is in `state`.
+
+    What holds are macros, to use in formulas. SPIN compiles a file of some thousand states.
+    """
+    stream.write("int state;\nactive proctype machines() {\n")
+    for number, node in enumerate(nodes):
+        if not node.edges:
+            stream.write(f"end{number}: S{number}: (false);\n")
+            continue
+        stream.write(f"S{number}: if\n")
+        for label, target in node.edges:
+            stream.write(f":: state = {target}; goto S{target} /* {_quoted(label)} */\n")
+        stream.write("fi;\n")
+    stream.write("}\n")
+    for name, word in _words(nodes).items():
+        held = (f"state == {number}" for number, node in enumerate(nodes) if name in node.holds)
+        stream.write(f"#define {word} ({' || '.join(held)})\n")
+
+
+def _words(nodes: list[ExportedState]) -> dict[str, str]:
+    """Return a word for each name of what holds: `is_` and letters, digits and _."""
+    words: dict[str, str] = {}
+    for name in sorted({name for node in nodes for name in node.holds}):
+        word = "is_" + re.sub(r"\W", "_", name, flags=re.ASCII)
+        while word in words.values():
+            word += "_"
+        words[name] = word
+    return words
+
+
+def _quoted(label: str) -> str:
+    return label.replace("\\", "/").replace('"', "'").replace("*/", "* /").replace("\n", " ")
+
+
+EXPORTS: Final[dict[str, Callable[[TextIO, list[ExportedState]], None]]] = {
+    ".drn": _write_storm,
+    ".pml": _write_promela,
+    ".aut": _write_aldebaran,
+}
+"""What writes each format, by the suffix of its files."""
+
 
 _MANY = 1_000
 """Values of a variable, or periods of a wait, that make for many states."""

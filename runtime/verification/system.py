@@ -12,21 +12,23 @@ from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from llfsm.errors import did_you_mean
-
-from ..engine.events import Request
-from .domains import messages_of
-from .errors import DomainError, EndlessError, UnsupportedError
-from .members import Member
-from .passing import Limits, Passing
-from .ringlets import Ringlets
-from .standings import ControlState, Given, RingletOutcome, UnknownStandingError
-from .state_view import defaults_of
-from .values import freeze
+from llfsm.runtime.engine.events import Request
+from llfsm.runtime.verification.domains import Member, messages_of
+from llfsm.runtime.verification.errors import DomainError, EndlessError, UnsupportedError
+from llfsm.runtime.verification.explored import (
+    ControlState,
+    Given,
+    RingletOutcome,
+    UnknownStandingError,
+)
+from llfsm.runtime.verification.properties import defaults_of
+from llfsm.runtime.verification.ringlets import Ringlets
+from llfsm.runtime.verification.time_model import Limits, Passing
+from llfsm.runtime.verification.values import freeze
 
 if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
 
-__all__ = ["MOST_VALUES", "Choice", "RelearnError", "System"]
 
 _MOST_CHOICES = 100_000
 """What the environment may do at one turn; far less already makes too many states."""

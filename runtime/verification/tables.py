@@ -1,21 +1,62 @@
 """Tables from packed states to what turns do to them, filled as they are looked up.
 
 An effect is (mask, value): `state & mask | value` is the state after it.
+
+States as whole numbers: each field has its bits, the small ones lowest.
+
+Fields are packed tight, and those with few values come first, because the hash of a whole number
+is the number: sets of them are fast only if the low bits differ.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
-from typing import TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias, TypeVar
 
-from .packing import Bits, FieldName, Packing
-from .passing import Limits, Periods
-from .standings import ControlState, Given, RingletOutcome
-from .system import Choice, RelearnError, System
-from .witness import LastAsk
+from llfsm.runtime.verification.explored import ControlState, Given, RingletOutcome
+from llfsm.runtime.verification.properties import LastAsk
+from llfsm.runtime.verification.system import Choice, RelearnError, System
+from llfsm.runtime.verification.time_model import Limits, Periods
 
-__all__ = ["Effect", "LazyTable", "Tables"]
+FieldName: TypeAlias = tuple[str, str]
+"""What it is ("control", "variables", "elapsed", "slot", "seen", "stop"), and of what."""
+
+
+class Bits(NamedTuple):
+    """The bits of a field: `(state >> shift) & most` is its value."""
+
+    shift: int
+    most: int
+
+    @property
+    def mask(self) -> int:
+        """The bits."""
+        return self.most << self.shift
+
+    def of(self, state: int) -> int:
+        """Return the value in a state."""
+        return (state >> self.shift) & self.most
+
+
+class Packing:
+    """Where each field is, given how many values each must have room for."""
+
+    def __init__(self, sizes: Mapping[FieldName, int]):
+        self.fields: dict[FieldName, Bits] = {}
+        shift = 0
+        for name, size in sorted(sizes.items(), key=lambda item: item[1]):
+            width = max(size - 1, 0).bit_length()
+            self.fields[name] = Bits(shift, (1 << width) - 1)
+            shift += width
+        self.all = (1 << shift) - 1
+        """The bits of all fields."""
+
+    def mask(self, names: Iterable[FieldName]) -> int:
+        """Return the bits of the fields that there are."""
+        fields = self.fields
+        return sum(fields[name].mask for name in set(names) if name in fields)
+
 
 V = TypeVar("V")
 Effect: TypeAlias = tuple[int, int]

@@ -14,8 +14,6 @@ from mypy.plugin import MethodSigContext, Plugin
 from mypy.types import CallableType, FunctionLike, Type, UnionType, get_proper_type
 from mypy.typevars import fill_typevars
 
-__all__ = ["plugin"]
-
 _TO = "llfsm.runtime.engine.state.State.to"
 
 

@@ -27,9 +27,9 @@ from typing import Any, NamedTuple
 from measure import Side, wait_for
 from table import HEAD, Row, Score
 
-from llfsm.bridges.ros2.router import open_router
+from llfsm.bridges.ros2.opening import open_router
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.zenoh_transport.attachment import pack
+from llfsm.bridges.ros2.zenoh_transport.endpoint import pack
 from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
 from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard

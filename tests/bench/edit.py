@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, write_bundle
-from llfsm.runtime.engine.layout import MachineLayout, StateBox
+from llfsm.runtime.engine.table import MachineLayout, StateBox
 
 STATES, COLUMNS = 200, 15
 PAUSE_S = 0.6  # between edits, in which the machine is checked

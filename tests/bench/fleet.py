@@ -25,7 +25,7 @@ from typing import NamedTuple
 from measure import Side
 from table import MORE_BYTES, MORE_PERCENT, Row
 
-from llfsm.bridges.ros2.router import open_router
+from llfsm.bridges.ros2.opening import open_router
 from llfsm.whiteboard import BoundSlot, Message, Slot, Whiteboard
 from llfsm.whiteboard.mirror.zenoh_internals import listeners
 

@@ -15,7 +15,7 @@ from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, Machine, MonotonicClock, State, TimeSlot, Timetable
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from llfsm.runtime.debugging import Debugger
-from llfsm.runtime.engine.pacing import Pacer
+from llfsm.runtime.engine.schedule import Pacer
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 

@@ -29,9 +29,9 @@ from bridge import free_port, go, line_of, main, ready, until_over
 from measure import Side, wait_for
 from table import ADDED_MS, MEDIANS, Row
 
-from llfsm.bridges.ros2.router import open_router
+from llfsm.bridges.ros2.opening import open_router
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.zenoh_transport.attachment import pack
+from llfsm.bridges.ros2.zenoh_transport.endpoint import pack
 from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
 from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
 from llfsm.whiteboard import BoardNotFoundError

@@ -12,9 +12,9 @@ from measure import Side
 from table import WORST_S, Row
 
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.replay_recorder import record_replay
-from llfsm.cli.debug.travel_prompt import AskedPrompt, TravelPrompt
-from llfsm.cli.recorded_plans import plan_of_one, travel_through
+from llfsm.bridges.recording.recorders import record_replay
+from llfsm.cli.debug.prompt import AskedPrompt, TravelPrompt
+from llfsm.cli.rerun import plan_of_one, travel_through
 from llfsm.runtime import Machine, Sensor, State
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member

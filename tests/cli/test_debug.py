@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.cli.debug.debug_session import Session
 from llfsm.cli.debug.prompt import LivePrompt
+from llfsm.cli.debug.session import Session
 from llfsm.cli.run.arguments import parse_arguments
 from llfsm.errors import LlfsmError
 from llfsm.runtime import ManualClock

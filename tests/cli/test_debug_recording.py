@@ -8,12 +8,11 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.recording.journal_writer import JournalWriter
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.replay_recorder import record_replay
-from llfsm.bridges.recording.writer import RecordingWriter
-from llfsm.cli.debug.travel_prompt import AskedPrompt, TravelPrompt
-from llfsm.cli.recorded_plans import plan_of_one, travel_through
+from llfsm.bridges.recording.recorders import record_replay
+from llfsm.bridges.recording.writer import JournalWriter, RecordingWriter
+from llfsm.cli.debug.prompt import AskedPrompt, TravelPrompt
+from llfsm.cli.rerun import plan_of_one, travel_through
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member
 from llfsm.whiteboard import Slot

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from calling import call
-from llfsm.cli.page import TOKEN_VARIABLE
+from llfsm.cli.view import TOKEN_VARIABLE
 
 from ..bridges.view.conftest import Process
 

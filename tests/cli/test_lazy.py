@@ -13,8 +13,7 @@ import click
 import pytest
 
 import llfsm.cli
-from llfsm.cli.lazy import LazyGroup
-from llfsm.cli.root import main
+from llfsm.cli.root import LazyGroup, main
 
 
 def rows(group: LazyGroup, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str, str]]:

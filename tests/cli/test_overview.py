@@ -7,7 +7,7 @@ import re
 import pytest
 
 from llfsm.runtime.drawing import to_svg
-from llfsm.runtime.drawing.overview import MachineLinks, overview
+from llfsm.runtime.drawing.arrange import MachineLinks, overview
 
 from .conftest import Llfsm
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from free_ports import free_endpoint
-from llfsm.bridges.ros2.router import open_router
+from llfsm.bridges.ros2.opening import open_router
 
 from .conftest import Llfsm
 

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from free_ports import free_endpoint
-from llfsm.bridges.ros2.router import open_router
+from llfsm.bridges.ros2.opening import open_router
 from llfsm.cli.package import PackageError, package_name, write_package
 
 ORIGIN = "llfsm.machines:RosPingPong"

@@ -76,7 +76,7 @@ class Stays(Machine):
 # A signal that comes just before the fork.
 EARLY = """
 import os, signal, time
-from llfsm.cli.run.nonstop import run_nonstop
+from llfsm.cli.run.running import run_nonstop
 
 block = signal.pthread_sigmask
 
@@ -92,7 +92,7 @@ run_nonstop(lambda: time.sleep(60), lambda cause: os._exit(0))
 # A signal that the system gives to another thread than the one that waits, and handles signals.
 ELSEWHERE = """
 import os, signal, threading, time
-from llfsm.cli.run.nonstop import run_nonstop
+from llfsm.cli.run.running import run_nonstop
 
 reader, writer = os.pipe()
 

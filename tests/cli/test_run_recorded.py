@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from mcap.stream_reader import StreamReader
 
-from llfsm.cli.run import recorder_process as recorded
+from llfsm.cli.run import world as recorded
 from llfsm.machines import RosPingPong
 from llfsm.runtime import Arrangement
 from llfsm.runtime.journal.handover import Handover
-from llfsm.runtime.plans.plan import Plan
+from llfsm.runtime.plans import Plan
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.liveness import this_process

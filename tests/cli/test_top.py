@@ -8,7 +8,7 @@ import signal
 import pytest
 from click.testing import CliRunner
 
-from llfsm.cli.top import top
+from llfsm.cli.ps import top
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32, String
 from waiting import wait_for

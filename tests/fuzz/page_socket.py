@@ -18,8 +18,8 @@ from starlette.types import Receive, Scope, Send
 from uvicorn.protocols.utils import ClientDisconnected
 from websockets.sync.client import connect
 
+from llfsm.bridges.view.access import configured
 from llfsm.bridges.view.app import make_app
-from llfsm.bridges.view.connections import configured
 from llfsm.bridges.view.live_source import LiveSource
 from llfsm.whiteboard import Message, Slot, Whiteboard
 

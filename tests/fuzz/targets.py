@@ -25,19 +25,15 @@ from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.view.page_requests import FrameShown, decode, perform
 from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles.read import read_bundle
-from llfsm.runtime.plans.dispatch import read_dispatch_table
-from llfsm.runtime.plans.plan import read_plan
-from llfsm.runtime.plans.toml_files import read_toml
+from llfsm.runtime.plans import read_dispatch_table, read_plan, read_toml
 from llfsm.whiteboard import Message, Slot, Whiteboard
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.messages.geometry_msgs import Vector3
 from llfsm.whiteboard.messages.std_msgs import Int64, String
-from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value
+from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value, Version
 from llfsm.whiteboard.mirror.exchange import Exchange
-from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.mirror.version_log import NoVersionLog
+from llfsm.whiteboard.mirror.store import NoVersionLog, Store
 
 __all__ = ["TARGETS"]
 

@@ -9,11 +9,10 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any, NamedTuple
 
+from llfsm.bridges.ros2.calls import PendingCalls, PendingRequests
 from llfsm.bridges.ros2.graph import Endpoint
-from llfsm.bridges.ros2.lifetime import Closable
-from llfsm.bridges.ros2.pending import PendingCalls, PendingRequests
-from llfsm.bridges.ros2.timer_thread import TimerThread
-from llfsm.bridges.ros2.transport import Client, MessageInfo, Server, ServiceRequest
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.transport import Client, Closable, MessageInfo, Server, ServiceRequest
 from llfsm.bridges.ros2.types import RosService
 
 from .inbox import Inbox

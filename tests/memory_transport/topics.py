@@ -7,9 +7,9 @@ from collections import deque
 from collections.abc import Callable
 
 from llfsm.bridges.ros2.graph import Endpoint
-from llfsm.bridges.ros2.lifetime import Closable
 from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos
 from llfsm.bridges.ros2.transport import (
+    Closable,
     MessageInfo,
     Publisher,
     SerializedBytes,

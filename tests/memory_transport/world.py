@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 
 from llfsm.bridges.ros2.graph import Endpoint, Graph
 from llfsm.bridges.ros2.notices import Notifier
-from llfsm.bridges.ros2.timer_thread import TimerThread
+from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import NoticeKind
 
 __all__ = ["Member", "MemoryWorld", "Site"]

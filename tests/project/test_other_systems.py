@@ -49,10 +49,10 @@ __builtins__.open = opened
 
 import click
 from click.testing import CliRunner
-from llfsm.bridges.recording.replay_recorder import record_replay
+from llfsm.bridges.recording.recorders import record_replay
 from llfsm.cli.root import main
 from llfsm.machines import RosPingPong
-from llfsm.runtime.plans.plan import Plan, PlannedMachine
+from llfsm.runtime.plans import Plan, PlannedMachine
 from llfsm.runtime.testing import Step
 from llfsm.runtime.verification import Member
 

@@ -12,10 +12,9 @@ from types import ModuleType
 
 import pytest
 
-from llfsm.bridges.turtlesim.arithmetic import FIELD
 from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import STEP_NS, Simulator
-from llfsm.bridges.turtlesim.turtle import Level
+from llfsm.bridges.turtlesim.turtle import FIELD, Level
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.whiteboard import Whiteboard
 

@@ -17,8 +17,7 @@ from pathlib import Path
 import pytest
 
 from definition import BUILT
-from llfsm.cli.lazy import LazyGroup
-from llfsm.cli.root import main
+from llfsm.cli.root import LazyGroup, main
 from llfsm.errors import LlfsmError
 
 ROOT = Path(__file__).parents[2]
@@ -76,15 +75,15 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("module", "imported"),
     [
         ("whiteboard/slots.py", "llfsm.cli.root"),
-        ("bridges/view/errors.py", "llfsm.cli.lazy"),
+        ("bridges/view/errors.py", "llfsm.cli.root"),
         ("whiteboard/slots.py", "llfsm.runtime.plans"),
         ("bridges/view/errors.py", "llfsm.machines.common"),
-        ("bridges/view/errors.py", "llfsm.bridges.edit.opened_plan"),
+        ("bridges/view/errors.py", "llfsm.bridges.edit.edit_app"),
         ("bridges/view/errors.py", "llfsm.runtime.verification.errors"),
         ("runtime/engine/errors.py", "llfsm.runtime.debugging.causes"),
         ("runtime/engine/errors.py", "llfsm.runtime.value_text"),
         ("runtime/verification/errors.py", "llfsm.runtime.debugging.causes"),
-        ("runtime/plans/plan.py", "llfsm.runtime.checking.rules"),
+        ("runtime/plans.py", "llfsm.runtime.checking.rules"),
         ("runtime/presence/will.py", "llfsm.runtime.verification.errors"),
     ],
 )

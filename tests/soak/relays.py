@@ -31,8 +31,8 @@ from use import Use
 
 from free_ports import free_endpoint
 from llfsm.bridges.ros2.graph import Graph, Role
+from llfsm.bridges.ros2.opening import open_router
 from llfsm.bridges.ros2.qos import Qos
-from llfsm.bridges.ros2.router import open_router
 from llfsm.bridges.ros2.transport import SerializedMessage
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from llfsm.bridges.recording.board_recorder import BoardRecorder
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.recorders import BoardRecorder
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.frames import FrameEncoder
 from llfsm.bridges.view.live_source import LiveSource
@@ -23,8 +23,7 @@ from llfsm.whiteboard.messages.std_msgs import Int32
 from llfsm.whiteboard.mirror.batches import Batch, decoder
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.mirror.version_log import NoVersionLog
+from llfsm.whiteboard.mirror.store import NoVersionLog, Store
 from own_boards import own_board
 
 pytestmark = pytest.mark.compiler

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import pytest
 
 from llfsm.whiteboard import Board, BoardClosedError, Message, Slot
-from llfsm.whiteboard.stream import Stream
+from llfsm.whiteboard.subscription import Stream
 from waiting import PATIENCE_S, wait_for
 
 from .conftest import Observed

@@ -1,7 +1,7 @@
 """The messages of ROS's package ``builtin_interfaces``: times and durations."""
 
-from ..message import Message
-from .types import Int32, UInt32
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.messages.types import Int32, UInt32
 
 __all__ = ["Duration", "Time"]
 

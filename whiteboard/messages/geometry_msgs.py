@@ -4,8 +4,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from ..message import Message
-from .std_msgs import Header
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.messages.std_msgs import Header
 
 __all__ = [
     "Accel",

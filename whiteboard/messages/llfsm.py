@@ -1,23 +1,35 @@
-"""Messages between llfsm's own processes: the status of machines, and requests to them."""
+"""Messages between llfsm's own processes: the status of machines, and requests to them.
+
+What the daemon that mirrors a board publishes of itself and of other hosts.
+
+Messages by which a host finds the others of its fleet, and what they have.
+
+What a debugger publishes of machines.
+"""
+
+from __future__ import annotations
 
 from functools import lru_cache
 from typing import Literal, TypeAlias
 
-from ..message import Message
-from ..slots import Slot, legal_name
-from .mirroring import MIRROR, MirrorStatus, PeerStatus, QuotaStatus, Refusal
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.slots import Slot, legal_name
 
 __all__ = [
     "BELL",
     "COMMANDERS",
     "DEFINITIONS",
+    "HOSTS",
     "JOURNALS",
+    "KEEPS_READ",
     "MACHINES",
     "MIRROR",
     "RECORDER",
     "REQUESTS",
+    "SUMMARIES",
     "VARIABLES",
     "VIEWER",
+    "WHYS",
     "WILLS",
     "WILL_BELL",
     "Action",
@@ -29,12 +41,17 @@ __all__ = [
     "DefinedSection",
     "DefinedState",
     "DefinedTransition",
+    "Folders",
+    "HostSummary",
+    "Hosts",
     "JournalPart",
     "LastWill",
     "MachineDefinition",
     "MachineRequest",
     "MachineStatus",
+    "MachineTrouble",
     "MachineVariables",
+    "MachineWhy",
     "MirrorStatus",
     "OverriddenSensor",
     "PeerStatus",
@@ -42,16 +59,81 @@ __all__ = [
     "Recorder",
     "Refusal",
     "SafeValue",
+    "SeenTransition",
     "VariableValue",
     "Viewer",
     "commanders_slot",
     "definition_slot",
+    "folders_slot",
     "journal_slot",
     "request_slot",
     "status_slot",
+    "summary_slot",
     "variables_slot",
+    "viewer_slot",
+    "why_slot",
     "will_slot",
 ]
+
+
+class PeerStatus(Message):
+    """Another host, as seen by the daemon of a board."""
+
+    name: str
+    host: str
+    silent_s: float
+    lag_ms: float  # from sending a batch to receiving it; as accurate as the clocks
+    received: int  # batches
+    lost: int  # batches that did not arrive
+    certificate: str = ""  # the name in it, if that is known
+
+
+class QuotaStatus(Message):
+    """What a host has taken of its quota, since the daemon started."""
+
+    name: str  # in its certificate; empty for all hosts that share a quota
+    slots: int  # that it has made here
+    max_slots: int
+    bytes: int  # of shared memory for them
+    max_bytes: int
+    over_rate: int  # messages of the network that were dropped
+
+
+class Refusal(Message):
+    """A kind of message or connection that was refused, and how often."""
+
+    what: str
+    count: int
+
+
+class MirrorStatus(Message):
+    """The status of the daemon that mirrors a board, published once a second.
+
+    Rates are per second since the previous status, of slots or of bytes. A conflict is a message
+    from another host that arrived after a newer one of the same slot.
+    """
+
+    host: str = ""
+    pid: int = 0
+    slots: int = 0
+    left: int = 0
+    entered: int = 0
+    leave_rate: float = 0.0
+    enter_rate: float = 0.0
+    conflicts: int = 0
+    held_back: int = 0  # messages of slots that arrive too often; the newest enters later
+    peers: tuple[PeerStatus, ...] = ()
+    quotas: tuple[QuotaStatus, ...] = ()
+    refused: tuple[Refusal, ...] = ()
+    partition_s: float = 3.0  # a host that was silent for so long counts as dead
+    name: str = ""  # of the host; empty if it has none
+    fleet: tuple[str, ...] = ()  # globs of the others' names
+    sent_rate: float = 0.0  # bytes; a batch counts once, however many hosts read it
+    received_rate: float = 0.0
+
+
+MIRROR = Slot("llfsm/mirror", MirrorStatus, capacity=1 << 16)
+
 
 MACHINES = "llfsm/machine/"
 DEFINITIONS = "llfsm/definition/"
@@ -358,3 +440,111 @@ def will_slot(machine: str) -> Slot[LastWill]:
 def journal_slot(number: int) -> Slot[JournalPart]:
     """Return the slot for the journal of that number."""
     return Slot(f"{JOURNALS}{number}", JournalPart, 128 << 10)
+
+
+KEEPS_READ = "/."
+"""The end of the name of a slot that never has a message: who reads it reads its folder."""
+
+_CAPACITY = 1 << 16
+
+
+class Hosts(Message):
+    """The names of the hosts that can be reached; kept up to date while a process reads it."""
+
+    names: tuple[str, ...] = ()
+
+
+HOSTS = Slot("llfsm/hosts", Hosts, capacity=_CAPACITY)
+
+
+class Folders(Message):
+    """The folders of a named host's own slots, as others have them."""
+
+    folders: tuple[str, ...] = ()
+
+
+def folders_slot(host: str = "") -> Slot[Folders]:
+    """Return the slot for the folders of a host; by default of this one, if it has a name."""
+    return Slot(f"llfsm/folders/{host}/" if host else "llfsm/folders", Folders, _CAPACITY)
+
+
+def viewer_slot(host: str = "") -> Slot[Viewer]:
+    """Return the slot for viewers of a host's machines; by default of this one."""
+    return Slot(f"{VIEWER.name}/{host}/", Viewer) if host else VIEWER
+
+
+class MachineTrouble(Message):
+    """A machine that does not do its work: its `condition`, as in `llfsm ps`, and why."""
+
+    machine: str
+    condition: str
+    error: str = ""
+
+
+class HostSummary(Message):
+    """A named host in a few lines, for others that look at the fleet; published once a second.
+
+    Rates are per second: of messages of slots that leave and enter, of bytes sent and received.
+    """
+
+    system: str = ""  # the host's name in its network
+    sent_ns: int = 0  # since 1970, by its clock
+    leave_rate: float = 0.0
+    enter_rate: float = 0.0
+    sent_rate: float = 0.0
+    received_rate: float = 0.0
+    refused: int = 0  # messages and connections, since its daemon started
+    machines: int = 0
+    troubled: int = 0  # how many of these are in trouble
+    troubles: tuple[MachineTrouble, ...] = ()  # of the first of these
+
+
+SUMMARIES = "llfsm/summary"
+"""The slot of a host's summary on that host, and the folder of others'."""
+
+
+def summary_slot(host: str = "") -> Slot[HostSummary]:
+    """Return the slot for the summary of a host; by default of this one, if it has a name."""
+    return Slot(f"{SUMMARIES}/{host}/" if host else SUMMARIES, HostSummary, _CAPACITY)
+
+
+WHYS = "llfsm/why/"
+
+
+class SeenTransition(Message):
+    """A transition as it was evaluated, or would be; no value if that takes a call with effects.
+
+    `seen` is its expression with the values of its parts; "not evaluated" if one before it has
+    fired, or has raised.
+    """
+
+    target: str
+    label: str
+    value: bool | None
+    seen: str
+
+
+class MachineWhy(Message):
+    """Why a machine is in `state`: its transitions; posted for a viewer.
+
+    They are as they were evaluated `evaluated_s` seconds before the message's stamp, by the
+    machine's clock; without a time, as they would be then, on the last snapshot. While paused
+    where a transition has fired, from `source`, `before` are those of that state; it is the one
+    whose code has raised if the machine has `failed` there. The `breakpoints` are those of all
+    machines of its process; `problem` is why the last request was refused.
+    """
+
+    state: str
+    transitions: tuple[SeenTransition, ...]
+    source: str = ""
+    before: tuple[SeenTransition, ...] = ()
+    breakpoints: tuple[str, ...] = ()
+    problem: str = ""
+    evaluated_s: float | None = None
+    failed: bool = False
+
+
+@lru_cache(maxsize=128)
+def why_slot(machine: str) -> Slot[MachineWhy]:
+    """Return the slot for why a machine is in its state."""
+    return Slot(WHYS + legal_name(machine), MachineWhy, 16 << 10)

@@ -1,8 +1,8 @@
 """The messages of ROS's package ``std_msgs``: single values, and the header."""
 
-from ..message import Message
-from . import types
-from .builtin_interfaces import Time
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.messages import types
+from llfsm.whiteboard.messages.builtin_interfaces import Time
 
 __all__ = [
     "Bool",

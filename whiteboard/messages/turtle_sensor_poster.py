@@ -5,8 +5,8 @@ server posts an answer with that number. An answer whose number is at least the 
 its request, too, because it holds a later position; so clients may share the two slots.
 """
 
-from ..message import Message
-from ..slots import Slot
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.slots import Slot
 
 __all__ = ["ANSWER", "REQUEST", "TurtlePositionAnswer", "TurtlePositionRequest"]
 

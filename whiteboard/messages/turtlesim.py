@@ -1,7 +1,7 @@
 """The messages of ROS's package ``turtlesim``."""
 
-from ..message import Message
-from .types import UInt8
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.messages.types import UInt8
 
 __all__ = ["Color", "Pose"]
 

@@ -9,17 +9,16 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from ..errors import WhiteboardError
-from ..messages.llfsm import MIRROR, MirrorStatus
-from .keeper import Keeper
-from .mirror import Mirror
-from .settings import Settings
-from .version_log import FileVersionLog
+from llfsm.whiteboard.errors import WhiteboardError
+from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
+from llfsm.whiteboard.mirror.keeper import Keeper
+from llfsm.whiteboard.mirror.mirror import Mirror
+from llfsm.whiteboard.mirror.settings import Settings
+from llfsm.whiteboard.mirror.store import FileVersionLog
 
 if TYPE_CHECKING:
-    from ..shared import Whiteboard
+    from llfsm.whiteboard.shared import Whiteboard
 
-__all__ = ["daemon", "notify_supervisor", "status_publisher"]
 
 _log = logging.getLogger("llfsm.mirror")
 

@@ -2,6 +2,8 @@
 
 It uses no network and no clock of its own: bytes come in and go out, and clocks are passed in. So
 the daemon, a connected process and the simulation run the same code.
+
+What a host sends and receives, and how much of it in a second.
 """
 
 from __future__ import annotations
@@ -10,36 +12,64 @@ import os
 import socket
 from collections import Counter
 from collections.abc import Callable, Iterable
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from ..messages.llfsm import MirrorStatus
-from .arrivals import Arrivals
-from .batches import (
+from llfsm.whiteboard.messages.llfsm import MirrorStatus
+from llfsm.whiteboard.mirror.arrivals import Arrivals, Route, Routes
+from llfsm.whiteboard.mirror.batches import (
     Batch,
     Declaration,
     Heartbeat,
     ReceivedBatch,
     StateQuery,
     Value,
+    Version,
     decoder,
     divide,
     encode,
 )
-from .groups import EVERY_GROUP
-from .interest import Interest
-from .merge import Version
-from .packets import EVERY_HOST, Packet, Query
-from .peers import Peers, Source
-from .quotas import Quotas
-from .refusals import Refusals
-from .routes import Route, Routes
-from .settings import Settings
-from .store import Store
-from .traffic import Traffic
+from llfsm.whiteboard.mirror.groups import EVERY_GROUP, Interest
+from llfsm.whiteboard.mirror.peers import EVERY_HOST, Packet, Peers, Query, Source
+from llfsm.whiteboard.mirror.quotas import Quotas, Refusals
+from llfsm.whiteboard.mirror.settings import Settings
+from llfsm.whiteboard.mirror.store import Store
 
-__all__ = ["Exchange"]
+
+class Rates(NamedTuple):
+    """What one second has brought, on average since the rates before."""
+
+    left: float
+    """Messages of slots."""
+    entered: float
+    sent: float
+    """Bytes."""
+    received: float
+
+
+class Traffic:
+    """Counts what leaves and what comes; not what Zenoh and the network add to it.
+
+    A batch counts once, however many hosts read it: they share it as far as a router forwards it.
+    """
+
+    def __init__(self, now_ns: int) -> None:
+        self.left = 0
+        """Messages of slots that were sent."""
+        self.sent = self.received = 0
+        """Bytes of all kinds of messages between hosts."""
+        self._before = (0, 0, 0, 0)
+        self._before_ns = now_ns
+
+    def rates(self, entered: int, now_ns: int) -> Rates:
+        """Return the rates since the last call; so many messages of slots have `entered` so far."""
+        counts = (self.left, entered, self.sent, self.received)
+        seconds = max((now_ns - self._before_ns) / 1e9, 1e-9)
+        grown = (now - before for now, before in zip(counts, self._before, strict=True))
+        self._before, self._before_ns = counts, now_ns
+        return Rates(*(round(each / seconds, 1) for each in grown))
+
 
 T = TypeVar("T")
 

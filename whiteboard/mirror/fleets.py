@@ -17,11 +17,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from .packets import Packet
-from .settings import Settings
-from .simulation import MS, TICK_NS, Host, World, sizes
-
-__all__ = ["Fleet", "Row", "measure", "table"]
+from llfsm.whiteboard.mirror.peers import Packet
+from llfsm.whiteboard.mirror.settings import Settings
+from llfsm.whiteboard.mirror.simulation import MS, TICK_NS, Host, World, sizes
 
 SITE = 10
 SLOTS, RATE = 2, 20  # of each host, which adds to each slot so often a second

@@ -7,14 +7,19 @@ its own; with a fixed number of groups, each would bring a share of what everybo
 that grows with the hosts.
 
 In a key, a folder is a hash of its name: names have characters that keys do not have.
+
+Which groups of slots this host receives, and when it asks all other hosts for them.
+
+A host that is connected directly reports itself, and one that adds to a slot reports by heartbeats
+what was missed. Neither is seen of a host that only has what another one has added which is gone
+since, if routers are between them. So what is received is asked for after each connection to a
+router, and once a minute, as routers may have lost and found each other.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
 from hashlib import blake2b
-
-__all__ = ["EVERY_GROUP", "group_of"]
 
 EVERY_GROUP = ""
 """In place of a group: all of them."""
@@ -25,3 +30,46 @@ def group_of(slot: str) -> str:
     """Return the group of a slot."""
     folder = slot.rpartition("/")[0].encode(errors="surrogateescape")
     return blake2b(folder, digest_size=8).hexdigest()
+
+
+_ASK_AGAIN_NS = 60_000_000_000
+_NEW_AT_ONCE = 16  # groups: a process that reads thousands must not stop this host from sending
+
+
+class Interest:
+    """The groups that a host receives: all if it is eager, else those that are read there."""
+
+    def __init__(self, eager: bool, now_ns: int) -> None:
+        self._is_eager = eager
+        self.groups = {EVERY_GROUP} if eager else set[str]()
+        self.is_complete = True
+        """Whether these are all that are wanted."""
+        self._asked: set[str] = set()
+        self._again_ns = now_ns + _ASK_AGAIN_NS
+
+    def change(self, wanted: set[str]) -> set[str]:
+        """Receive these groups from now on; return the new ones, which are asked for.
+
+        These are a few at a time, as each takes a while: call it again for the others.
+        """
+        new = set(sorted(wanted - self.groups)[:_NEW_AT_ONCE])
+        self.groups = (self.groups & wanted) | new
+        self.is_complete = self.groups == wanted
+        self._asked = (self._asked | new) & wanted
+        return new
+
+    def connect(self, to_router: bool) -> None:
+        """Ask again, as hosts have just connected: an eager host, only if they are behind a router.
+
+        All others report to it all that they have, and it asks each for what it misses.
+        """
+        if to_router or not self._is_eager:
+            self._asked |= self.groups
+
+    def take(self, now_ns: int) -> list[str]:
+        """Return the groups to ask all hosts for now."""
+        if now_ns >= self._again_ns:
+            self._again_ns = now_ns + _ASK_AGAIN_NS
+            self._asked |= self.groups
+        asked, self._asked = sorted(self._asked), set()
+        return asked

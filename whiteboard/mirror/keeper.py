@@ -20,20 +20,18 @@ from zlib import crc32
 
 import msgspec
 
-from ..errors import (
+from llfsm.whiteboard.errors import (
     BoardCorruptError,
     BoardError,
     BoardMirroredError,
     BoardPermissionError,
     WhiteboardError,
 )
-from ..own_slots import is_own
-from .batches import Declaration, Value
-from .refusals import Refused
-from .settings import KeepSettings, matcher
-from .store import Store
-
-__all__ = ["Keeper", "Kept"]
+from llfsm.whiteboard.mirror.batches import Declaration, Value
+from llfsm.whiteboard.mirror.quotas import Refused
+from llfsm.whiteboard.mirror.settings import KeepSettings, matcher
+from llfsm.whiteboard.mirror.store import Store
+from llfsm.whiteboard.own_slots import is_own
 
 _MAGIC = b"LLKEPT1\n"
 _CHECKSUM = 4  # bytes after it

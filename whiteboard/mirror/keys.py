@@ -24,22 +24,9 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from .batches import VERSION
-from .groups import EVERY_GROUP
-from .packets import EVERY_HOST
-from .peers import Source
-
-__all__ = [
-    "Asked",
-    "Keys",
-    "access_control",
-    "asked_in",
-    "board_in",
-    "host_in",
-    "sender_in",
-    "usable_name",
-    "version_in",
-]
+from llfsm.whiteboard.mirror.batches import VERSION
+from llfsm.whiteboard.mirror.groups import EVERY_GROUP
+from llfsm.whiteboard.mirror.peers import EVERY_HOST, Source
 
 _NAME = re.compile(r"[^/*$?#\s]{1,64}")
 _PARTS = 9  # of the key of a query

@@ -8,21 +8,17 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from ..board import Board
-from ..errors import WhiteboardError
-from ..messages.fleet import HOSTS, Folders, Hosts, folders_slot
-from ..messages.llfsm import MirrorStatus
-from .exchange import Exchange
-from .groups import EVERY_GROUP
-from .keeper import Keeper
-from .naming import Naming
-from .network import Network
-from .packets import EVERY_HOST, Packet, Query
-from .settings import Settings, matcher
-from .store import Store
-from .version_log import VersionLog
-
-__all__ = ["Mirror"]
+from llfsm.whiteboard.board import Board
+from llfsm.whiteboard.errors import WhiteboardError
+from llfsm.whiteboard.messages.llfsm import HOSTS, Folders, Hosts, MirrorStatus, folders_slot
+from llfsm.whiteboard.mirror.exchange import Exchange
+from llfsm.whiteboard.mirror.groups import EVERY_GROUP
+from llfsm.whiteboard.mirror.keeper import Keeper
+from llfsm.whiteboard.mirror.naming import Naming
+from llfsm.whiteboard.mirror.network import Network
+from llfsm.whiteboard.mirror.peers import EVERY_HOST, Packet, Query
+from llfsm.whiteboard.mirror.settings import Settings, matcher
+from llfsm.whiteboard.mirror.store import Store, VersionLog
 
 _TICK_S = 0.005  # between two batches: changes in between travel together
 _HEARTBEAT_S = 0.25

@@ -25,12 +25,10 @@ from typing import TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from ..errors import NetworkError
-from ..messages.llfsm import WILLS, LastWill
-from ..own_slots import OWN
-from .batches import Declaration, Value
-
-__all__ = ["Naming", "require_host_name"]
+from llfsm.whiteboard.errors import NetworkError
+from llfsm.whiteboard.messages.llfsm import WILLS, LastWill
+from llfsm.whiteboard.mirror.batches import Declaration, Value
+from llfsm.whiteboard.own_slots import OWN
 
 T = TypeVar("T", Value, Declaration)
 

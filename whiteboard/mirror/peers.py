@@ -1,6 +1,8 @@
 """The other hosts whose slots are read here, and which have messages that are missing here.
 
 A host numbers the batches of each group of slots by themselves, so it is followed by group.
+
+What an exchange hands to the network: for whom it is, and the bytes.
 """
 
 from __future__ import annotations
@@ -10,11 +12,9 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from ..messages.llfsm import PeerStatus
-from .batches import Heartbeat, ReceivedBatch
-from .groups import EVERY_GROUP
-
-__all__ = ["Peer", "Peers", "Source"]
+from llfsm.whiteboard.messages.llfsm import PeerStatus
+from llfsm.whiteboard.mirror.batches import Heartbeat, ReceivedBatch
+from llfsm.whiteboard.mirror.groups import EVERY_GROUP
 
 _RETRY_NS = 500_000_000  # a host that does not reply is queried again after this time
 _FORGET_NS = 60_000_000_000  # a host that sends nothing is forgotten after this time
@@ -195,3 +195,22 @@ class Peers:
         if peer is not None:
             peer.filled = max(peer.filled, gaps)
             peer.queried_ns = None
+
+
+EVERY_HOST = Source("", -1)
+"""In place of a host: all of them."""
+
+
+class Packet(NamedTuple):
+    """A batch or a heartbeat for all that read a group."""
+
+    group: str
+    data: bytes
+
+
+class Query(NamedTuple):
+    """A query to another host, or to all that have slots of a group."""
+
+    source: Source
+    gaps: int  # of that host; passed back at the end of the reply
+    data: bytes

@@ -3,17 +3,47 @@
 A host is known by its certificate if the settings list who may write what. Otherwise, nothing
 proves who has sent a message, and all other hosts share one account: with an account for each id
 that is claimed, a host could have as many as it likes.
+
+Messages and connections that were refused: each kind is counted, and logged once.
 """
 
 from __future__ import annotations
 
+import logging
+from collections import Counter
 from collections.abc import Iterator
 
-from ..messages.llfsm import QuotaStatus
-from .refusals import Refused
-from .settings import QuotaSettings
+from llfsm.whiteboard.messages.llfsm import QuotaStatus, Refusal
+from llfsm.whiteboard.mirror.settings import QuotaSettings
 
-__all__ = ["Account", "Quotas"]
+_MAX_KINDS = 200  # a sender can cause any number
+_MAX_LENGTH = 400  # characters of a log message
+
+_log = logging.getLogger("llfsm.mirror")
+
+
+class Refused(Exception):  # noqa: N818  not for users: it is counted and logged
+    """Raised when a message cannot enter the board; the text gives the reason."""
+
+
+class Refusals:
+    """Counts refusals by their kind, and logs the first of each kind."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+
+    def add(self, kind: str, reason: str) -> None:
+        """Count a refusal under `kind`; `reason` is logged for the first one."""
+        if kind not in self._counts and len(self._counts) >= _MAX_KINDS:
+            kind = reason = "everything else"
+        self._counts[kind] += 1
+        if self._counts[kind] == 1:
+            _log.warning("refused: %s", reason[:_MAX_LENGTH])
+
+    def report(self) -> tuple[Refusal, ...]:
+        """Return all refusals, the most frequent first."""
+        return tuple(Refusal(kind, count) for kind, count in self._counts.most_common())
+
 
 _BURST_NS = 10**9  # a host that was idle may be ahead of its rate by what this time allows
 

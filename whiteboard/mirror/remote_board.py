@@ -6,13 +6,11 @@ import atexit
 import threading
 from collections.abc import Sequence
 
-from ..errors import BoardClosedError, NetworkError
-from ..local import LocalBoard
-from .mirror import Mirror
-from .settings import Settings
-from .version_log import NoVersionLog
-
-__all__ = ["RemoteBoard"]
+from llfsm.whiteboard.errors import BoardClosedError, NetworkError
+from llfsm.whiteboard.local import LocalBoard
+from llfsm.whiteboard.mirror.mirror import Mirror
+from llfsm.whiteboard.mirror.settings import Settings
+from llfsm.whiteboard.mirror.store import NoVersionLog
 
 _TIMEOUT_S = 5.0
 

@@ -21,18 +21,15 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..local import LocalBoard
-from ..message import Message
-from ..slots import Slot
-from .exchange import Exchange
-from .groups import EVERY_GROUP
-from .merge import Version
-from .packets import EVERY_HOST, Packet, Query
-from .settings import Settings
-from .store import Store
-from .version_log import FileVersionLog
-
-__all__ = ["Host", "World", "sizes", "table"]
+from llfsm.whiteboard.local import LocalBoard
+from llfsm.whiteboard.message import Message
+from llfsm.whiteboard.mirror.batches import Version
+from llfsm.whiteboard.mirror.exchange import Exchange
+from llfsm.whiteboard.mirror.groups import EVERY_GROUP
+from llfsm.whiteboard.mirror.peers import EVERY_HOST, Packet, Query
+from llfsm.whiteboard.mirror.settings import Settings
+from llfsm.whiteboard.mirror.store import FileVersionLog, Store
+from llfsm.whiteboard.slots import Slot
 
 MS = 1_000_000
 TICK_NS = 5 * MS

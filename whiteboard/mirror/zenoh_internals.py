@@ -23,18 +23,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = [
-    "LOG_FILTER",
-    "RefusalLog",
-    "callback_in_receiver",
-    "error_text",
-    "limit_link",
-    "listeners",
-    "open_client",
-    "parse_refusal",
-    "refusal_log",
-    "use_few_threads",
-]
 
 # ---- Threads --------------------------------------------------------------------------------
 

@@ -18,7 +18,11 @@ bridge_plan     a configuration resolved to slots, topics and types, or its erro
 bridge          all of it, running
 """
 
-from .action_slots import ActionSlots, action_slots
-from .service_slots import ServiceSlots, service_slots
+from llfsm.bridges.ros2.bridging.service_slots import (
+    ActionSlots,
+    ServiceSlots,
+    action_slots,
+    service_slots,
+)
 
 __all__ = ["ActionSlots", "ServiceSlots", "action_slots", "service_slots"]

@@ -1,46 +1,131 @@
-"""A running bridge: the links of a plan between a board and a transport."""
+"""A running bridge: the links of a plan between a board and a transport.
+
+The health of a bridge's links, and of the machines on its whiteboard.
+"""
 
 from __future__ import annotations
 
 import logging
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from typing import Any, Protocol
 
+from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
+from llfsm.bridges.ros2.bridging.bridge_plan import (
+    ActionPlan,
+    BridgePlan,
+    PositionPlan,
+    RelayPlan,
+    ServicePlan,
+)
+from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.relays import (
+    EchoFilter,
+    FromRos,
+    KeyedFromRos,
+    LatestArrival,
+    LossWatch,
+    RelaySettings,
+    ToRos,
+    declare_settings,
+)
+from llfsm.bridges.ros2.bridging.slot_action import ActionPlace, SlotActionClient, SlotActionServer
+from llfsm.bridges.ros2.bridging.slot_service import SlotClient, SlotServer
+from llfsm.bridges.ros2.bridging.turtle_position import NODE, SERVICE, PositionServer
+from llfsm.bridges.ros2.diagnostics import Diagnostics, Health, HealthLevel
+from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.bridges.ros2.graph import Names
+from llfsm.bridges.ros2.node_parameters import NodeParameters
+from llfsm.bridges.ros2.node_time import NodeTime
+from llfsm.bridges.ros2.notices import log_notice
+from llfsm.bridges.ros2.qos import DurabilityPolicy, overridden
+from llfsm.bridges.ros2.standard_node import Equipment, equip
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.transport import Node, Notice, Transport
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import Board, BoundSlot, WhiteboardError
 from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
 
-from ..diagnostics import Diagnostics
-from ..errors import TransportUnavailableError
-from ..node_parameters import NodeParameters
-from ..node_time import NodeTime
-from ..notices import log_notice
-from ..qos import DurabilityPolicy
-from ..qos_overrides import overridden
-from ..ros_names import Names
-from ..standard_node import Equipment, equip
-from ..timer_thread import TimerThread
-from ..transport import Node, Notice, Transport
-from ..types import TypeLibrary
-from .bridge_plan import ActionPlan, BridgePlan, PositionPlan, RelayPlan, ServicePlan
-from .echo_filter import EchoFilter
-from .health import BridgeHealth
-from .key_path import KeyPath
-from .keyed_relay import KeyedFromRos
-from .link import BridgeLink, LinkFaults
-from .loss_watch import LossWatch
-from .relay_settings import RelaySettings, declare_settings
-from .relays import FromRos, LatestArrival, ToRos
-from .slot_action import ActionPlace
-from .slot_action_client import SlotActionClient
-from .slot_action_server import SlotActionServer
-from .slot_client import SlotClient
-from .slot_server import SlotServer
-from .turtle_position import NODE, SERVICE, PositionServer
+_OF_CONDITION = {
+    "running": HealthLevel.OK,
+    "suspended": HealthLevel.OK,
+    "paused": HealthLevel.WARN,
+    "failed": HealthLevel.ERROR,
+    "hung": HealthLevel.ERROR,
+    "silent": HealthLevel.STALE,
+}
 
-__all__ = ["Bridge"]
+
+class BridgeHealth:
+    """Reports rates and losses since the report before; call it on one thread."""
+
+    def __init__(
+        self, links: Sequence[BridgeLink], board: Board, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._links = links
+        self._machines = Directory(board)
+        self._now = now
+        self._then = now()
+        self._before: dict[BridgeLink, tuple[int, int, int]] = {}
+        self._ringlets: dict[str, int] = {}
+
+    def report(self) -> list[Health]:
+        """Return the health of each link and of each machine."""
+        now = self._now()
+        seconds, self._then = max(now - self._then, 1e-9), now
+        links = (self._of_link(link, seconds) for link in self._links)
+        return list(chain(links, self._of_machines(seconds)))
+
+    def _of_link(self, link: BridgeLink, seconds: float) -> Health:
+        passed, failed, broken, age = link.passed, link.failed, link.broken, link.age
+        then_passed, then_failed, then_broken = self._before.get(link, (0, 0, 0))
+        self._before[link] = passed, failed, broken
+        lost, late = failed - then_failed, broken - then_broken
+        wrong = [f"{lost} lost"] * (lost > 0) + [f"{late} too late"] * (late > 0)
+        return Health(
+            str(link),
+            HealthLevel.WARN if wrong else HealthLevel.OK,
+            f"{', '.join(wrong)} since the last report" if wrong else "nothing lost",
+            {
+                "type": link.type_name,
+                "rate (Hz)": f"{(passed - then_passed) / seconds:.1f}",
+                "age (s)": "" if age is None else f"{age:.3f}",
+                "passed": str(passed),
+                "lost": str(failed),
+                "too late": str(broken),
+            },
+        )
+
+    def _of_machines(self, seconds: float) -> Iterator[Health]:
+        try:
+            machines = self._machines.machines()
+        except WhiteboardError:  # the board has gone: so have its machines
+            return
+        then, self._ringlets = self._ringlets, {m.name: m.status.ringlets for m in machines}
+        for machine in machines:
+            turns = machine.status.ringlets - then.get(machine.name, machine.status.ringlets)
+            yield _of_machine(machine, max(turns, 0) / seconds)
+
+
+def _of_machine(machine: RemoteMachine, rate: float) -> Health:
+    status, condition = machine.status, machine.condition
+    return Health(
+        f"machine {machine.name}",
+        _OF_CONDITION[condition],
+        f"{condition}: {status.error}" if status.error else condition,
+        {
+            "state": status.state,
+            "rate (Hz)": f"{rate:.1f}",
+            "age (s)": f"{machine.silent_s:.3f}",
+            "overruns": str(status.overruns),
+            "failed": str(status.failed),
+        },
+    )
+
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 

@@ -1,12 +1,42 @@
-"""Resolves a configuration to slots, topics and types, or lists its errors and their places."""
+"""Resolves a configuration to slots, topics and types, or lists its errors and their places.
+
+Cycles: messages that relays would pass on for ever.
+
+The configuration that machines need themselves: a topic for each slot that they use.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from llfsm.bridges.ros2.bridging.bridge_config import (
+    ActionConfig,
+    BridgeConfig,
+    Direction,
+    KeyPath,
+    PositionConfig,
+    RelayConfig,
+    ServiceConfig,
+)
+from llfsm.bridges.ros2.bridging.service_slots import (
+    ActionSlots,
+    ServiceSlots,
+    action_slots,
+    capacity_for,
+    capacity_note,
+    capacity_warning,
+    service_slots,
+)
+from llfsm.bridges.ros2.bridging.turtle_position import NODE, SERVICE, TYPE
+from llfsm.bridges.ros2.errors import KeyPathError, RosNameError, RosTypeError
+from llfsm.bridges.ros2.graph import Names
+from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.ros_arguments import RosArguments
+from llfsm.bridges.ros2.types import RosMessage, RosService, TypeLibrary
+from llfsm.runtime import Machine
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.whiteboard import Message, Slot, SlotTypeError, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
@@ -14,20 +44,48 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.schema import fingerprint
 
-from ..errors import KeyPathError, RosNameError, RosTypeError
-from ..qos import Qos
-from ..ros_arguments import RosArguments
-from ..ros_names import Names
-from ..types import RosMessage, RosService, TypeLibrary
-from .action_slots import ActionSlots, action_slots
-from .bridge_config import ActionConfig, BridgeConfig, RelayConfig, ServiceConfig
-from .capacity import capacity_for, capacity_note, capacity_warning
-from .cycles import RelayEdge, find_cycle
-from .key_path import KeyPath
-from .service_slots import ServiceSlots, service_slots
-from .turtle_position import NODE, SERVICE, TYPE
 
-__all__ = ["ActionPlan", "BridgePlan", "PositionPlan", "RelayPlan", "ServicePlan", "make_plan"]
+class RelayEdge(NamedTuple):
+    """A relay in one of its directions."""
+
+    relay: int
+    """Its index in the configuration."""
+    source: str
+    target: str
+
+
+class _Stop(NamedTuple):
+    """A message at a place, with the relay that brought it, which does not take it back."""
+
+    place: str
+    relay: int
+
+
+def find_cycle(edges: Iterable[RelayEdge]) -> tuple[int, list[str]] | None:
+    """Return a relay and the places of a cycle that it is part of, or None."""
+    edges = list(edges)
+    harmless: set[_Stop] = set()
+    for first in edges:
+        found = _follow(edges, [_Stop(first.target, first.relay)], harmless)
+        if found:
+            return found[0].relay, [stop.place for stop in found]
+    return None
+
+
+def _follow(edges: list[RelayEdge], way: list[_Stop], harmless: set[_Stop]) -> list[_Stop] | None:
+    here = way[-1]
+    if here in harmless:
+        return None
+    if here in way[:-1]:
+        return way[way.index(here) :]
+    for edge in edges:
+        if edge.source == here.place and edge.relay != here.relay:
+            found = _follow(edges, [*way, _Stop(edge.target, edge.relay)], harmless)
+            if found:
+                return found
+    harmless.add(here)
+    return None
+
 
 _Where = tuple[str | int, ...]
 _KEYED_DEPTH = 100  # as tf2's listeners: many publishers send at once
@@ -374,3 +432,76 @@ class _Planner:
                 if plan.action in served:
                     self._fault(f"{plan.action} is already served", "action", i, "action")
                 served.add(plan.action)
+
+
+_NODE = "llfsm_machines"
+_DRIVE = "/cmd_vel"
+
+
+def machine_config(
+    machines: Iterable[tuple[type[Machine], Mapping[str, str]]], node: str = _NODE
+) -> BridgeConfig:
+    """Return the configuration that connects machines with the topics of their slots' names.
+
+    With each class come the slots that replace others, by name. What a machine reads comes from
+    ROS, what one posts goes there, if the slot's type is a message type of ROS and its name can be
+    a topic's. Other slots connect machines with each other. If a machine requests the position of
+    the turtle that it drives by ``TURTLE/cmd_vel``, that is answered from ``TURTLE/pose``.
+    """
+    read, posted = used_slots(machines)
+    driven = next((name for name in posted if name.endswith(_DRIVE)), None)
+    position = None
+    if driven is not None and REQUEST.name in posted:
+        pose = Slot(driven.removesuffix(_DRIVE) + "/pose", Pose)
+        position = PositionConfig(pose=pose.name)
+        read.setdefault(pose.name, pose)
+    types = TypeLibrary()
+    relays = tuple(
+        RelayConfig(slot=name, type=slot.type_name, direction=_direction(name, read, posted))
+        for name, slot in (read | posted).items()
+        if _in_ros(name, slot, types)
+    )
+    return BridgeConfig(node=node, relay=relays, turtle_position=position)
+
+
+def plan_for(*machines: type[Machine], node: str = _NODE) -> BridgePlan:
+    """Return the plan that connects machines with the topics of their slots' names.
+
+    Raise :class:`.ConfigurationError` for a wrong ``node``.
+    """
+    plan, faults = make_plan(machine_config([(cls, {}) for cls in machines], node), Path(), [])
+    if faults:
+        raise faults[0]
+    return plan
+
+
+def used_slots(
+    machines: Iterable[tuple[type[Machine], Mapping[str, str]]],
+) -> tuple[dict[str, Slot[Any]], dict[str, Slot[Any]]]:
+    """Return the slots that machines read, and those that they post to, by name.
+
+    With each class come the slots that replace others, by name.
+    """
+    read: dict[str, Slot[Any]] = {}
+    posted: dict[str, Slot[Any]] = {}
+    for cls, replaced in machines:
+        for ports, found in ((cls.table.sensors, read), (cls.table.actuators, posted)):
+            for port in ports.values():
+                name = replaced.get(port.slot.name, port.slot.name)
+                found.setdefault(name, Slot(name, port.slot.type, port.slot.capacity))
+    return read, posted
+
+
+def _direction(name: str, read: Mapping[str, object], posted: Mapping[str, object]) -> Direction:
+    if name in posted:
+        return "both" if name in read else "to_ros"
+    return "from_ros"
+
+
+def _in_ros(name: str, slot: Slot[Any], types: TypeLibrary) -> bool:
+    try:
+        types.of(slot.type)
+        Names(_NODE).full(name)
+    except (RosTypeError, RosNameError):
+        return False
+    return True

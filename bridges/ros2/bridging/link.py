@@ -7,14 +7,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from llfsm.bridges.ros2.actions import ActionClient
+from llfsm.bridges.ros2.errors import Ros2Error
+from llfsm.bridges.ros2.notices import Notifier
+from llfsm.bridges.ros2.transport import Client, Notice, NoticeKind, Publisher, TopicSubscription
 from llfsm.whiteboard.errors import MessageTooLargeError, WhiteboardError
-
-from ..action_client import ActionClient
-from ..errors import Ros2Error
-from ..notices import Notifier
-from ..transport import Client, Notice, NoticeKind, Publisher, TopicSubscription
-
-__all__ = ["BridgeLink", "LinkFaults"]
 
 
 class BridgeLink:

@@ -15,15 +15,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from queue import SimpleQueue
 
+from llfsm.bridges.ros2.lifecycle import LifecycleServer, LifecycleState, WorkOutcome
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.transport import Node
+from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.errors import LlfsmError
 from llfsm.runtime import Arrangement, Reason, UnknownMachineError
-
-from ..lifecycle import LifecycleServer, LifecycleState, WorkOutcome
-from ..timer_thread import TimerThread
-from ..transport import Node
-from ..types import TypeLibrary
-
-__all__ = ["ManagedMachines"]
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 

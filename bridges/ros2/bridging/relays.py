@@ -5,28 +5,224 @@ slots at 1 kHz each over Zenoh: it adds 30 us (median) to the 107 us that a mess
 two Zenoh processes. One thread that polls all slots every 200 us would add 200 us and take 8 % of a
 core while nothing changes; the threads take 0.5 %. Polling is better only if all slots change at
 the same instant: 22 us of CPU a message instead of 43, as no interpreter lock changes hands.
+
+Recognises the messages that a relay of both directions has sent itself.
+
+What a relay sends when the process is lost that has posted its slot's latest message.
+
+Any process can be lost, also one without a machine's last will. As a will, the message is posted
+on the slot, by a compare-and-swap in place of the latest one: it never replaces the message of
+another process, one of several bridges posts it, and everybody sees it, not only ROS.
+
+What can be set of a relay while it runs: its rate, and whether it relays at all.
+
+Topic to one slot for each key: what many publishers of one topic send does not get lost.
 """
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Generic, NamedTuple
 
-from llfsm.whiteboard import BoundSlot, Sample, WhiteboardError
-from llfsm.whiteboard.errors import BoardClosedError
+from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
+from llfsm.bridges.ros2.bridging.bridge_plan import RelayPlan
+from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.errors import CdrError, KeyPathError, TransportClosedError
+from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.transport import Publisher, SerializedMessage
+from llfsm.bridges.ros2.types import RosMessage
+from llfsm.whiteboard import Board, BoundSlot, Sample, Slot
+from llfsm.whiteboard.errors import BoardClosedError, WhiteboardError
+from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.message import M
 from llfsm.whiteboard.subscription import Subscription
 
-from ..errors import TransportClosedError
-from ..timer_thread import TimerThread
-from ..transport import Publisher, SerializedMessage
-from .echo_filter import EchoFilter
-from .link import BridgeLink, LinkFaults
-from .relay_settings import RelaySettings
+_RETURN_S = 1.0  # within which a published message comes back, if at all
+_MOST = 1000
 
-__all__ = ["FromRos", "LatestArrival", "ToRos"]
+
+class EchoFilter(Generic[M]):
+    """Remembers what one relay has sent in each direction.
+
+    On the board a message is identified by its count in the slot, in ROS by its publisher: an equal
+    message from another publisher is a new one. Where a transport does not report publishers, the
+    messages themselves are compared: each one published cancels one that arrives within a second.
+    """
+
+    def __init__(
+        self,
+        publisher: Publisher[M],
+        of: RosMessage[M],
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._gid = publisher.gid
+        self._encode = of.encode
+        self._now = now
+        self._lock = threading.Lock()
+        self._added = 0
+        self._published: deque[tuple[float, bytes]] = deque(maxlen=_MOST)
+
+    def add(self, slot: BoundSlot[M], message: M) -> int:
+        """Add a message from ROS to the slot, and return its count."""
+        with self._lock:  # else it is relayed before its count is known
+            self._added = slot.add(message)
+            return self._added
+
+    def is_news(self, count: int) -> bool:
+        """Return whether ROS does not have the message of this count, nor a newer one."""
+        with self._lock:
+            return count > self._added
+
+    def publishing(self, message: M) -> None:
+        """Remember a message that is about to be published."""
+        if not self._gid:
+            with self._lock:
+                self._published.append((self._now(), self._encode(message)))
+
+    def is_ours(self, arrival: SerializedMessage[M]) -> bool:
+        """Return whether a received message was published here.
+
+        Raise :class:`.CdrError` if it has to be decoded and cannot be.
+        """
+        if self._gid:
+            return arrival.info.gid == self._gid
+        if not self._published:
+            return False
+        data = self._encode(arrival.decode())  # not what arrived: encoders pad differently
+        oldest = self._now() - _RETURN_S
+        with self._lock:
+            while self._published and self._published[0][0] < oldest:
+                self._published.popleft()
+            for entry in self._published:
+                if entry[1] == data:
+                    self._published.remove(entry)
+                    return True
+        return False
+
+
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
+_LOOK_S = 0.05  # between two looks, of which the second must find the same
+_MEET_S = 1.0  # for the robot's nodes to find the bridge's: the message must not be too early
+
+
+class LossWatch(Generic[M]):
+    """Posts a message in place of the latest one of a process that has died, from now on.
+
+    It does so also if that was before; not if the latest message is this one already. A machine's
+    own last will is executed at once, and so before.
+    """
+
+    def __init__(
+        self,
+        slot: BoundSlot[M],
+        message: M,
+        data: bytes,
+        link: BridgeLink,
+        faults: LinkFaults,
+        timer: TimerThread,
+    ) -> None:
+        """``data`` is the message as the slot encodes it."""
+        self._slot = slot
+        self._message = message
+        self._data = data
+        self._link = link
+        self._faults = faults
+        self._timer = timer
+        self._lost = 0  # the count of a message whose process was dead at the last look
+        self._is_over = False
+        slot.reserve()  # so that it can be posted on a board that is full by then
+        timer.call_later(_MEET_S, self._look)
+
+    def finish(self) -> None:
+        """Ask for the end."""
+        self._is_over = True
+
+    def close(self) -> None:
+        """Do nothing: the next look is the end."""
+
+    def _look(self) -> None:
+        if self._is_over:
+            return
+        try:
+            encoded = self._slot.encoded()
+            if encoded is not None:
+                self._judge(encoded[0] == self._data, Sample[Any](*encoded))
+        except BoardClosedError:
+            return
+        except WhiteboardError as error:
+            self._faults.count(self._link, error)
+        self._timer.call_later(_LOOK_S, self._look)
+
+    def _judge(self, is_posted: bool, latest: Sample[Any]) -> None:
+        if is_posted or writer_lives(latest):
+            self._lost = 0
+        elif self._lost != latest.count:
+            self._lost = latest.count
+        elif self._slot.add_after(self._message, latest.count):
+            _LOG.warning(
+                "%s: process %d, which commanded it, has died; posted at_loss",
+                self._link.slot,
+                latest.writer,
+            )
+
+
+_MOST_HZ = 1e6
+
+
+class RelaySettings:
+    """The settings of one relay, in both directions. One thread sets; any thread may read."""
+
+    def __init__(self, period: float = 0.0) -> None:
+        self.period = period
+        """Seconds between two messages; 0: no limit."""
+        self.enabled = True
+
+    def set_rate(self, rate: float) -> None:
+        """Let so many messages pass a second; 0: all."""
+        self.period = 1 / rate if rate else 0.0
+
+    def set_enabled(self, enabled: bool) -> None:
+        """Let messages pass, or drop them."""
+        self.enabled = enabled
+
+
+def declare_settings(
+    relays: Sequence[RelayPlan], parameters: NodeParameters
+) -> list[RelaySettings]:
+    """Declare ``relays.TOPIC.rate`` and ``.enabled``; return what they set, for each relay.
+
+    Where several slots are relayed to one topic, it is ``TOPIC.SLOT``. Raise
+    :class:`.ParameterOverrideError`.
+    """
+    relays_of = Counter(relay.topic for relay in relays)
+    made = []
+    for relay in relays:
+        topic, slot = relay.topic, relay.slot.name
+        name = topic if relays_of[topic] == 1 else f"{topic}.{slot}"
+        settings = RelaySettings(relay.period)
+        between = f"between {topic} and the slot {slot}"
+        parameters.declare(
+            {
+                f"relays.{name}.rate": Parameter(
+                    1 / relay.period if relay.period else 0.0,
+                    f"Messages a second {between}, 0: no limit",
+                    range=(0.0, _MOST_HZ),
+                    changed=settings.set_rate,
+                ),
+                f"relays.{name}.enabled": Parameter(
+                    True, f"Whether messages pass {between}", changed=settings.set_enabled
+                ),
+            }
+        )
+        made.append(settings)
+    return made
 
 
 class LatestArrival(Generic[M]):
@@ -263,3 +459,54 @@ class FromRos(Generic[M]):
             self._faults.count(self._link, error)
             return
         self._link.count()
+
+
+class KeyedFromRos:
+    """Adds what is received to the slots ``PREFIX/KEY``; :meth:`arrived` is a callback.
+
+    A slash before a key, as before a frame's name, is removed. The settings, such as the rate, are
+    those of each slot.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        slot: Slot[Any],
+        keys: KeyPath,
+        link: BridgeLink,
+        faults: LinkFaults,
+        timer: TimerThread,
+        settings: RelaySettings,
+    ) -> None:
+        """``slot`` is that of the prefix; the others have its type and capacity."""
+        self._board = board
+        self._slot = slot
+        self._keys = keys
+        self._link = link
+        self._faults = faults
+        self._relay = partial(FromRos, link=link, faults=faults, timer=timer, settings=settings)
+        self._relays: dict[str, FromRos[Any]] = {}
+
+    def arrived(self, arrival: SerializedMessage[Any]) -> None:
+        """Add the messages of each key."""
+        try:
+            message = arrival.decode()
+        except CdrError as error:  # the next may be right
+            self._faults.count(self._link, error)
+            return
+        for key, part in self._keys.split(message):
+            try:
+                relay = self._relays.get(key) or self._add_relay(key)
+            except BoardClosedError:
+                return  # the bridge ends
+            except (KeyPathError, WhiteboardError) as error:  # the next key may be right
+                self._faults.count(self._link, error)
+            else:
+                relay.take(part)
+
+    def _add_relay(self, key: str) -> FromRos[Any]:
+        if not key:
+            raise KeyPathError("a message has an empty key")
+        slot = Slot(f"{self._slot.name}/{key}", self._slot.type, self._slot.capacity)
+        relay = self._relays[key] = self._relay(self._board[slot])
+        return relay

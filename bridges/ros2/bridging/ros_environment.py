@@ -5,19 +5,16 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Self
 
+from llfsm.bridges.ros2.bridging.bridge import Bridge
+from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan
+from llfsm.bridges.ros2.graph import Graph, Role
+from llfsm.bridges.ros2.transport import Publisher, Transport
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Board, Whiteboard
-
-from ..graph import Graph, Role
-from ..transport import Publisher, Transport
-from .bridge import Bridge
-from .bridge_plan import BridgePlan
 
 if TYPE_CHECKING:
     from llfsm.runtime import Clock
     from llfsm.runtime.journal.handover import Handover
-
-__all__ = ["RosEnvironment"]
 
 
 class RosEnvironment(LiveEnvironment):

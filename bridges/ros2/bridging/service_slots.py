@@ -2,21 +2,143 @@
 
 A caller posts a request with a number above all earlier ones, and pulls until there is an answer
 with that number. A slot holds one message, so independent callers need slots of their own.
+
+The capacity that a slot needs for a type, and what is lost with a smaller one.
+
+An action's goals in slots, one at a time: the machine's own, or those that it serves.
+
+| slot | a client's | a server's |
+|---|---|---|
+| ``goal`` | machine to bridge: send it | bridge to machine: asked to do it |
+| ``cancel`` | machine to bridge | bridge to machine |
+| ``status`` | bridge to machine: each change | machine to bridge: accepted, or refused |
+| ``feedback`` | bridge to machine | machine to bridge |
+| ``result`` | bridge to machine, before the final status | machine to bridge: ends the goal |
 """
 
 from __future__ import annotations
 
 from types import new_class
-from typing import Any
+from typing import Any, NamedTuple
 
+from msgspec import inspect as mi
 from msgspec.structs import astuple, fields
 
+from llfsm.bridges.ros2.types import RosAction, RosMessage, RosService
+from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
 from llfsm.whiteboard import Message, Slot
+from llfsm.whiteboard.slots import DEFAULT_CAPACITY
 
-from ..types import RosMessage, RosService
-from .capacity import capacity_for
+_UNBOUNDED = 64 * 1024
+_NUMBER = 9  # bytes of the longest number in MessagePack
+_HEADER = 5  # bytes before the longest text or array
+_REST = 4096  # bytes for what a sensor's message has beside its data
 
-__all__ = ["ServiceSlots", "numbered", "service_slots"]
+
+class _Usual(NamedTuple):
+    """What sensors of a type without a longest message usually send."""
+
+    least: int
+    """Bytes of a small message: with a smaller slot, expect to lose all of them."""
+    default: int
+    """Bytes that a new slot gets."""
+    example: str
+    """What fits in the default."""
+
+
+_USUAL = {
+    f"sensor_msgs/msg/{name}": usual
+    for name, usual in {
+        "Image": _Usual(640 * 480, 1280 * 720 * 3 + _REST, "1280x720 pixels of 3 bytes"),
+        "CompressedImage": _Usual(_UNBOUNDED, 1 << 20, "a JPEG of 1 MiB"),
+        "PointCloud2": _Usual(16 * 1800 * 16, 64 * 1024 * 48 + _REST, "65,536 points of 48 bytes"),
+        "PointCloud": _Usual(_UNBOUNDED, 1 << 20, "30,000 points"),
+        "LaserScan": _Usual(360 * _NUMBER, _UNBOUNDED, "3,600 beams with intensities"),
+        "MultiEchoLaserScan": _Usual(_UNBOUNDED // 4, 1 << 18, "1,000 beams of 10 echoes"),
+        "JointState": _Usual(6 * 4 * _NUMBER, _UNBOUNDED, "1,000 joints"),
+        "MultiDOFJointState": _Usual(DEFAULT_CAPACITY, _UNBOUNDED, "200 joints"),
+        "Joy": _Usual(20 * _NUMBER, _UNBOUNDED, "7,000 axes and buttons"),
+    }.items()
+}
+_USUAL["geometry_msgs/msg/TransformStamped"] = _Usual(
+    256, DEFAULT_CAPACITY, "frames with names of 400 letters"
+)
+
+
+def capacity_for(cls: type[Message]) -> int:
+    """Return the bytes of a type's longest message.
+
+    If its texts or arrays are unbounded, it is what sensors of that type usually need, or 64 KiB.
+    """
+    usual = _usual(cls)
+    if usual is not None:
+        return usual.default
+    longest = _longest(mi.type_info(cls))
+    return _UNBOUNDED if longest is None else max(longest, DEFAULT_CAPACITY)
+
+
+def capacity_note(slot: Slot[Message]) -> str | None:
+    """Return what fits in a new slot whose capacity is a sensor type's default, or None."""
+    usual = _usual(slot.type)
+    if usual is None or slot.capacity != usual.default:
+        return None
+    return f"slot {slot.name!r} takes up to {slot.capacity:,} bytes, enough for {usual.example}"
+
+
+def capacity_warning(slot: Slot[Message], capacity: int, *, chosen: bool) -> str | None:
+    """Return why messages of a slot with this capacity would be lost, or None.
+
+    ``chosen``: the configuration or the board names the capacity, it is not the default.
+    """
+    usual = _usual(slot.type)
+    if usual is not None and capacity < usual.least:
+        return (
+            f"slot {slot.name!r} takes {capacity:,} bytes; messages of {slot.type_name} usually "
+            f"need {usual.least:,} or more, and longer ones are lost: set a larger `capacity`"
+        )
+    if usual is None and not chosen and _has_bulk(mi.type_info(slot.type)):
+        return (
+            f"{slot.type_name} has no maximum size; slot {slot.name!r} takes {capacity:,} "
+            "bytes, and longer ones are lost: set the `capacity` that you need"
+        )
+    return None
+
+
+def _usual(cls: type[Message]) -> _Usual | None:
+    name: str = cls.__type_name__  # type: ignore[attr-defined]
+    return _USUAL.get(name)
+
+
+def _has_bulk(node: mi.Type) -> bool:
+    """Return whether a type has bytes or numbers without a bound: data, not names."""
+    match node:
+        case mi.StructType():
+            return any(_has_bulk(field.type) for field in node.fields)
+        case mi.VarTupleType():
+            numbers = isinstance(node.item_type, mi.IntType | mi.FloatType)
+            return _has_bulk(node.item_type) or (numbers and node.max_length is None)
+        case mi.BytesType():
+            return node.max_length is None
+        case _:
+            return False
+
+
+def _longest(node: mi.Type) -> int | None:
+    match node:
+        case mi.StructType():
+            each = [_longest(field.type) for field in node.fields]
+            return None if None in each else _HEADER + sum(filter(None, each))
+        case mi.VarTupleType(max_length=int(most)):
+            item = _longest(node.item_type)
+            return None if item is None else _HEADER + most * item
+        case mi.BytesType(max_length=int(most)):
+            return _HEADER + most
+        case mi.StrType(max_length=int(most)):
+            return _HEADER + 4 * most  # of UTF-8
+        case mi.BoolType() | mi.IntType() | mi.FloatType():
+            return _NUMBER
+        case _:
+            return None
 
 
 class ServiceSlots:
@@ -89,3 +211,72 @@ def numbered(of: RosMessage[Any], **last: Any) -> type[Message]:
     }
     name = of.name.rpartition("/")[2]
     return new_class(name, (Message,), {"type_name": of.name}, lambda n: n.update(namespace))
+
+
+class ActionSlots:
+    """The slots of an action, and its messages from ROS to them and back.
+
+    Attributes:
+        goal: its messages have ``number`` and the fields of the action's goal.
+        cancel: :class:`.CancelGoal`.
+        status: :class:`.GoalStanding`.
+        feedback: ``number`` and the fields of the feedback.
+        result: ``number``, the fields of the result, ``status``, and ``failure``, the reason if
+            the server did not end it, or empty.
+
+    """
+
+    def __init__(self, name: str, of: RosAction, capacity: int | None) -> None:
+        def slot(what: str, cls: type[Any]) -> Slot[Any]:
+            return Slot(f"{name}/{what}", cls, capacity or capacity_for(cls))
+
+        self.of = of
+        self.goal = slot("goal", numbered(of.goal))
+        self.cancel: Slot[CancelGoal] = Slot(f"{name}/cancel", CancelGoal)
+        self.status: Slot[GoalStanding] = Slot(f"{name}/status", GoalStanding)
+        self.feedback = slot("feedback", numbered(of.feedback))
+        self.result = slot("result", numbered(of.result, status=GoalStatus.UNKNOWN, failure=""))
+
+    @property
+    def all(self) -> tuple[Slot[Any], ...]:
+        """All five."""
+        return self.goal, self.cancel, self.status, self.feedback, self.result
+
+    def asked(self, number: int, goal: Message) -> Message:
+        """Return a ROS goal as a message of the slot."""
+        return self.goal.type(number, *astuple(goal))  # type: ignore[no-any-return]
+
+    def ros_goal(self, asked: Message) -> Message:
+        """Return the ROS goal of a message in the slot."""
+        return self.of.goal.message(*astuple(asked)[1:])  # type: ignore[no-any-return]
+
+    def slot_feedback(self, number: int, feedback: Message) -> Message:
+        """Return ROS feedback as a message of the slot."""
+        return self.feedback.type(number, *astuple(feedback))  # type: ignore[no-any-return]
+
+    def ros_feedback(self, message: Message) -> Message:
+        """Return the ROS feedback of a message in the slot."""
+        return self.of.feedback.message(*astuple(message)[1:])  # type: ignore[no-any-return]
+
+    def ended(self, number: int, status: GoalStatus, result: Message) -> Message:
+        """Return a ROS result as a message of the slot."""
+        return self.result.type(  # type: ignore[no-any-return]
+            number, *astuple(result), status
+        )
+
+    def failed(self, number: int, status: GoalStatus, why: str) -> Message:
+        """Return the result of a goal that its server did not end."""
+        return self.result.type(number=number, status=status, failure=why)  # type: ignore[no-any-return]
+
+    def ros_result(self, ended: Message) -> Message:
+        """Return the ROS result of a message in the slot."""
+        return self.of.result.message(*astuple(ended)[1:-2])  # type: ignore[no-any-return]
+
+
+def action_slots(name: str, of: RosAction, capacity: int | None = None) -> ActionSlots:
+    """Return the slots ``name/goal``, ``name/cancel`` and so on of an action type.
+
+    A field of the action with the name of one of ours gets an underscore. Raise
+    :class:`.SlotNameError`.
+    """
+    return ActionSlots(name, of, capacity)

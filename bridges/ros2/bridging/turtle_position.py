@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
+from llfsm.bridges.ros2.bridging.slot_service import unanswered
+from llfsm.bridges.ros2.transport import ServiceRequest
+from llfsm.bridges.ros2.types import RosService
 from llfsm.whiteboard import Board, BoundSlot, Message, Sample, Slot
 from llfsm.whiteboard.messages.turtle_sensor_poster import (
     ANSWER,
@@ -16,13 +20,6 @@ from llfsm.whiteboard.messages.turtle_sensor_poster import (
     TurtlePositionRequest,
 )
 from llfsm.whiteboard.messages.turtlesim import Pose
-
-from ..transport import ServiceRequest
-from ..types import RosService
-from .link import BridgeLink, LinkFaults
-from .slot_client import unanswered
-
-__all__ = ["NODE", "SERVICE", "TYPE", "PositionServer"]
 
 NODE = "turtle_sensor_poster"
 SERVICE = "turtle_position"

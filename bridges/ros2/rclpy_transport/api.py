@@ -7,21 +7,7 @@ import importlib
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, Protocol
 
-from ..errors import TransportUnavailableError
-
-__all__ = [
-    "ClientApi",
-    "Context",
-    "EndpointInfo",
-    "Executor",
-    "Future",
-    "NodeApi",
-    "PublisherApi",
-    "Rclpy",
-    "Service",
-    "find_class",
-    "import_rclpy",
-]
+from llfsm.bridges.ros2.errors import TransportUnavailableError
 
 
 class Context(Protocol):

@@ -11,17 +11,20 @@ from enum import IntEnum
 from functools import partial
 from typing import Any, TypeVar, cast
 
-from ..defaults import ROS_ARGUMENTS
-from ..errors import TransportUnavailableError
-from ..graph import Endpoint, Graph, Role
-from ..notices import Notifier
-from ..qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
-from ..ros_names import Names
-from ..timer_thread import TimerThread
-from ..transport import NoticeKind
-from . import api
-
-__all__ = ["RclpyContext"]
+from llfsm.bridges.ros2.defaults import ROS_ARGUMENTS
+from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.bridges.ros2.graph import Endpoint, Graph, Names, Role
+from llfsm.bridges.ros2.notices import Notifier
+from llfsm.bridges.ros2.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    Qos,
+    ReliabilityPolicy,
+)
+from llfsm.bridges.ros2.rclpy_transport import api
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.transport import NoticeKind
 
 E = TypeVar("E", bound=IntEnum)
 

@@ -13,15 +13,12 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
-from ..lifetime import Closable
-from ..pending import PendingCalls, PendingRequests
-from ..qos import Qos
-from ..transport import Client, MessageInfo, Server, ServiceRequest
-from ..types import RosService
-from . import api
-from .context import RclpyContext
-
-__all__ = ["RclpyClient", "RclpyServer"]
+from llfsm.bridges.ros2.calls import PendingCalls, PendingRequests
+from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.rclpy_transport import api
+from llfsm.bridges.ros2.rclpy_transport.context import RclpyContext
+from llfsm.bridges.ros2.transport import Client, Closable, MessageInfo, Server, ServiceRequest
+from llfsm.bridges.ros2.types import RosService
 
 # Requests that wait for a server, and responses for a client. DDS drops older ones beyond the
 # depth, which is 10 by default; the caller would wait in vain.

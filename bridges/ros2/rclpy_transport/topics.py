@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from llfsm.whiteboard.message import M
-
-from ..errors import TransportClosedError
-from ..graph import Endpoint
-from ..lifetime import Closable
-from ..qos import Qos
-from ..transport import (
+from llfsm.bridges.ros2.errors import TransportClosedError
+from llfsm.bridges.ros2.graph import Endpoint
+from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.rclpy_transport import api
+from llfsm.bridges.ros2.rclpy_transport.context import RclpyContext
+from llfsm.bridges.ros2.transport import (
+    Closable,
     MessageInfo,
     NoticeKind,
     Publisher,
@@ -19,11 +19,8 @@ from ..transport import (
     SerializedMessage,
     TopicSubscription,
 )
-from ..types import RosMessage
-from . import api
-from .context import RclpyContext
-
-__all__ = ["RclpyPublisher", "RclpySubscription"]
+from llfsm.bridges.ros2.types import RosMessage
+from llfsm.whiteboard.message import M
 
 E = TypeVar("E")
 

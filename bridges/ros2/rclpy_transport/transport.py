@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from llfsm.bridges.ros2.defaults import check_domain, default_domain
+from llfsm.bridges.ros2.errors import TransportClosedError
+from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
+from llfsm.bridges.ros2.notices import Notifier, log_notice
+from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
+from llfsm.bridges.ros2.rclpy_transport.context import RclpyContext
+from llfsm.bridges.ros2.rclpy_transport.services import RclpyClient, RclpyServer
+from llfsm.bridges.ros2.rclpy_transport.topics import RclpyPublisher, RclpySubscription
+from llfsm.bridges.ros2.transport import Node, Notice, SerializedMessage, ServiceRequest, Transport
+from llfsm.bridges.ros2.types import RosMessage, RosService
 from llfsm.whiteboard.message import M
-
-from ..defaults import check_domain, default_domain
-from ..errors import TransportClosedError
-from ..graph import Graph, Role
-from ..notices import Notifier, log_notice
-from ..qos import SERVICE, TOPIC, Qos
-from ..ros_names import NO_REMAPPING, Names
-from ..transport import Node, Notice, SerializedMessage, ServiceRequest, Transport
-from ..types import RosMessage, RosService
-from .context import RclpyContext
-from .services import RclpyClient, RclpyServer
-from .topics import RclpyPublisher, RclpySubscription
-
-__all__ = ["RclpyTransport"]
 
 
 class RclpyTransport(Transport):

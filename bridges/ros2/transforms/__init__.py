@@ -6,7 +6,7 @@ transform_buffer  all frames as a tree, and the transform between any two
 listener          reads the slots into a buffer
 """
 
-from .listener import TransformListener
-from .transform_buffer import TransformBuffer
+from llfsm.bridges.ros2.transforms.listener import TransformListener
+from llfsm.bridges.ros2.transforms.transform_buffer import TransformBuffer
 
 __all__ = ["TransformBuffer", "TransformListener"]

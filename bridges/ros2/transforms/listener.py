@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
+from llfsm.bridges.ros2.transforms.transform_buffer import TransformBuffer
 from llfsm.whiteboard import Board, Slot
 from llfsm.whiteboard.messages.geometry_msgs import TransformStamped
-
-from .transform_buffer import TransformBuffer
-
-__all__ = ["TransformListener"]
 
 
 class TransformListener:

@@ -2,40 +2,198 @@
 
 The semantics, the words of the errors and the arithmetic are those of tf2 (Jazzy): people search
 for these words, and a robot must not move otherwise than with tf2.
+
+Rotations as quaternions (x, y, z, w), computed as tf2 does.
+
+What is known of one frame: its transforms to its parent in the last seconds, as in tf2.
 """
 
 from __future__ import annotations
 
 import logging
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
+from typing import NamedTuple, TypeAlias
 
-from llfsm.whiteboard.messages.builtin_interfaces import Time
-from llfsm.whiteboard.messages.geometry_msgs import Quaternion as RosQuaternion
-from llfsm.whiteboard.messages.geometry_msgs import Transform, TransformStamped, Vector3
-from llfsm.whiteboard.messages.std_msgs import Header
-
-from ..errors import (
+from llfsm.bridges.ros2.errors import (
     ConnectivityError,
     ExtrapolationError,
     FrameLookupError,
     FrameNameError,
 )
-from ..stamps import from_ns, to_ns
-from .frame_history import FrameHistory, StaticFrame, Transformation
-from .quaternions import (
-    IDENTITY,
-    NO_OFFSET,
-    Quaternion,
-    Vector,
-    canonical,
-    inverse,
-    product,
-    rotated,
-    total,
-)
+from llfsm.bridges.ros2.node_time import from_ns, to_ns
+from llfsm.whiteboard.messages.builtin_interfaces import Time
+from llfsm.whiteboard.messages.geometry_msgs import Quaternion as RosQuaternion
+from llfsm.whiteboard.messages.geometry_msgs import Transform, TransformStamped, Vector3
+from llfsm.whiteboard.messages.std_msgs import Header
 
-__all__ = ["TransformBuffer"]
+Vector: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+
+NO_OFFSET: Vector = (0.0, 0.0, 0.0)
+IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the rotation by `b`, then by `a`."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by + ay * bw + az * bx - ax * bz,
+        aw * bz + az * bw + ax * by - ay * bx,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def inverse(q: Quaternion) -> Quaternion:
+    """Return the opposite rotation of a unit quaternion."""
+    x, y, z, w = q
+    return -x, -y, -z, w
+
+
+def rotated(q: Quaternion, v: Vector) -> Vector:
+    """Return a vector rotated by a unit quaternion."""
+    x, y, z, _ = product(product(q, (*v, 0.0)), inverse(q))
+    return x, y, z
+
+
+def total(a: Vector, b: Vector) -> Vector:
+    """Return the sum of two vectors."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def slerp(a: Quaternion, b: Quaternion, ratio: float) -> Quaternion:
+    """Return the rotation at `ratio`, from 0 to 1, of the shorter way from `a` to `b`."""
+    dot = sum(one * other for one, other in zip(a, b, strict=True))
+    size = math.hypot(*a) * math.hypot(*b)
+    angle = math.acos(min(abs(dot) / size, 1.0))
+    if not angle:
+        return a
+    first = math.sin((1.0 - ratio) * angle) / math.sin(angle)
+    second = math.copysign(math.sin(ratio * angle) / math.sin(angle), dot)
+    x, y, z, w = (first * one + second * other for one, other in zip(a, b, strict=True))
+    return x, y, z, w
+
+
+def canonical(q: Quaternion) -> Quaternion:
+    """Return the unit quaternion of the same rotation that tf2 returns.
+
+    Of the two, it is the one whose w is positive, or whose largest other part is positive if the
+    rotation is by 120 degrees or more: tf2 makes it from a matrix.
+    """
+    size = math.hypot(*q)
+    x, y, z, w = (part / size for part in q)
+    leading = w if 4.0 * w * w > 1.0 else max((x, y, z), key=abs)
+    return (-x, -y, -z, -w) if leading < 0.0 else (x, y, z, w)
+
+
+class Transformation(NamedTuple):
+    """A frame's place in its parent frame at a time."""
+
+    stamp_ns: int
+    parent: str
+    offset: Vector
+    """Metres."""
+    turn: Quaternion
+
+
+class StaticFrame:
+    """A frame that never moves in its parent."""
+
+    def __init__(self) -> None:
+        self._only: Transformation | None = None
+
+    @property
+    def latest(self) -> tuple[int, str]:
+        """The time of the newest transform, 0: any time; and its parent."""
+        assert self._only is not None  # none is made without a transform
+        return 0, self._only.parent
+
+    def add(self, transform: Transformation) -> bool:
+        """Replace the transform."""
+        self._only = transform
+        return True
+
+    def at(self, stamp_ns: int) -> Transformation:
+        """Return the transform, which holds at any time."""
+        assert self._only is not None
+        return self._only._replace(stamp_ns=stamp_ns)
+
+
+class FrameHistory:
+    """The transforms of the `keep_ns` before the newest, by time."""
+
+    def __init__(self, keep_ns: int) -> None:
+        self._keep_ns = keep_ns
+        self._stamps: list[int] = []
+        self._known: list[Transformation] = []
+
+    @property
+    def latest(self) -> tuple[int, str]:
+        """The time of the newest transform, and its parent."""
+        return self._stamps[-1], self._known[-1].parent
+
+    def add(self, transform: Transformation) -> bool:
+        """Add a transform; return False for one that is too old to be kept."""
+        stamps, known = self._stamps, self._known
+        if stamps:
+            oldest = stamps[-1] - self._keep_ns
+            gone = bisect_left(stamps, oldest)
+            del stamps[:gone], known[:gone]
+            if transform.stamp_ns < oldest:
+                return False
+        place = bisect_right(stamps, transform.stamp_ns)
+        if transform not in known[bisect_left(stamps, transform.stamp_ns) : place]:
+            stamps.insert(place, transform.stamp_ns)
+            known.insert(place, transform)
+        return True
+
+    def at(self, stamp_ns: int) -> Transformation:
+        """Return the transform at a time between the oldest and the newest.
+
+        Between two of one parent it is interpolated; between two parents it is the older one. Raise
+        :class:`.ExtrapolationError`.
+        """
+        stamps, known = self._stamps, self._known
+        if stamp_ns == stamps[-1]:
+            return known[-1]
+        if stamp_ns == stamps[0]:
+            return known[0]
+        if len(stamps) == 1:
+            raise ExtrapolationError(
+                f"Lookup would require extrapolation at time {_text(stamp_ns)}, "
+                f"but only time {_text(stamps[0])} is in the buffer"
+            )
+        if stamp_ns > stamps[-1]:
+            raise ExtrapolationError(
+                "Lookup would require extrapolation into the future.  Requested time "
+                f"{_text(stamp_ns)} but the latest data is at time {_text(stamps[-1])}"
+            )
+        if stamp_ns < stamps[0]:
+            raise ExtrapolationError(
+                "Lookup would require extrapolation into the past.  Requested time "
+                f"{_text(stamp_ns)} but the earliest data is at time {_text(stamps[0])}"
+            )
+        place = bisect_right(stamps, stamp_ns)
+        before, after = known[place - 1], known[place]
+        return before if before.parent != after.parent else _between(before, after, stamp_ns)
+
+
+def _between(before: Transformation, after: Transformation, stamp_ns: int) -> Transformation:
+    ratio = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+    x, y, z = (
+        (1.0 - ratio) * one + ratio * other
+        for one, other in zip(before.offset, after.offset, strict=True)
+    )
+    return Transformation(stamp_ns, before.parent, (x, y, z), slerp(before.turn, after.turn, ratio))
+
+
+def _text(ns: int) -> str:
+    """Return a time in seconds, as tf2 prints it."""
+    return f"{ns // 1_000_000_000 + 1e-9 * (ns % 1_000_000_000):.6f}"
+
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
 

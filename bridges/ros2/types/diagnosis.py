@@ -8,13 +8,9 @@ from __future__ import annotations
 from struct import pack, unpack_from
 from typing import Any
 
-from ..errors import CdrError
-from .definition import INTEGERS, PRIMITIVES, FieldType, Shape
-from .offsets import HEADER
-from .primitives import ZERO_ONE
-from .record_type import RecordField, RecordType
-
-__all__ = ["why_unreadable", "why_unwritable"]
+from llfsm.bridges.ros2.errors import CdrError
+from llfsm.bridges.ros2.types.definition import INTEGERS, PRIMITIVES, FieldType, Shape
+from llfsm.bridges.ros2.types.layout import HEADER, ZERO_ONE, RecordField, RecordType
 
 _NO_TEXT = {0: "is not valid UTF-8", 1: "is not valid UTF-16"}
 

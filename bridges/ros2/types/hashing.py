@@ -7,9 +7,13 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from .definition import EMPTY_MEMBER, PRIMITIVES, Definition, Field, FieldType
-
-__all__ = ["describe", "rihs01"]
+from llfsm.bridges.ros2.types.definition import (
+    EMPTY_MEMBER,
+    PRIMITIVES,
+    Definition,
+    Field,
+    FieldType,
+)
 
 _NESTED = 1
 _BOUNDED_TEXT = {"string": 21, "wstring": 22}

@@ -8,9 +8,14 @@ from __future__ import annotations
 from functools import cache
 from typing import Any, cast
 
-from .definition import EMPTY_MEMBER, Constant, Definition, Field, FieldType, Shape
-
-__all__ = ["find", "names"]
+from llfsm.bridges.ros2.types.definition import (
+    EMPTY_MEMBER,
+    Constant,
+    Definition,
+    Field,
+    FieldType,
+    Shape,
+)
 
 _SHAPES = {3: Shape.ARRAY, 4: Shape.SEQUENCE}  # as rosbags numbers them
 

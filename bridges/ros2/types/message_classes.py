@@ -21,13 +21,10 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
+from llfsm.bridges.ros2.types.definition import Definition, Field, FieldType, Shape
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.messages import types as ranges
 from llfsm.whiteboard.schema import describe
-
-from .definition import Definition, Field, FieldType, Shape
-
-__all__ = ["make_class", "shipped_class"]
 
 _PYTHON: dict[str, Any] = {
     "bool": bool,

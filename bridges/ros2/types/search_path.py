@@ -14,13 +14,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from ..errors import DefinitionPathError, DefinitionSyntaxError, UnknownTypeError
-from . import jazzy
-from .definition import Definition
-from .definition_text import definition_text
-from .parsing import TYPE_NAME, parse
-
-__all__ = ["SearchPath"]
+from llfsm.bridges.ros2.errors import DefinitionPathError, DefinitionSyntaxError, UnknownTypeError
+from llfsm.bridges.ros2.types import jazzy
+from llfsm.bridges.ros2.types.definition import Definition, definition_text
+from llfsm.bridges.ros2.types.parsing import TYPE_NAME, parse
 
 _SHIPPED = Path(__file__).parents[1] / "definitions"
 

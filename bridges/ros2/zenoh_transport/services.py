@@ -17,15 +17,10 @@ from typing import Any
 import zenoh
 import zenoh.handlers
 
-from ..lifetime import Closable
-from ..pending import PendingCalls, PendingRequests
-from ..transport import Client, MessageInfo, Server, ServiceRequest
-from ..types import RosService
-from .attachment import pack, unpack
-from .endpoint import ZenohEndpoint
-from .receiving import receive
-
-__all__ = ["ZenohClient", "ZenohServer"]
+from llfsm.bridges.ros2.calls import PendingCalls, PendingRequests
+from llfsm.bridges.ros2.transport import Client, Closable, MessageInfo, Server, ServiceRequest
+from llfsm.bridges.ros2.types import RosService
+from llfsm.bridges.ros2.zenoh_transport.endpoint import ZenohEndpoint, pack, receive, unpack
 
 
 class ZenohClient(Client[Any, Any]):

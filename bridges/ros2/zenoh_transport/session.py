@@ -14,13 +14,10 @@ from typing import Any
 
 import zenoh
 
-from llfsm.whiteboard.mirror.endpoint_syntax import endpoint_problem
+from llfsm.bridges.ros2.defaults import ROUTER
+from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.whiteboard.mirror.settings import endpoint_problem
 from llfsm.whiteboard.mirror.zenoh_internals import error_text
-
-from ..defaults import ROUTER
-from ..errors import TransportUnavailableError
-
-__all__ = ["open_node_session", "open_with"]
 
 _OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
 _PEER: dict[str, Any] = {

@@ -15,10 +15,14 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple, TypeVar
 
-from ..graph import Endpoint, Role
-from ..qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
-
-__all__ = ["Token", "data_key", "domain_tokens", "endpoint_token", "node_token", "parse"]
+from llfsm.bridges.ros2.graph import Endpoint, Role
+from llfsm.bridges.ros2.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    Qos,
+    ReliabilityPolicy,
+)
 
 E = TypeVar("E", bound=IntEnum)
 

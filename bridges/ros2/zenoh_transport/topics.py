@@ -11,18 +11,18 @@ import zenoh
 import zenoh.ext
 import zenoh.handlers
 
+from llfsm.bridges.ros2.errors import TransportClosedError, TransportError
+from llfsm.bridges.ros2.qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
+from llfsm.bridges.ros2.transport import (
+    Closable,
+    MessageInfo,
+    Publisher,
+    SerializedMessage,
+    TopicSubscription,
+)
+from llfsm.bridges.ros2.types import RosMessage
+from llfsm.bridges.ros2.zenoh_transport.endpoint import ZenohEndpoint, pack, receive, unpack
 from llfsm.whiteboard.message import M
-
-from ..errors import TransportClosedError, TransportError
-from ..lifetime import Closable
-from ..qos import DurabilityPolicy, HistoryPolicy, Qos, ReliabilityPolicy
-from ..transport import MessageInfo, Publisher, SerializedMessage, TopicSubscription
-from ..types import RosMessage
-from .attachment import pack, unpack
-from .endpoint import ZenohEndpoint
-from .receiving import receive
-
-__all__ = ["ZenohPublisher", "ZenohSubscription"]
 
 _ALL = 1000  # messages that "keep all" keeps; beyond, the sender blocks
 _HEARTBEAT = 0.5  # seconds between reports of what late subscriptions can request, as rmw_zenoh's

@@ -10,26 +10,32 @@ from typing import Any
 
 import zenoh
 
+from llfsm.bridges.ros2.defaults import check_domain, default_domain
+from llfsm.bridges.ros2.errors import TransportClosedError
+from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
+from llfsm.bridges.ros2.notices import Notifier, log_notice
+from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.transport import (
+    Node,
+    Notice,
+    NoticeKind,
+    SerializedMessage,
+    ServiceRequest,
+    Transport,
+)
+from llfsm.bridges.ros2.types import RosMessage, RosService
+from llfsm.bridges.ros2.zenoh_transport.endpoint import (
+    Connection,
+    Discovery,
+    ZenohEndpoint,
+    hand_over,
+)
+from llfsm.bridges.ros2.zenoh_transport.services import ZenohClient, ZenohServer
+from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
+from llfsm.bridges.ros2.zenoh_transport.tokens import node_token
+from llfsm.bridges.ros2.zenoh_transport.topics import ZenohPublisher, ZenohSubscription
 from llfsm.whiteboard.message import M
-
-from ..defaults import check_domain, default_domain
-from ..errors import TransportClosedError
-from ..graph import Graph, Role
-from ..notices import Notifier, log_notice
-from ..qos import SERVICE, TOPIC, Qos
-from ..ros_names import NO_REMAPPING, Names
-from ..timer_thread import TimerThread
-from ..transport import Node, Notice, NoticeKind, SerializedMessage, ServiceRequest, Transport
-from ..types import RosMessage, RosService
-from .discovery import Discovery
-from .endpoint import Connection, ZenohEndpoint
-from .receiving import hand_over
-from .services import ZenohClient, ZenohServer
-from .session import open_node_session
-from .tokens import node_token
-from .topics import ZenohPublisher, ZenohSubscription
-
-__all__ = ["ZenohTransport"]
 
 _GRACE = 1.0  # seconds that opening waits for a router before it reports its absence
 

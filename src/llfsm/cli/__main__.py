@@ -1,5 +1,5 @@
 """Run ``llfsm`` as ``python -m llfsm.cli``, the way for programs to start it."""
 
-from .root import main
+from llfsm.cli.root import main
 
 main(prog_name="llfsm")

@@ -9,6 +9,14 @@ from pathlib import Path
 
 import click
 
+from llfsm.cli.machine_names import (
+    MachineImportError,
+    find_bundle,
+    find_machine_class,
+    search_modules_in,
+    with_called_bundles,
+)
+from llfsm.cli.run.arguments import parse_arguments
 from llfsm.errors import LlfsmError
 from llfsm.runtime.checking import (
     Finding,
@@ -20,15 +28,8 @@ from llfsm.runtime.checking import (
 from llfsm.runtime.engine.environment import BoardEnvironment
 from llfsm.runtime.engine.errors import FsmError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.plans.plan import Plan, Verification, assemble, read_plan
-from llfsm.runtime.plans.toml_files import line_of
+from llfsm.runtime.plans import Plan, Verification, assemble, line_of, read_plan
 from llfsm.whiteboard import Whiteboard
-
-from .called_bundles import with_called_bundles
-from .machine_names import MachineImportError, find_bundle, find_machine_class, search_modules_in
-from .run.arguments import parse_arguments
-
-__all__ = ["check"]
 
 
 @click.command()
@@ -85,7 +86,7 @@ def _check_verification(file: Path, plan: Plan) -> list[Finding]:
     """Check what a file says of verification: the names and the domains, not the properties."""
     if plan.verify is None:
         return []
-    from .verify.verified_machines import VerifiedMachines  # which takes a moment to import
+    from llfsm.cli.verify.machines import VerifiedMachines  # which takes a moment to import
 
     try:
         VerifiedMachines([str(file)], Verification()).options()

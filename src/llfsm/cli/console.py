@@ -1,10 +1,15 @@
-"""Where commands log to."""
+"""Where commands log to.
+
+Signals that come while a command ends already.
+"""
 
 from __future__ import annotations
 
 import logging
-
-__all__ = ["log_to_console"]
+import signal
+import threading
+from collections.abc import Callable
+from types import FrameType
 
 
 def log_to_console(level: int, *handlers: logging.Handler, is_on: bool = True) -> None:
@@ -17,3 +22,53 @@ def log_to_console(level: int, *handlers: logging.Handler, is_on: bool = True) -
     if not is_on:
         used = (logging.NullHandler(),)  # without a handler, Python would print warnings
     logging.basicConfig(level=level, format="%(message)s", handlers=used)
+
+
+SIGNALS = ("SIGINT", "SIGTERM")
+"""What a stop's cause is called if it was one of these signals."""
+
+
+def ending_once(
+    do: Callable[[], object],
+    is_ending: Callable[[], bool],
+    may_interrupt: Callable[[], bool] = lambda: True,
+) -> None:
+    """Call `do`, whose end a second SIGINT may cut short where it `may_interrupt`.
+
+    A terminal and `ros2 launch` each send one for the same Ctrl-C, so the second must not change
+    the status. `is_ending` returns whether the end has begun, or a signal has asked for it. Once
+    this is so, SIGINT is ignored for the rest of the process, whose exit would else be interrupted.
+    Only the main thread can do this: elsewhere `do` is called, and nothing else done.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        do()
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def interrupt(_: int, __: FrameType | None) -> None:
+        if is_ending():
+            if not may_interrupt():
+                return
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # so there is one interrupt at most
+        raise KeyboardInterrupt
+
+    try:  # not a context manager, whose own code could be interrupted
+        try:
+            signal.signal(signal.SIGINT, interrupt)
+            do()
+        finally:
+            signal.signal(signal.SIGINT, signal.SIG_IGN if is_ending() else before)
+    except KeyboardInterrupt:
+        if not is_ending():
+            raise
+
+
+def stop_for_good(stop: Callable[[], object]) -> None:
+    """Call `stop` at each SIGINT and SIGTERM from now on: a second one changes nothing."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop())
+
+
+def ignore_interrupts() -> None:
+    """Let no further SIGINT interrupt the exit of the process, whose end has been asked for."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

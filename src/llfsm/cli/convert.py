@@ -1,17 +1,65 @@
-"""``llfsm convert``: a machine class as a bundle, or a bundle as a class."""
+"""``llfsm convert``: a machine class as a bundle, or a bundle as a class.
+
+``llfsm import``: a bundle of C++ as one of Python.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
+from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.options import output_option
+from llfsm.runtime.bundles import (
+    SUFFIX,
+    UNTRANSLATED,
+    Bundle,
+    Fragment,
+    import_bundle,
+    read_bundle,
+    write_bundle,
+)
 from llfsm.runtime.converting import write_converted
 
-from .machine_names import find_bundle, find_machine_class
-from .options import output_option
 
-__all__ = ["convert"]
+@click.command("import")
+@click.argument("bundle", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@output_option("the new bundle")
+@click.option("-f", "--force", is_flag=True, help="Replace an existing bundle.")
+def import_(bundle: Path, output: Path, force: bool) -> None:
+    """Translate BUNDLE, a bundle of C++, to a bundle of Python.
+
+    Structure, layout, simple variables and simple expressions are translated. Other C++ becomes
+    comments, with marks that prevent the bundle from running until they are replaced by hand.
+
+    \b
+    llfsm import clfsm/Patrol.machine -o machines
+    """
+    source = read_bundle(bundle)
+    folder = output / f"{source.name}{SUFFIX}"
+    write_bundle(import_bundle(source), folder, replace=force)
+    click.echo(f"wrote {folder}")
+    marks = [mark for fragment in _fragments(read_bundle(folder)) for mark in _marks(fragment)]
+    if marks:
+        click.echo(f"{len(marks)} to translate by hand before it runs:")
+    for mark in marks:
+        click.echo(f"  {mark}")
+
+
+def _fragments(bundle: Bundle) -> Iterator[Fragment]:
+    yield from filter(None, (bundle.variables, bundle.methods))
+    for state in bundle.states:
+        yield from filter(None, (state.variables, state.methods))
+        yield from state.sections.values()
+        yield from filter(None, (transition.expression for transition in state.transitions))
+
+
+def _marks(fragment: Fragment) -> Iterator[str]:
+    for number, line in enumerate(fragment.text.splitlines(), 1):
+        if line.startswith(UNTRANSLATED):
+            yield f"{fragment.file}:{number}"
 
 
 @click.command()

@@ -7,17 +7,14 @@ from pathlib import Path
 
 import click
 
+from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.run.arguments import parse_arguments
 from llfsm.runtime.bundles import outline, read_bundle
 from llfsm.runtime.checking import requests_of
 from llfsm.runtime.converting import class_layout
 from llfsm.runtime.drawing import arrange, overview, to_dot, to_mermaid, to_png, to_svg
-from llfsm.runtime.drawing.overview import links_of
+from llfsm.runtime.drawing.arrange import links_of
 from llfsm.runtime.engine.table import Table
-
-from .machine_names import find_bundle, find_machine_class
-from .run.arguments import parse_arguments
-
-__all__ = ["draw"]
 
 _SUFFIXES = {
     ".dot": "dot", ".gv": "dot", ".mmd": "mermaid", ".mermaid": "mermaid",

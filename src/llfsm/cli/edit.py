@@ -8,23 +8,21 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.options import directory_option, end_with_input, until_eof_option
+from llfsm.cli.view import page_options, serve
 from llfsm.errors import LlfsmError
 from llfsm.runtime.converting.class_files import class_file
 from llfsm.runtime.converting.class_process import ClassName
 from llfsm.runtime.editing import Document
 from llfsm.runtime.editing.class_document import ClassDocument
-from llfsm.runtime.plans.plan import names_of, read_plan
-
-from .machine_names import find_bundle, find_machine_class
-from .options import directory_option, end_with_input, until_eof_option
-from .page import page_options, serve
+from llfsm.runtime.plans import names_of, read_plan
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
 
-    from llfsm.bridges.edit.opened_plan import OpenedPlan
+    from llfsm.bridges.edit.edit_app import OpenedPlan
 
-__all__ = ["edit"]
 
 _HERE: Final = (Path(),)
 
@@ -118,7 +116,7 @@ def _document(machine: str, folders: Sequence[Path]) -> Document:
 
 def _opened_plan(file: Path) -> OpenedPlan:
     """Open the machines of an arrangement file; what cannot be opened is shown in its place."""
-    from llfsm.bridges.edit.opened_plan import OpenedMachine, OpenedPlan
+    from llfsm.bridges.edit.edit_app import OpenedMachine, OpenedPlan
 
     plan = read_plan(file)
     folders = (file.absolute().parent, Path())

@@ -6,13 +6,10 @@ import logging
 
 import click
 
-from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
+from llfsm.cli.console import log_to_console
+from llfsm.cli.options import BoardPlace, board_option, end_with_input, until_eof_option
+from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
-
-from .console import log_to_console
-from .options import BoardPlace, board_option, end_with_input, until_eof_option
-
-__all__ = ["guard"]
 
 
 @click.command()

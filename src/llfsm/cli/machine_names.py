@@ -1,4 +1,7 @@
-"""Machines as a command line names them: ``RosPingPong``, ``patrol.py:Patrol``, a bundle."""
+"""Machines as a command line names them: ``RosPingPong``, ``patrol.py:Patrol``, a bundle.
+
+The bundles that other bundles may call: breakpoints can be set before these run.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,9 @@ import importlib
 import re
 import sys
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import click
@@ -17,14 +20,6 @@ import llfsm
 from llfsm.errors import LlfsmError, did_you_mean, nearby_file
 from llfsm.runtime.bundles import SUFFIX, load_bundle
 from llfsm.runtime.engine.machine import Machine
-
-__all__ = [
-    "MachineImportError",
-    "find_bundle",
-    "find_machine_class",
-    "find_object",
-    "search_modules_in",
-]
 
 _HERE = (Path(),)
 _PYTHON = ".py"
@@ -239,3 +234,30 @@ def _place(error: BaseException) -> tuple[str, int] | None:
         if frame.lineno and not frame.filename.startswith(_NOT_THEIRS):
             return frame.filename, frame.lineno
     return None
+
+
+def with_called_bundles(classes: Mapping[str, type[Machine]]) -> dict[str, type[Machine]]:
+    """Return machines, by name, and the bundles beside theirs that their code names.
+
+    Raise what `load_bundle` raises.
+    """
+    found, waiting = dict(classes), [*classes.values()]
+    while waiting:
+        for other in _named_by(waiting.pop()):
+            if other.stem not in found:
+                found[other.stem] = load_bundle(other)
+                waiting.append(found[other.stem])
+    return found
+
+
+def _named_by(cls: type[Machine]) -> Iterator[Path]:
+    folder = Path(cls.table.path)
+    if folder.suffix != SUFFIX:
+        return
+    for state in cls.table.states:
+        for code in state.sections.values():
+            for text in code.__code__.co_consts if isinstance(code, FunctionType) else ():
+                if isinstance(text, str) and text.isidentifier():
+                    other = folder.with_name(f"{text}{SUFFIX}")
+                    if other.is_dir():
+                        yield other

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from llfsm.cli.options import output_option
 from llfsm.runtime.bundles import (
     SUFFIX,
     Bundle,
@@ -17,11 +18,7 @@ from llfsm.runtime.bundles import (
     write_bundle,
 )
 from llfsm.runtime.converting import module_name, write_class
-from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
-
-from .options import output_option
-
-__all__ = ["new"]
+from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
 
 
 @click.command()

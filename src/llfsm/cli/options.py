@@ -1,4 +1,9 @@
-"""The options and arguments that several commands share, and what ``--until-eof`` does."""
+"""The options and arguments that several commands share, and what ``--until-eof`` does.
+
+Numbers as options take them, which may be limited to a range.
+
+An error calls them what users do: click speaks of an "integer range", also where there is none.
+"""
 
 from __future__ import annotations
 
@@ -17,25 +22,18 @@ from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.board_files import DIRECTORY, board_path, default_name
 from llfsm.whiteboard.mirror.naming import require_host_name
 
-__all__ = [
-    "BoardPlace",
-    "board_option",
-    "break_option",
-    "checked_host",
-    "directory_option",
-    "end_with_input",
-    "fleet_option",
-    "given_option",
-    "host_option",
-    "local_option",
-    "output_option",
-    "recording_argument",
-    "slots_option",
-    "supervised_options",
-    "topics_option",
-    "trust_option",
-    "until_eof_option",
-]
+
+class Integer(click.IntRange):
+    """A whole number."""
+
+    name = "integer"
+
+
+class Number(click.FloatRange):
+    """A number."""
+
+    name = "number"
+
 
 directory_option = click.option(
     "--directory",

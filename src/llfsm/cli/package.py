@@ -18,14 +18,11 @@ from xml.sax.saxutils import escape
 
 import click
 
+from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.options import output_option
 from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import read_bundle, require_python
 from llfsm.runtime.checking.bundles import check_bundle
-
-from .machine_names import find_bundle, find_machine_class
-from .options import output_option
-
-__all__ = ["PackageError", "package", "package_name", "write_package"]
 
 
 class PackageError(LlfsmError):

@@ -1,27 +1,39 @@
-"""``llfsm ps``: the running machines of all processes."""
+"""``llfsm ps``: the running machines of all processes.
+
+A board and its machines as tables on the terminal, polled from the whiteboard.
+
+``llfsm top``: a whiteboard and its machines on the terminal, refreshed until Ctrl-C.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import shlex
+import sys
+import time
 from collections.abc import Iterable
 from contextlib import ExitStack
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import click
 from msgspec.structs import astuple
 
-from llfsm.runtime.presence.commanders import contested_slots, described
-from llfsm.runtime.presence.hosts import FleetReader, HostNames
+from llfsm.cli.options import BoardPlace, board_option, fleet_option, host_option
+from llfsm.runtime.engine.realtime import stop_on_signals
+from llfsm.runtime.presence.hosts import FleetReader, HostNames, Shown
 from llfsm.runtime.presence.remote import Directory, RemoteMachine, pause_text
-from llfsm.runtime.presence.shown import Shown
-from llfsm.whiteboard import Board, BoardNotFoundError, WhiteboardError
-from llfsm.whiteboard.messages.llfsm import Commander, MachineStatus
+from llfsm.runtime.presence.slot_ownership import contested_slots, described
+from llfsm.whiteboard import Board, BoardNotFoundError, Message, Sample, WhiteboardError
+from llfsm.whiteboard.messages.llfsm import Commander, MachineStatus, status_slot
+from llfsm.whiteboard.messages.turtlesim import Pose
+from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.poller import BoardPoller, is_data
+from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.shared import boards
 
-from .options import BoardPlace, board_option, host_option
-
-__all__ = ["listings", "ps", "shown_of"]
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 
 class Listing(NamedTuple):
@@ -224,3 +236,225 @@ def _plain(listing: Listing, machine: RemoteMachine) -> dict[str, object]:
             if (machine.name, status.pid) in ((each.machine, each.pid) for each in commanders)
         ],
     }
+
+
+_FIELD = 11.09  # metres
+_COLUMNS, _ROWS = 44, 18
+_ARROWS = "→↗↑↖←↙↓↘"
+_STYLES = {
+    "running": "bold green",
+    "suspended": "yellow",
+    "paused": "bold magenta",
+    "failed": "bold red",
+    "hung": "bold red",
+    "silent": "red",
+}
+_RATE_S = 1.0  # over which changes are counted
+
+
+class SlotRow(NamedTuple):
+    """A slot as of the latest poll."""
+
+    name: str
+    sample: Sample[Message] | None
+    rate: float
+    """Changes per second."""
+    problem: str = ""
+    """Why its message cannot be shown."""
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since the latest message was added; infinite if none was."""
+        if self.sample is None:
+            return math.inf
+        return (time.monotonic_ns() - self.sample.stamp_ns) / 1e9
+
+
+class Watcher:
+    """Poll everything on a board that is shown; by default all."""
+
+    def __init__(self, board: Board, shown: Shown | None = None) -> None:
+        self._directory = Directory(board)
+        self._shown = shown or Shown(board)
+        self._poller = BoardPoller(board, wants=self._is_shown)
+        self._counted: dict[str, tuple[float, int]] = {}
+        self._rates: dict[str, float] = {}
+        self.trail: dict[tuple[int, int], None] = {}
+
+    def machines(self) -> list[RemoteMachine]:
+        """Return the machines that run on the board, or on the host that is shown."""
+        found = self._directory.machines()
+        return [each for each in found if self._shown.has(status_slot(each.name).name)]
+
+    def pose(self) -> Pose | None:
+        """Return the pose of turtle1, and add it to the trail."""
+        self._poller.poll()
+        slot = self._poller.slots.get("turtle1/pose")
+        if slot is None or slot.sample is None:
+            return None
+        pose = cast(Pose, slot.sample.message)
+        self.trail[_cell(pose)] = None
+        return pose
+
+    def slots(self) -> list[SlotRow]:
+        """Return all slots but those of llfsm's own processes."""
+        self._shown.look()
+        self._poller.poll()
+        return [
+            SlotRow(slot.name, slot.sample, self._rate(slot.name, slot.count), slot.problem)
+            for slot in self._poller.slots.values()
+        ]
+
+    def _is_shown(self, slot: str) -> bool:
+        return is_data(slot) and not is_own(slot) and self._shown.has(slot)
+
+    def _rate(self, name: str, count: int) -> float:
+        now = time.monotonic()
+        then, before = self._counted.setdefault(name, (now, count))
+        if now - then >= _RATE_S:
+            self._rates[name] = (count - before) / (now - then)
+            self._counted[name] = now, count
+        return self._rates.get(name, 0.0)
+
+
+def machine_table(machines: Iterable[RemoteMachine], *, wide: bool = False) -> RenderableType:
+    """Return machines with their states; `wide` adds the columns of `llfsm ps`."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for machine in machines:
+        style = _STYLES[machine.condition]
+        row: list[RenderableType] = [
+            Text(machine.name),
+            Text(machine.state, style),
+            f"{machine.in_state_s:6.1f} s",
+        ]
+        if wide:
+            status = machine.status
+            overruns = Text(f"{status.overruns} overruns", "red" if status.overruns else "dim")
+            row += [
+                Text(machine.condition, style),
+                f"{status.ringlets} ringlets",
+                overruns,
+                f"pid {status.pid}",
+            ]
+        table.add_row(*row)
+        if wide and machine.status.error:
+            table.add_row("", Text(machine.status.error, "red"))
+    return table
+
+
+def slot_table(slots: Iterable[SlotRow], *, wide: bool = False) -> RenderableType:
+    """Return slots with their values; `wide` adds their age and writer."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for slot in slots:
+        sample = slot.sample
+        value = Text(_short(sample.message)) if sample else Text(slot.problem or "-", "red")
+        value.overflow, value.no_wrap = "ellipsis", True
+        count = "-" if sample is None else str(sample.count)
+        row: list[RenderableType] = [Text(slot.name, "cyan"), f"{count:>6}", f"{slot.rate:5.1f}/s"]
+        if wide:
+            stale = slot.age_s > 1 and slot.rate == 0
+            row.append(Text(f"{slot.age_s:6.1f} s" if sample else "", "dim" if stale else ""))
+            row.append(f"pid {sample.writer}" if sample else "")
+        table.add_row(*row, value)
+    return table
+
+
+def turtle_field(watcher: Watcher, pose: Pose) -> str:
+    """Return the field of turtle1 as lines of text: its pose and its trail."""
+    rows = [[" "] * _COLUMNS for _ in range(_ROWS)]
+    for column, row in watcher.trail:
+        rows[row][column] = "·"
+    column, row = _cell(pose)
+    rows[row][column] = _ARROWS[round(pose.theta / (math.pi / 4)) % 8]
+    return "\n".join("".join(cells) for cells in rows)
+
+
+def _cell(pose: Pose) -> tuple[int, int]:
+    column = int(pose.x / _FIELD * _COLUMNS)
+    row = int((1 - pose.y / _FIELD) * _ROWS)
+    return min(max(column, 0), _COLUMNS - 1), min(max(row, 0), _ROWS - 1)
+
+
+def _short(message: Message) -> str:
+    def rounded(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: rounded(inner) for key, inner in value.items()}
+        return round(value, 2) if isinstance(value, float) else value
+
+    text = json.dumps(rounded(to_plain(message)), ensure_ascii=False)
+    return text[1:-1].replace('"', "")
+
+
+_FRAME_S = 0.25  # as often as a table can be read
+_COUNTING_S = 1.0  # the time until rates are known
+_WIDTH = 10_000  # columns without a terminal: nothing is cut off
+
+
+@click.command()
+@board_option
+@fleet_option
+@host_option
+@click.option("--once", is_flag=True, help="Print everything once, after a second, and exit.")
+def top(board: BoardPlace, fleet: bool, host: str, once: bool) -> None:
+    """Show a whiteboard's slots and machines, refreshed four times a second, until Ctrl-C.
+
+    For each machine it shows what `llfsm ps` lists; for each slot the number of messages, their
+    rate, and the last one with its age and writer. Slots and machines of other hosts are shown if
+    they are mirrored here; --fleet and --host request them.
+
+    \b
+    llfsm top -b demo
+    llfsm top --once > board.txt
+    llfsm top --host robot7
+    """
+    from rich.console import Console
+    from rich.live import Live
+
+    signals: list[str] = []  # that asked this process to end
+    with board.open(create=False) as wb, stop_on_signals(signals.append):
+        watcher = Watcher(wb, shown_of(wb, host, fleet=fleet))
+        if once or not sys.stdout.isatty():
+            watcher.slots()
+            time.sleep(_COUNTING_S)  # a rate needs two looks, this far apart
+            if sys.stdout.isatty():
+                Console(highlight=False).print(_screen(watcher, board.name))
+            else:
+                _print(_screen(watcher, board.name))
+            return
+        with Live(auto_refresh=False, screen=True, vertical_overflow="crop") as live:
+            while wb.alive and not signals:
+                live.update(_screen(watcher, board.name), refresh=True)
+                time.sleep(_FRAME_S)
+    if not signals:
+        raise click.ClickException(f"the whiteboard {board.name!r} was removed")
+
+
+def _print(screen: RenderableType) -> None:
+    """Print plain lines of any length, without the trailing blanks of a terminal's."""
+    from rich.console import Console
+
+    console = Console(width=_WIDTH, highlight=False)
+    with console.capture() as captured:
+        console.print(screen)
+    for line in captured.get().splitlines():
+        click.echo(line.rstrip())
+
+
+def _screen(watcher: Watcher, board: str) -> RenderableType:
+    from rich.console import Group
+    from rich.text import Text
+
+    machines, slots = watcher.machines(), watcher.slots()
+    title = f"whiteboard {board}, machines: {len(machines)}, slots: {len(slots)}"
+    parts: list[RenderableType] = [Text(title, "bold")]
+    if machines:
+        parts += ["", machine_table(machines, wide=True)]
+    if slots:
+        parts += ["", slot_table(slots, wide=True)]
+    return Group(*parts)

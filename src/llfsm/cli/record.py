@@ -10,11 +10,22 @@ from pathlib import Path
 
 import click
 
-from llfsm.bridges.recording.board_recorder import BoardRecorder
-from llfsm.bridges.recording.board_recorder import record as record_until
-from llfsm.bridges.recording.journal_recorder import JournalRecorder
+from llfsm.bridges.recording.recorders import BoardRecorder, JournalRecorder
+from llfsm.bridges.recording.recorders import record as record_until
 from llfsm.bridges.recording.writer import EVENTS, RecordingWriter
-from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.cli import VERSION
+from llfsm.cli.console import ending_once, log_to_console
+from llfsm.cli.options import (
+    BoardPlace,
+    Number,
+    board_option,
+    end_with_input,
+    host_option,
+    slots_option,
+    until_eof_option,
+)
+from llfsm.cli.ps import shown_of
+from llfsm.runtime.engine.realtime import stop_on_signals
 from llfsm.runtime.presence.hosts import HostNames
 from llfsm.whiteboard import (
     BoardClosedError,
@@ -22,22 +33,6 @@ from llfsm.whiteboard import (
     WhiteboardError,
 )
 from llfsm.whiteboard.liveness import host_name
-
-from . import VERSION
-from .console import log_to_console
-from .ending import ending_once
-from .numbers import Number
-from .options import (
-    BoardPlace,
-    board_option,
-    end_with_input,
-    host_option,
-    slots_option,
-    until_eof_option,
-)
-from .ps import shown_of
-
-__all__ = ["record"]
 
 _MB = 1_000_000
 
@@ -142,7 +137,7 @@ def _record(
 def _writer(output: Path, about: dict[str, str], cdr: bool) -> RecordingWriter:
     if not cdr:
         return RecordingWriter(output, about)
-    from llfsm.bridges.recording.bag_writer import BagWriter
+    from llfsm.bridges.recording.bags import BagWriter
     from llfsm.bridges.ros2.types import TypeLibrary
 
     return BagWriter(output, about, TypeLibrary())

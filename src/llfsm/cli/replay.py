@@ -10,17 +10,20 @@ from pathlib import Path
 import click
 
 from llfsm.bridges.recording.bags import BagTopics
-from llfsm.bridges.recording.board_replay import BoardReplay
 from llfsm.bridges.recording.reader import Recording
-from llfsm.runtime.engine.signals import stop_on_signals
+from llfsm.bridges.recording.replay import BoardReplay
+from llfsm.cli.bridge.configured import Configured
+from llfsm.cli.options import (
+    BoardPlace,
+    Number,
+    board_option,
+    recording_argument,
+    slots_option,
+    topics_option,
+)
+from llfsm.runtime.engine.realtime import stop_on_signals
 from llfsm.whiteboard.own_slots import is_own
 from llfsm.whiteboard.schema import to_plain
-
-from .bridge.configured import Configured
-from .numbers import Number
-from .options import BoardPlace, board_option, recording_argument, slots_option, topics_option
-
-__all__ = ["replay"]
 
 
 @click.command()

@@ -1,23 +1,193 @@
-"""``llfsm rerun``: machines run again on the inputs of a recording."""
+"""``llfsm rerun``: machines run again on the inputs of a recording.
+
+The machines of a recording, with the code that is to run in their places.
+
+``llfsm rerun`` of a bag: machines run on its topics.
+"""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
+import msgspec
+from msgspec.structs import replace
 
 from llfsm.bridges.recording.bags import BagTopics
-from llfsm.bridges.recording.differences import COMPARISONS, Comparison
-from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.rerun import Rerun, why_not
-from llfsm.runtime.plans.plan import assemble
+from llfsm.bridges.recording.errors import NoEventsError, RecordingFileError
+from llfsm.bridges.recording.reader import RecordedJournal, Recording
+from llfsm.bridges.recording.recorders import record_replay
+from llfsm.bridges.recording.replay import BagRun, bag_script
+from llfsm.bridges.recording.rerun import COMPARISONS, Comparison, Rerun, whole_journals, why_not
+from llfsm.bridges.recording.reversing.client import Travelled, travelling
+from llfsm.bridges.recording.reversing.worker import Serve
+from llfsm.bridges.ros2.bridging.bridge_plan import used_slots
+from llfsm.cli.bridge.configured import Configured
+from llfsm.cli.machine_names import with_called_bundles
+from llfsm.cli.options import given_option, recording_argument, topics_option, trust_option
+from llfsm.cli.run.arguments import ResolvedPlan, parse_arguments
+from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine, assemble
+from llfsm.runtime.verification import Member
 
-from .bridge.configured import Configured
-from .options import given_option, recording_argument, topics_option, trust_option
-from .recorded_plans import plans_to_rerun
 
-__all__ = ["rerun"]
+def plans_to_rerun(
+    recording: Recording, machines: Sequence[str], *, trust: bool
+) -> list[tuple[RecordedJournal, ResolvedPlan]]:
+    """Return each arrangement that can be run again; `machines` take the recorded ones' places.
+
+    Without any, the file decides which code runs, if the user has chosen to `trust` it. Raise
+    `RecordingError` without a valid plan, and ``click.UsageError`` for other machines.
+    """
+    return _resolve(recording, whole_journals(recording), machines, trust=trust)
+
+
+def plan_of_one(
+    recording: Recording, machines: Sequence[str], *, trust: bool
+) -> tuple[RecordedJournal, ResolvedPlan]:
+    """Return the only arrangement, or that whose machines have the names of `machines`.
+
+    Raise what `plans_to_rerun` raises.
+    """
+    journals = whole_journals(recording)
+    if len(journals) > 1:
+        names = {journal.about.get("machines", "?"): journal for journal in journals}
+        given = parse_arguments(machines, None, (), ()).classes if machines else ()
+        found = names.get(", ".join(given))
+        if found is None or len(names) < len(journals):
+            raise click.UsageError(
+                f"{recording.path} is of several arrangements: {'; '.join(names)}: "
+                f"name the machines of one"
+            )
+        journals = [found]
+    return _resolve(recording, journals, machines, trust=trust)[0]
+
+
+def travel_through(
+    recording: Recording,
+    journal: RecordedJournal,
+    resolved: ResolvedPlan,
+    serve: Serve,
+    read_line: Callable[[], str] = lambda: "",
+) -> Travelled:
+    """Return what goes through a recording, with the machines of a plan, as `travelling` does."""
+
+    def again() -> Rerun:
+        rerun = Rerun(recording.entries(journal), str(recording.path))
+        plan, library = resolved.plan, resolved.library
+        assemble(plan, resolved.classes, rerun.environment, library=library)
+        return rerun
+
+    library = with_called_bundles(resolved.classes)
+    return travelling(again, library, recording.span_ns[0], serve, read_line)
+
+
+def _resolve(
+    recording: Recording,
+    journals: Sequence[RecordedJournal],
+    machines: Sequence[str],
+    *,
+    trust: bool,
+) -> list[tuple[RecordedJournal, ResolvedPlan]]:
+    plans = _plans(journals, recording.path)
+    if not machines and not trust:
+        recorded = "; ".join(
+            f"{' '.join(each.definition for each in plan.machines)} in {_folder(journal)}"
+            for journal, plan in zip(journals, plans, strict=True)
+        )
+        raise click.UsageError(
+            f"which machines? The recording names {recorded}: name them yourself, or --trust the "
+            f"file to decide which code runs"
+        )
+    given = parse_arguments(machines, None, (), ()).plan.machines if machines else ()
+    if given and len(given) != sum(len(plan.machines) for plan in plans):
+        names = ", ".join(each.name or each.definition for plan in plans for each in plan.machines)
+        raise click.UsageError(
+            f"the recording has these machines: {names}; name one for each, in this order"
+        )
+    resolved = []
+    for journal, plan in zip(journals, plans, strict=True):
+        if given:
+            ours, given = given[: len(plan.machines)], given[len(plan.machines) :]
+            plan = replace(plan, machines=tuple(map(_in_place_of, plan.machines, ours)))
+        folders = [Path(), _folder(journal)] if trust else [Path()]
+        resolved.append((journal, ResolvedPlan(plan, folders)))
+    return resolved
+
+
+def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
+    plans = []
+    for journal in journals:
+        if "plan" not in journal.about:
+            raise NoEventsError(
+                f"{file} has no plan of its machines: "
+                f"rerun it from Python, with llfsm.bridges.recording.rerun"
+            )
+        try:
+            plain = msgspec.json.decode(journal.about["plan"], type=dict[str, Any])
+            plans.append(msgspec.convert(plain, DispatchTable if "slots" in plain else Plan))
+        except (ValueError, RecursionError) as error:
+            raise RecordingFileError(f"{file}: its plan of machines is invalid: {error}") from error
+    return plans
+
+
+def _folder(journal: RecordedJournal) -> Path:
+    """Return the folder in which the machines were started."""
+    return Path(journal.about.get("folder", ""))
+
+
+def _in_place_of(recorded: PlannedMachine, given: PlannedMachine) -> PlannedMachine:
+    return replace(
+        recorded,
+        definition=given.definition,
+        name=given.name or recorded.name,
+        variables={**recorded.variables, **given.variables},
+        slots={**recorded.slots, **given.slots},
+    )
+
+
+def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | None) -> None:
+    """Run machines, named as for `llfsm run`, and write what they do to the file `recorded`.
+
+    Raise ``click.ClickException`` with the first message that they post otherwise than in the bag.
+    """
+    if not machines:
+        raise click.UsageError(
+            f"{recording.path} is a bag: name the machines that are to read its topics"
+        )
+    resolved = parse_arguments(machines, None, (), ())
+    plan = resolved.plan
+    members = list(_members(resolved))
+    slots = [machine.slots for machine in plan.machines]
+    read, posted = used_slots(zip(resolved.classes.values(), slots, strict=True))
+    script = bag_script(
+        recording,
+        {name: slot for name, slot in read.items() if name not in posted},
+        idle_ms=plan.idle_us / 1e3 or 1.0,
+        period_ms=None if plan.period_us is None else plan.period_us / 1e3,
+    )
+    accepting = plan.unload_accepting
+    if recorded is not None:
+        again = replace(plan, period_us=None)  # the times of its rounds are recorded
+        record_replay(recorded, members, script, plan=again, unload_accepting=accepting)
+    run = BagRun(recording, posted)
+    difference = run.compare(members, script, unload_accepting=accepting)
+    if difference is not None:
+        raise click.ClickException(f"{recording.path}: {difference}")
+    compared = ", ".join(f"{number} of {name}" for name, number in run.compared.items())
+    click.echo(f"{run.rounds} rounds, all posted messages as recorded: {compared or 'none'}")
+    if unknown := [name for name in posted if name not in run.compared]:
+        click.echo(f"not compared, as they are not topics there: {', '.join(unknown)}", err=True)
+
+
+def _members(resolved: ResolvedPlan) -> Iterator[Member]:
+    for (name, cls), each in zip(resolved.classes.items(), resolved.plan.machines, strict=True):
+        if each.preload or each.period_us is not None:
+            why = "is preloaded" if each.preload else "has a period of its own"
+            raise click.UsageError(f"{name} {why}: machines cannot be run so on a bag")
+        yield Member(cls, name, each.variables, each.slots, each.suspended)
 
 
 @click.command()
@@ -66,7 +236,6 @@ def rerun(
     if recording.is_bag:
         if events := given_option("trust", "compare"):
             raise click.UsageError(f"{file} is a bag, without events of machines: omit {events}")
-        from .rerun_bag import rerun_bag  # here, as it imports more
 
         rerun_bag(recording, machines, recorded)
         return

@@ -3,21 +3,61 @@
 Commands are imported when they are called; see :mod:`.lazy`. Every error of llfsm, and each of a
 file that cannot be reached, is handled here: one line on standard error and exit status 1, or its
 traceback with ``--debug``.
+
+Groups whose commands are imported when they are called, so that ``--help`` is fast.
+
+The table of a group names each command as ``module:function``, which no type checker sees:
+tests/cli/test_lazy.py resolves every row.
 """
 
 from __future__ import annotations
 
+import importlib
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 import click
 
-from llfsm.errors import LlfsmError
+from llfsm.cli import VERSION
+from llfsm.errors import LlfsmError, did_you_mean
 
-from . import VERSION
-from .lazy import LazyGroup
 
-__all__ = ["clfsm", "main"]
+class LazyGroup(click.Group):
+    """A group made from a table: a command's name to ``module:function`` and its short help."""
+
+    def __init__(self, *args: Any, table: Mapping[str, tuple[str, str]], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.table = table
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names, in the table's order."""
+        return list(self.table)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """Import a command."""
+        if name not in self.table:
+            return None
+        module, _, attribute = self.table[name][0].partition(":")
+        command = getattr(importlib.import_module(module), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command of the arguments; the error for an unknown one names similar ones."""
+        name = args[0]
+        if name in self.table or name.startswith("-") or ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
+        near = did_you_mean(name, self.table) or f"; see `{ctx.command_path} --help`"
+        raise click.UsageError(f"no command {name!r}{near}", ctx)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table's short help of each command, without importing it."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in self.table.items()])
+
 
 _COMMANDS = {
     "new": ("llfsm.cli.new:new", "Make a machine to start from."),
@@ -33,11 +73,11 @@ _COMMANDS = {
     "stop": ("llfsm.cli.requests:stop", "Stop a running machine."),
     "debug": ("llfsm.cli.debug.command:debug", "Run machines from a prompt, step by step."),
     "dap": ("llfsm.cli.dap.command:dap", "Let an editor debug machines."),
-    "pause": ("llfsm.cli.pausing:pause", "Pause running machines between two turns."),
-    "step": ("llfsm.cli.pausing:step", "Let paused machines go on for a turn, or further."),
-    "continue": ("llfsm.cli.pausing:continue_", "Let paused machines go on."),
-    "override": ("llfsm.cli.pausing:override", "Override a sensor of a running machine."),
-    "why": ("llfsm.cli.why:why", "Show why a running machine is in its state."),
+    "pause": ("llfsm.cli.requests:pause", "Pause running machines between two turns."),
+    "step": ("llfsm.cli.requests:step", "Let paused machines go on for a turn, or further."),
+    "continue": ("llfsm.cli.requests:continue_", "Let paused machines go on."),
+    "override": ("llfsm.cli.requests:override", "Override a sensor of a running machine."),
+    "why": ("llfsm.cli.requests:why", "Show why a running machine is in its state."),
     "check": ("llfsm.cli.check:check", "Check machines without running them."),
     "verify": (
         "llfsm.cli.verify.command:verify",
@@ -46,7 +86,7 @@ _COMMANDS = {
     "draw": ("llfsm.cli.draw:draw", "Draw a machine."),
     "show": ("llfsm.cli.show:show", "Show the states and transitions of a machine."),
     "import": (
-        "llfsm.cli.import_bundle:import_",
+        "llfsm.cli.convert:import_",
         "Translate a bundle of C++ to Python.",
     ),
     "convert": (
@@ -71,13 +111,30 @@ _COMMANDS = {
         "llfsm.cli.guard:guard",
         "Post the safe values of machines whose processes die.",
     ),
-    "top": ("llfsm.cli.top:top", "Show a whiteboard and its machines in the terminal."),
-    "whiteboard": (
-        "llfsm.cli.whiteboard.group:whiteboard",
-        "List, read, write and mirror whiteboards.",
-    ),
-    "bridge": ("llfsm.cli.bridge.group:bridge", "Connect a whiteboard with another world."),
+    "top": ("llfsm.cli.ps:top", "Show a whiteboard and its machines in the terminal."),
+    "whiteboard": ("llfsm.cli.root:whiteboard", "List, read, write and mirror whiteboards."),
+    "bridge": ("llfsm.cli.root:bridge", "Connect a whiteboard with another world."),
     "demo": ("llfsm.cli.demo.command:demo", "Watch machines and turtles work together."),
+}
+
+_WHITEBOARD = {
+    "list": ("llfsm.cli.whiteboard:list_", "List whiteboards, or the slots of one."),
+    "get": ("llfsm.cli.whiteboard:get", "Print the latest message of a slot."),
+    "add": ("llfsm.cli.whiteboard:add", "Add a message to a slot."),
+    "watch": ("llfsm.cli.whiteboard:watch", "Print messages as they are added."),
+    "rm": ("llfsm.cli.whiteboard:rm", "Remove whiteboards."),
+    "daemon": ("llfsm.cli.whiteboard:daemon", "Mirror a whiteboard between hosts."),
+    "status": ("llfsm.cli.whiteboard:status", "Print the status of the daemon."),
+}
+
+_BRIDGE = {
+    "ros2": ("llfsm.cli.bridge.ros2:ros2", "Relay slots and topics, and serve services."),
+    "check": ("llfsm.cli.bridge.ros2:check", "Check a configuration for `ros2`."),
+    "turtlesim": ("llfsm.cli.bridge.ros2:turtlesim", "Connect machines with turtlesim."),
+    "gusimplewhiteboard": (
+        "llfsm.cli.bridge.gusimplewhiteboard:gusimplewhiteboard",
+        "Relay slots to and from a gusimplewhiteboard.",
+    ),
 }
 
 
@@ -102,6 +159,29 @@ def main(debug: bool) -> None:
     """Deterministic robot behaviours: state machines that pull from a typed whiteboard.
 
     Try `llfsm demo wall`, or `llfsm COMMAND --help`.
+    """
+
+
+@click.group(cls=LazyGroup, table=_WHITEBOARD)
+def whiteboard() -> None:
+    """List, read and write whiteboards, and mirror one between hosts.
+
+    \b
+    llfsm whiteboard list
+    llfsm whiteboard get turtle1/pose -b demo
+    llfsm whiteboard add turtle1/cmd_vel '{"linear": {"x": 1}}' -b demo
+    """
+
+
+@click.group(cls=LazyGroup, table=_BRIDGE)
+def bridge() -> None:
+    """Connect a whiteboard with ROS 2, with or without ROS installed, or with another world.
+
+    \b
+    llfsm bridge ros2 --config bridge.toml
+    llfsm bridge ros2 --to-ros pinpong:std_msgs/msg/String
+    llfsm bridge check bridge.toml
+    llfsm bridge turtlesim
     """
 
 

@@ -10,27 +10,12 @@ import click
 
 from llfsm.bridges.ros2.defaults import DOMAINS, ROS_ARGUMENTS, TRANSPORTS
 from llfsm.bridges.ros2.errors import RosArgumentError
-
-from .numbers import Integer
-from .options import BoardPlace, board_option, given_option, supervised_options
+from llfsm.cli.options import BoardPlace, Integer, board_option, given_option, supervised_options
 
 if TYPE_CHECKING:  # what commands that have such options need only with ROS
     from llfsm.bridges.ros2.ros_arguments import RosArguments
     from llfsm.bridges.ros2.transport import Transport
 
-__all__ = [
-    "BridgeOptions",
-    "Command",
-    "RosCommand",
-    "bridge_options",
-    "domain_option",
-    "open_chosen",
-    "require_ros",
-    "ros_arguments",
-    "ros_options",
-    "router_option",
-    "transport_option",
-]
 
 Command = Callable[..., Any]
 
@@ -112,8 +97,7 @@ def open_chosen(
     transport: str, domain: int | None, router: tuple[str, ...], enclave: str = ""
 ) -> Transport:
     """Open the transport that the options name; raise :class:`.TransportError`."""
-    from llfsm.bridges.ros2.allocator import keep_freed_memory
-    from llfsm.bridges.ros2.opening import open_transport
+    from llfsm.bridges.ros2.opening import keep_freed_memory, open_transport
 
     if router and transport == "rclpy":
         raise click.UsageError("--router is for --transport zenoh: rclpy has its own configuration")

@@ -6,12 +6,9 @@ from contextlib import closing
 
 import click
 
-from llfsm.bridges.ros2.router import loopback, open_router
-from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
-
-from .options import end_with_input, until_eof_option
-
-__all__ = ["router"]
+from llfsm.bridges.ros2.opening import loopback, open_router
+from llfsm.cli.options import end_with_input, until_eof_option
+from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 
 
 @click.command()

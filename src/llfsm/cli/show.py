@@ -7,15 +7,12 @@ from typing import NamedTuple
 
 import click
 
+from llfsm.cli.machine_names import find_bundle, find_machine_class
 from llfsm.runtime.bundles import Bundle, Fragment, read_bundle
 from llfsm.runtime.bundles.cpp import without_comments
-from llfsm.runtime.converting.class_outline import declared_lines
+from llfsm.runtime.converting.class_process import declared_lines
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import body_of
-
-from .machine_names import find_bundle, find_machine_class
-
-__all__ = ["show"]
 
 
 class _Shown(NamedTuple):

@@ -16,14 +16,16 @@ from llfsm.bridges.ros2.transport import Transport
 from llfsm.bridges.turtlesim.field import draw
 from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator, run
-from llfsm.runtime.engine.signals import StopRequest
-
-from .console import log_to_console
-from .ending import ignore_interrupts, stop_for_good
-from .options import BoardPlace, board_option, end_with_input, given_option, supervised_options
-from .ros_options import RosCommand, open_chosen, require_ros, ros_arguments, ros_options
-
-__all__ = ["draw_field", "turtlesim"]
+from llfsm.cli.console import ignore_interrupts, log_to_console, stop_for_good
+from llfsm.cli.options import (
+    BoardPlace,
+    board_option,
+    end_with_input,
+    given_option,
+    supervised_options,
+)
+from llfsm.cli.ros_options import RosCommand, open_chosen, require_ros, ros_arguments, ros_options
+from llfsm.runtime.engine.realtime import StopRequest
 
 _LOG = logging.getLogger("turtlesim").log
 

@@ -1,20 +1,33 @@
-"""``llfsm view``: a whiteboard and its machines, live, on a page in the browser."""
+"""``llfsm view``: a whiteboard and its machines, live, on a page in the browser.
+
+A page in the browser: its server, its options, its token and its address.
+"""
 
 from __future__ import annotations
 
 import ipaddress
 import logging
-from contextlib import ExitStack, suppress
+import os
+import secrets
+import signal
+import socket
+import tempfile
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlencode
 
 import click
 
 from llfsm.bridges.view.page_source import PageSource
-from llfsm.runtime.presence.guard import GuardThread
-
-from .options import (
+from llfsm.cli.console import log_to_console
+from llfsm.cli.options import (
     BoardPlace,
+    Integer,
     board_option,
     checked_host,
     end_with_input,
@@ -22,14 +35,123 @@ from .options import (
     trust_option,
     until_eof_option,
 )
-from .page import page_options, serve
+from llfsm.runtime.presence.guard import GuardThread
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
+    from uvicorn import Server
 
-    from llfsm.bridges.recording.explaining import Explainer
+    from llfsm.bridges.recording.reversing.explaining import Explainer
 
-__all__ = ["view"]
+
+VIEW_PORT = 8420
+"""The port by default."""
+
+TOKEN_VARIABLE = "LLFSM_VIEW_TOKEN"
+"""The environment variable with the page's token: unlike an option, no other user can list it."""
+
+_REDIRECT = "<!doctype html><meta http-equiv=refresh content='0; url={}'>"
+
+
+def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a command that serves a page."""
+    for option in (
+        click.option("--no-open", is_flag=True, help="Do not open the browser."),
+        click.option(
+            "--port",
+            type=Integer(0, 65535),
+            default=VIEW_PORT,
+            show_default=True,
+            help="The port; 0 takes a free one.",
+        ),
+        click.option(
+            "--address", default="127.0.0.1", show_default=True, help="The address to listen on."
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def serve(
+    make_app: Callable[[str], ASGIApp], what: str, *, host: str, port: int, open_page: bool
+) -> None:
+    """Serve the application that `make_app` returns for a token, until SIGINT or SIGTERM.
+
+    `what` it shows is printed with its address.
+    """
+    token = page_token()
+    server = make_server(make_app, token)
+    log_to_console(logging.WARNING)
+    listener = listen(host, port)
+
+    def end(_: int, __: FrameType | None) -> None:
+        server.should_exit = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):  # the server replaces these while it runs
+        signal.signal(number, end)
+    address = page_address(host, listener.getsockname()[1], token)
+    click.echo(f"{what} at {address}")
+    with ExitStack() as stack:
+        if open_page and any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
+            stack.enter_context(_opened(address))
+        server.run(sockets=[listener])
+
+
+def make_server(make_app: Callable[[str], ASGIApp], token: str) -> Server:
+    """Return the server of the application that `make_app` returns for a token."""
+    try:
+        import uvicorn
+
+        from llfsm.bridges.view.access import configured
+
+        return uvicorn.Server(configured(make_app(token)))
+    except ModuleNotFoundError as error:
+        raise click.ClickException(
+            f"the page needs {error.name}; install it with: pip install 'llfsm[view]'"
+        ) from error
+
+
+def page_token() -> str:
+    """Return ``$LLFSM_VIEW_TOKEN``, or a new token; an empty one is a ``click.ClickException``."""
+    token = os.environ.get(TOKEN_VARIABLE)
+    if token is None:
+        return secrets.token_urlsafe(16)
+    if not token.strip():
+        raise click.ClickException(
+            f"${TOKEN_VARIABLE} is empty; unset it, and a token is generated, or set it to one"
+        )
+    return token
+
+
+@contextmanager
+def _opened(address: str) -> Iterator[None]:
+    """Open the address in the browser, by a private file: other users can list its command line."""
+    with tempfile.NamedTemporaryFile("w", prefix="llfsm-view-", suffix=".html") as file:
+        file.write(_REDIRECT.format(address))
+        file.flush()
+        uri = Path(file.name).as_uri()
+        threading.Thread(target=webbrowser.open, args=(uri,), daemon=True).start()
+        yield
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a listening socket, or raise ``click.ClickException``."""
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise click.ClickException(
+            f"cannot listen on {host}, port {port}: {error.strerror or error}; "
+            "choose another --port (0 takes a free one) or --address"
+        ) from error
+
+
+def page_address(host: str, port: int, token: str) -> str:
+    """Return the address to open in a browser."""
+    wildcard = host in ("0.0.0.0", "::", "")  # every address of this host: name it
+    name = socket.gethostname() if wildcard else host
+    name = f"[{name}]" if ":" in name else name
+    return f"http://{name}:{port}/?{urlencode({'token': token})}"
 
 
 @click.command()
@@ -134,9 +256,8 @@ def _source(
 
         return LiveSource(*board, host=host)
     from llfsm.bridges.recording.bags import BagTopics
-    from llfsm.bridges.recording.recorded_source import RecordedSource
-
-    from .bridge.configured import Configured
+    from llfsm.bridges.recording.page import RecordedSource
+    from llfsm.cli.bridge.configured import Configured
 
     topics = BagTopics(Configured.read(config).config)
     explainer = _explainer(recording, machines, trust=trust) if machines or trust else None
@@ -144,10 +265,9 @@ def _source(
 
 
 def _explainer(file: Path, machines: tuple[str, ...], *, trust: bool) -> Explainer:
-    from llfsm.bridges.recording.explaining import Explained, Explainer
     from llfsm.bridges.recording.reader import Recording
-
-    from .recorded_plans import plan_of_one, travel_through
+    from llfsm.bridges.recording.reversing.explaining import Explained, Explainer
+    from llfsm.cli.rerun import plan_of_one, travel_through
 
     # Late turns and failures were reported at the time of the recording.
     logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)

@@ -16,9 +16,8 @@ import pytest
 import uvicorn
 from websockets.sync.client import ClientConnection, connect
 
-from llfsm.bridges.edit.edit_app import make_edit_app
-from llfsm.bridges.edit.opened_plan import OpenedPlan
-from llfsm.bridges.view.connections import configured
+from llfsm.bridges.edit.edit_app import OpenedPlan, make_edit_app
+from llfsm.bridges.view.access import configured
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.editing import Document
 from waiting import PATIENCE_S

@@ -14,7 +14,7 @@ from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import STEP_NS, Simulator
 from llfsm.runtime import Arrangement, ManualClock, Trace
 from llfsm.runtime.bundles import Bundle, BundleState, load_bundle, read_bundle, write_bundle
-from llfsm.runtime.engine.layout import MachineLayout, StateBox
+from llfsm.runtime.engine.table import MachineLayout, StateBox
 from llfsm.whiteboard import Whiteboard
 from waiting import wait_for
 

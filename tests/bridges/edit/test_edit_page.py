@@ -19,7 +19,7 @@ from llfsm.runtime.bundles import (
     write_bundle,
 )
 from llfsm.runtime.editing import Document
-from llfsm.runtime.engine.layout import MachineLayout, StateBox
+from llfsm.runtime.engine.table import MachineLayout, StateBox
 from waiting import wait_for
 
 from ..view.conftest import Visit, browser, visit  # noqa: F401

@@ -11,7 +11,7 @@ import pytest
 from msgspec import Meta
 
 import llfsm.whiteboard.messages as shipped
-from llfsm.bridges.edit.message_class_text import class_name, message_class_text
+from llfsm.bridges.edit.message_types import class_name, message_class_text
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.schema import describe
 

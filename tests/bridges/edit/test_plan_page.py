@@ -12,14 +12,14 @@ import pytest
 from playwright.sync_api import expect
 from websockets.exceptions import InvalidStatus
 
-from llfsm.bridges.edit.opened_plan import OpenedMachine, OpenedPlan, overview_data
+from llfsm.bridges.edit.edit_app import OpenedMachine, OpenedPlan, overview_data
 from llfsm.bridges.view.live_source import LiveSource
 from llfsm.runtime import Arrangement
 from llfsm.runtime.bundles import load_bundle
 from llfsm.runtime.converting.class_process import ClassName
 from llfsm.runtime.editing import Document
 from llfsm.runtime.editing.class_document import ClassDocument
-from llfsm.runtime.plans.plan import PlannedMachine
+from llfsm.runtime.plans import PlannedMachine
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board import Board
 

@@ -13,8 +13,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from llfsm.bridges.edit.simulated_machine import SimulatedMachine
-from llfsm.bridges.edit.simulation_process import SimulationProcess
+from llfsm.bridges.edit.simulation import SimulatedMachine, SimulationProcess
 from llfsm.bridges.view.errors import RequestError
 from llfsm.errors import LlfsmError
 

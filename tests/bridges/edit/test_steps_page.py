@@ -10,7 +10,7 @@ from playwright.sync_api import Page, expect
 
 from llfsm.runtime.bundles import read_bundle
 from llfsm.runtime.editing import Document, decode_edits
-from llfsm.runtime.engine.layout import StateBox
+from llfsm.runtime.engine.table import StateBox
 from waiting import wait_for
 
 from ..view.conftest import Visit, browser, visit  # noqa: F401

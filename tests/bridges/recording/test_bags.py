@@ -12,11 +12,10 @@ from rosbags.rosbag2 import Writer as BagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 from calling import own_logging
-from llfsm.bridges.recording.bag_writer import BagWriter
-from llfsm.bridges.recording.bags import BagTopics
-from llfsm.bridges.recording.board_recorder import BoardRecorder
+from llfsm.bridges.recording.bags import BagTopics, BagWriter
 from llfsm.bridges.recording.errors import NoEventsError, RecordingFileError
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.recorders import BoardRecorder
 from llfsm.bridges.recording.rerun import whole_journals
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.types import TypeLibrary

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.recording.board_recorder import BoardRecorder, record
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.recorders import BoardRecorder, record
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.whiteboard import BoardNotFoundError, Whiteboard
 from llfsm.whiteboard.messages.llfsm import VIEWER

@@ -10,15 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from llfsm.bridges.recording.board_replay import BoardReplay
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.replay import BoardReplay
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.journal.entries import Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.whiteboard import Message, Sample, Slot, SlotTypeError, Whiteboard
-from llfsm.whiteboard.messages.fleet import viewer_slot
 from llfsm.whiteboard.messages.llfsm import (
     BELL,
     Bell,
@@ -27,6 +26,7 @@ from llfsm.whiteboard.messages.llfsm import (
     Viewer,
     commanders_slot,
     request_slot,
+    viewer_slot,
 )
 from llfsm.whiteboard.messages.std_msgs import Bool
 from llfsm.whiteboard.schema import to_plain

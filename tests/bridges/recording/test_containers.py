@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from containers import UNSHARE, needs_containers
-from llfsm.bridges.recording.journal_recorder import JournalRecorder
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.recorders import JournalRecorder
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime.journal import handover
 from llfsm.runtime.journal.handover import Handover, find_recorder

@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.recording.index import CACHED_CHUNKS
-from llfsm.bridges.recording.mcap_file import McapFile
+from llfsm.bridges.recording.mcap_file import CACHED_CHUNKS, McapFile
 from llfsm.bridges.recording.reader import RecordedMessage, Recording
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.whiteboard import Message, Sample, Slot

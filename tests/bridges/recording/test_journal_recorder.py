@@ -14,9 +14,8 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Attachment, Metadata
 from mcap.stream_reader import StreamReader
 
-from llfsm.bridges.recording.board_recorder import BoardRecorder, record
-from llfsm.bridges.recording.journal_recorder import JournalRecorder
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.recorders import BoardRecorder, JournalRecorder, record
 from llfsm.bridges.recording.rerun import Rerun, whole_journals
 from llfsm.bridges.recording.writer import ARRANGEMENT, RecordingWriter
 from llfsm.runtime import Arrangement, Machine, ManualClock, State

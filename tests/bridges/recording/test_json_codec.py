@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from llfsm.bridges.recording.json_codec import EXACT, JsonCodec
+from llfsm.bridges.recording.writer import EXACT, JsonCodec
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3
 

@@ -15,11 +15,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from llfsm.bridges.recording import kept_points, kept_travel, travel_host
 from llfsm.bridges.recording.errors import MachinesGoneError
-from llfsm.bridges.recording.kept_travel import InProcess, KeptTravel, travelling
 from llfsm.bridges.recording.rerun import Rerun
-from llfsm.bridges.recording.travel import Travel
+from llfsm.bridges.recording.reversing import checkpoints as kept_points
+from llfsm.bridges.recording.reversing import client as kept_travel
+from llfsm.bridges.recording.reversing import worker as travel_host
+from llfsm.bridges.recording.reversing.client import InProcess, KeptTravel, travelling
+from llfsm.bridges.recording.reversing.reverse_debugger import Travel
 from llfsm.errors import LlfsmError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.state import State

@@ -11,7 +11,7 @@ from llfsm.bridges.recording.errors import RecordingFileError
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.types.definition_text import bundled
+from llfsm.bridges.ros2.types.definition import bundled
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Transform, TransformStamped, Vector3
 from llfsm.whiteboard.messages.std_msgs import Header, String

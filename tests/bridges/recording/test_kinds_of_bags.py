@@ -15,7 +15,7 @@ from llfsm.bridges.recording.errors import RecordingFileError
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.types.definition_text import bundled
+from llfsm.bridges.ros2.types.definition import bundled
 
 TYPES = TypeLibrary()
 VECTOR = "geometry_msgs/msg/Vector3"

@@ -17,7 +17,7 @@ from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 from mcap.stream_reader import MAGIC_SIZE, read_magic
 from mcap.writer import Writer
 
-from llfsm.bridges.recording.unpacking import unpacked
+from llfsm.bridges.recording.mcap_file import unpacked
 
 HEAD = struct.Struct("<BQ")
 PYPROJECT = Path(__file__).parents[3] / "pyproject.toml"

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
+from llfsm.bridges.recording.page import RecordedSource
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.recorded_source import RecordedSource
 from llfsm.bridges.recording.rerun import Rerun
-from llfsm.bridges.recording.travel import Travel
+from llfsm.bridges.recording.reversing.reverse_debugger import Travel
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import ManualClock, OptionError
 from llfsm.runtime.debugging import Debugger
-from llfsm.runtime.debugging.published_causes import why_of
+from llfsm.runtime.debugging.obeying import why_of
 from llfsm.runtime.engine.clock import DebugClock
 from llfsm.whiteboard import Whiteboard
 from waiting import PATIENCE_S, wait_for

@@ -12,14 +12,14 @@ import msgspec
 import pytest
 
 from llfsm.bridges.recording.errors import RecordingFileError
-from llfsm.bridges.recording.recorded_source import RecordedSource
+from llfsm.bridges.recording.page import RecordedSource
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.page_source import Change
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.journal.entries import Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.runtime.presence.reporting import Presence
+from llfsm.runtime.presence.status_publisher import Presence
 from llfsm.whiteboard import Sample, Whiteboard
 from llfsm.whiteboard.messages.llfsm import MachineStatus, status_slot
 

@@ -9,7 +9,7 @@ from mcap_ros2.writer import Writer
 
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.types.definition_text import bundled
+from llfsm.bridges.ros2.types.definition import bundled
 
 from .conftest import entries_in
 

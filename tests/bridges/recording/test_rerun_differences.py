@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from llfsm.bridges.recording.differences import COMPARISONS, Comparison
 from llfsm.bridges.recording.errors import (
     NoEventsError,
     OtherMachinesError,
@@ -18,7 +17,7 @@ from llfsm.bridges.recording.errors import (
     RerunError,
 )
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.rerun import Rerun, assert_reruns, rerun
+from llfsm.bridges.recording.rerun import COMPARISONS, Comparison, Rerun, assert_reruns, rerun
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.runtime.journal.entries import Entry

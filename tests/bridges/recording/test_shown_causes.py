@@ -10,18 +10,16 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.recording.explaining import Explained, Explainer
-from llfsm.bridges.recording.kept_travel import travelling
+from llfsm.bridges.recording.page import RecordedSource, causes_at
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.recorded_source import RecordedSource
-from llfsm.bridges.recording.replay_recorder import record_replay
+from llfsm.bridges.recording.recorders import record_replay
 from llfsm.bridges.recording.rerun import Rerun
-from llfsm.bridges.recording.shown_causes import causes_at
+from llfsm.bridges.recording.reversing.client import travelling
+from llfsm.bridges.recording.reversing.explaining import Explained, Explainer
 from llfsm.runtime import ManualClock
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member
-from llfsm.whiteboard.messages.debugging import MachineWhy, why_slot
-from llfsm.whiteboard.messages.llfsm import MachineVariables, variables_slot
+from llfsm.whiteboard.messages.llfsm import MachineVariables, MachineWhy, variables_slot, why_slot
 from waiting import wait_for
 
 from .conftest import entries_in

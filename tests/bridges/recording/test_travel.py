@@ -11,11 +11,10 @@ import pytest
 
 from llfsm.bridges.recording.errors import MomentError, OtherMachinesError
 from llfsm.bridges.recording.rerun import Rerun
-from llfsm.bridges.recording.travel import Travel
-from llfsm.bridges.recording.travel_debugger import SectionPlace
+from llfsm.bridges.recording.reversing.reverse_debugger import SectionPlace, Travel
 from llfsm.runtime import BreakpointError
-from llfsm.runtime.debugging.published_causes import why_of
-from llfsm.runtime.presence.description import variables_of
+from llfsm.runtime.debugging.obeying import why_of
+from llfsm.runtime.presence.published import variables_of
 
 from .journalled_run import JumpingClock, Run
 from .machines import COMMAND, Failing, Follower, Keeper, Number

@@ -15,9 +15,8 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
 
-from llfsm.bridges.recording.mcap_file import McapFile
+from llfsm.bridges.recording.mcap_file import LARGEST_CHUNK, McapFile, unpacked
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.unpacking import LARGEST_CHUNK, unpacked
 from llfsm.bridges.recording.writer import ABOUT
 
 PACK = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstandard.compress}

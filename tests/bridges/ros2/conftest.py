@@ -170,7 +170,7 @@ def _free_port() -> int:
 @pytest.fixture(scope="session")
 def router() -> Iterator[str]:
     """Run a router in this process; return its endpoint."""
-    from llfsm.bridges.ros2.router import open_router
+    from llfsm.bridges.ros2.opening import open_router
 
     endpoint = free_endpoint()
     session = open_router([endpoint])

@@ -10,7 +10,7 @@ import pytest
 
 _COUNT = """
 import resource, sys
-from llfsm.bridges.ros2.allocator import keep_freed_memory
+from llfsm.bridges.ros2.opening import keep_freed_memory
 
 def copy():
     received = bytes(1_000_000)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.ros2.errors import RosNameError
-from llfsm.bridges.ros2.ros_names import Names
+from llfsm.bridges.ros2.graph import Names
 
 BAD = [
     "",

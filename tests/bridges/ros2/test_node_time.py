@@ -12,12 +12,11 @@ import pytest
 from calling import call
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.node_parameters import NodeParameters
-from llfsm.bridges.ros2.node_time import CLOCK_QOS, CLOCK_TYPE
+from llfsm.bridges.ros2.node_time import CLOCK_QOS, CLOCK_TYPE, from_ns, to_ns
 from llfsm.bridges.ros2.qos import Qos, ReliabilityPolicy
-from llfsm.bridges.ros2.stamps import from_ns, to_ns
 from llfsm.bridges.ros2.standard_node import equip
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
-from llfsm.cli.run import ros_world
+from llfsm.cli.run import world as ros_world
 from llfsm.runtime import SimulatedClock
 from own_boards import own_board
 from waiting import PATIENCE_S, wait_for

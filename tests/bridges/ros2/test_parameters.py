@@ -9,8 +9,13 @@ from hypothesis import strategies as st
 from llfsm.bridges.ros2.errors import ParameterOverrideError
 from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter, ParameterType, type_of
 from llfsm.bridges.ros2.parameter_server import ParameterServer
-from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
-from llfsm.bridges.ros2.qos_overrides import overridden
+from llfsm.bridges.ros2.qos import (
+    DurabilityPolicy,
+    LivelinessPolicy,
+    Qos,
+    ReliabilityPolicy,
+    overridden,
+)
 from llfsm.bridges.ros2.types import TypeLibrary
 from memory_transport import MemoryTransport, MemoryWorld
 from waiting import PATIENCE_S

@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from llfsm.bridges.ros2.errors import RosArgumentError
-from llfsm.bridges.ros2.parameter_files import fits, read_value
+from llfsm.bridges.ros2.node_parameters import fits, read_value
 from llfsm.bridges.ros2.ros_arguments import RosArguments, split_ros_arguments
 
 

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from forked import Forked
-from llfsm.bridges.ros2.router import loopback
+from llfsm.bridges.ros2.opening import loopback
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from waiting import PATIENCE_S
 

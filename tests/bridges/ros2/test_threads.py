@@ -9,8 +9,8 @@ import pytest
 
 _SLOW = """
 import threading, time
-from llfsm.bridges.ros2.timer_thread import TimerThread
-from llfsm.bridges.ros2.zenoh_transport.receiving import receive
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.zenoh_transport.endpoint import receive
 
 class Slow:
     '''An object whose release takes a while, outside Python, as that of Zenoh's objects may.'''

@@ -7,9 +7,9 @@ import json
 
 import pytest
 
-from llfsm.bridges.ros2.type_descriptions import TypeDescriptionServer
+from llfsm.bridges.ros2.standard_node import TypeDescriptionServer
 from llfsm.bridges.ros2.types import jazzy
-from llfsm.bridges.ros2.types.definition_text import definition_text
+from llfsm.bridges.ros2.types.definition import definition_text
 from llfsm.bridges.ros2.types.parsing import parse
 from memory_transport import MemoryTransport, MemoryWorld
 from waiting import PATIENCE_S

@@ -159,7 +159,7 @@ def ros(request: pytest.FixtureRequest, log: list[tuple[Level, str]]) -> Iterato
 @pytest.fixture
 def router() -> Iterator[str]:
     """Run a router in this process; return its endpoint."""
-    from llfsm.bridges.ros2.router import open_router
+    from llfsm.bridges.ros2.opening import open_router
 
     endpoint = free_endpoint()
     session = open_router([endpoint])

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.turtlesim.canvas import SIZE, Canvas
-from llfsm.bridges.turtlesim.pen import Pen, Rgb
+from llfsm.bridges.turtlesim.canvas import SIZE, Canvas, Pen, Rgb
 from llfsm.bridges.turtlesim.simulator import Simulator
 
 RED, GREEN = Rgb(200, 0, 0), Rgb(0, 200, 0)

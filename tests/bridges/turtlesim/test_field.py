@@ -8,9 +8,9 @@ import xml.etree.ElementTree as ET
 import pytest
 from PIL import Image
 
+from llfsm.bridges.turtlesim.canvas import Rgb
 from llfsm.bridges.turtlesim.errors import PictureFormatError
 from llfsm.bridges.turtlesim.field import draw, field_picture
-from llfsm.bridges.turtlesim.pen import Rgb
 from llfsm.runtime import DrawingError
 from llfsm.runtime.drawing.png import SCALE, write_png
 from llfsm.runtime.drawing.shapes import Group, Text

@@ -2,9 +2,9 @@
 
 import pytest
 
+from llfsm.bridges.turtlesim.canvas import Rgb
 from llfsm.bridges.turtlesim.errors import ParameterError
 from llfsm.bridges.turtlesim.parameters import Parameters
-from llfsm.bridges.turtlesim.pen import Rgb
 
 CASES = {
     "set background_r=150": ("background_r", 150),

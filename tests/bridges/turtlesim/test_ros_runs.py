@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.node_time import CLOCK_QOS, CLOCK_TYPE
+from llfsm.bridges.ros2.node_time import CLOCK_QOS, CLOCK_TYPE, from_ns, to_ns
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.ros_arguments import split_ros_arguments
-from llfsm.bridges.ros2.stamps import from_ns, to_ns
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.turtlesim.ros import RosTurtlesim
 from llfsm.bridges.turtlesim.turtle import COMMAND_STEPS

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.turtlesim.arithmetic import FIELD, PI, float32, normalize
+from llfsm.bridges.turtlesim.canvas import Pen, Rgb
 from llfsm.bridges.turtlesim.errors import PenError, TurtlesimError, UnknownTurtleError
-from llfsm.bridges.turtlesim.pen import Pen, Rgb
 from llfsm.bridges.turtlesim.simulator import Simulator
-from llfsm.bridges.turtlesim.turtle import Level
+from llfsm.bridges.turtlesim.turtle import FIELD, PI, Level, float32, normalize
 
 speeds = st.floats(-1000, 1000)
 places = st.floats(-1e6, 1e6)

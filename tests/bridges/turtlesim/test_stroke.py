@@ -6,8 +6,7 @@ from math import cos, hypot, sin
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.turtlesim.pen import Pen
-from llfsm.bridges.turtlesim.stroke import TOLERANCE, Stroke
+from llfsm.bridges.turtlesim.canvas import TOLERANCE, Pen, Stroke
 
 coordinates = st.floats(0, 500)
 

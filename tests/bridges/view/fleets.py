@@ -10,14 +10,15 @@ from typing import Any
 from websockets.sync.client import ClientConnection
 
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.messages.fleet import (
+from llfsm.whiteboard.messages.llfsm import (
     HOSTS,
+    MIRROR,
     Hosts,
     HostSummary,
     MachineTrouble,
+    MirrorStatus,
     summary_slot,
 )
-from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
 from mirrored_hosts import Host, MakeHost
 from waiting import PATIENCE_S
 

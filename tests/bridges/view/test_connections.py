@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import pytest
 
-from llfsm.bridges.view.connections import log_exhaustion_once
+from llfsm.bridges.view.access import log_exhaustion_once
 from waiting import PATIENCE_S, wait_for
 
 from .conftest import Server

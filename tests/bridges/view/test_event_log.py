@@ -9,9 +9,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.bridges.view.event_log import log_page
-from llfsm.bridges.view.notes import Note, Notes
-from llfsm.bridges.view.page_source import Change
+from llfsm.bridges.view.app import log_page
+from llfsm.bridges.view.page_source import Change, Note, Notes
 from llfsm.whiteboard import Sample, Whiteboard
 from llfsm.whiteboard.messages.llfsm import (
     DEFINITIONS,

@@ -13,8 +13,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from forked import Forked
-from llfsm.whiteboard.messages.fleet import HOSTS, summary_slot
-from llfsm.whiteboard.messages.llfsm import status_slot, variables_slot
+from llfsm.whiteboard.messages.llfsm import HOSTS, status_slot, summary_slot, variables_slot
 from mirrored_hosts import LLFSM, Host, hosts_in, number_slot
 from waiting import wait_for
 

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.view.frames import FrameEncoder
-from llfsm.bridges.view.notes import Note
-from llfsm.bridges.view.page_source import Change, PageSource, Snapshot
+from llfsm.bridges.view.page_source import Change, Note, PageSource, Snapshot
 from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.board import SlotInfo
 from llfsm.whiteboard.liveness import host_name, pid_namespace

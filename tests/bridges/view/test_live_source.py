@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.view.live_source import LiveSource
-from llfsm.bridges.view.state_history import StateHistory
+from llfsm.bridges.view.live_source import LiveSource, StateHistory
 from llfsm.runtime import Arrangement, Machine, State
 from llfsm.whiteboard import Sample, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace

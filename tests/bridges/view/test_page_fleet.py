@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import expect
 
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.messages.fleet import HOSTS, Hosts
+from llfsm.whiteboard.messages.llfsm import HOSTS, Hosts
 from mirrored_hosts import hosts_in, number_slot
 from waiting import wait_for
 

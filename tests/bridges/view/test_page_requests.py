@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from growth import growth_of
-from llfsm.bridges.recording.recorded_source import RecordedPlayer
+from llfsm.bridges.recording.page import RecordedPlayer
 from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.live_source import LiveSource
 from llfsm.bridges.view.page_requests import decode, is_early, perform

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from llfsm.bridges.view.page_socket import serve_page
+from llfsm.bridges.view.page_requests import serve_page
 
 
 class GoneSocket:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.runtime.bundles.expressions import CppVariable, translate_condition, translate_value
+from llfsm.runtime.bundles.cpp import CppVariable, translate_condition, translate_value
 
 VARIABLES = {
     name: CppVariable(name, kind)

@@ -11,7 +11,7 @@ import pytest
 from llfsm.runtime import BundleError
 from llfsm.runtime.bundles import Bundle, read_bundle
 from llfsm.runtime.bundles.plist import layout_to_plist, read_layout
-from llfsm.runtime.engine.layout import StateBox, TransitionPath
+from llfsm.runtime.engine.table import StateBox, TransitionPath
 
 
 def targets(bundle: Bundle) -> dict[str, list[tuple[str, str]]]:

@@ -30,7 +30,7 @@ from llfsm.runtime.bundles import (
     read_bundle,
 )
 from llfsm.runtime.engine.events import Eval
-from llfsm.runtime.engine.layout import MachineLayout, StateBox
+from llfsm.runtime.engine.table import MachineLayout, StateBox
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int64
 

@@ -21,8 +21,8 @@ from llfsm.runtime.bundles import (
     read_bundle,
     write_bundle,
 )
-from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
 from llfsm.runtime.engine.state import SECTIONS
+from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
 from thoroughness import examples
 
 NAMES = ["A", "B", "Done", "Done_Suspending", "Variables", "OnEntry", "A_OnEntry", "_x1"]

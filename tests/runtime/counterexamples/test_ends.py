@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from llfsm.runtime.counterexamples.regression import regression_of
+from llfsm.runtime.counterexamples import regression_of
 from llfsm.runtime.testing import InvariantError
 from llfsm.runtime.verification import explore
 from waking import Waking, wakes

@@ -12,12 +12,17 @@ from hypothesis import strategies as st
 from agreement import Situation, situations
 from llfsm.bridges.recording.rerun import Rerun
 from llfsm.runtime import ExecutionError
-from llfsm.runtime.counterexamples import holds, replay
-from llfsm.runtime.counterexamples.narrative import rows_of, table_of
-from llfsm.runtime.counterexamples.regression import between_of, script_of
-from llfsm.runtime.counterexamples.replaying import view_of
+from llfsm.runtime.counterexamples import (
+    between_of,
+    holds,
+    replay,
+    rows_of,
+    script_of,
+    table_of,
+    view_of,
+)
 from llfsm.runtime.testing import InvariantError, play
-from llfsm.runtime.testing.playback import Playback, journal_of
+from llfsm.runtime.testing.play import Playback, journal_of
 from llfsm.runtime.verification import (
     NO_FAILURE,
     Space,

@@ -8,14 +8,13 @@ import pytest
 
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.debugging import Debugger
-from llfsm.runtime.debugging.published_causes import why_of
+from llfsm.runtime.debugging.obeying import why_of
 from llfsm.runtime.engine.errors import ExecutionError
 from llfsm.runtime.journal.entries import Journal, entries_of
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Whiteboard
-from llfsm.whiteboard.messages.debugging import MachineWhy, why_slot
-from llfsm.whiteboard.messages.llfsm import VIEWER, Viewer
+from llfsm.whiteboard.messages.llfsm import VIEWER, MachineWhy, Viewer, why_slot
 from waiting import PATIENCE_S, wait_for
 
 from .machines import running, stopped_at

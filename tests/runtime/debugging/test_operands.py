@@ -14,9 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.runtime.debugging.harmless import UnseenError
-from llfsm.runtime.debugging.operands import Operands
-from llfsm.runtime.debugging.seen_text import elapsed_text, seen_text
+from llfsm.runtime.debugging.evaluator import Operands, elapsed_text, seen_text
+from llfsm.runtime.debugging.safe_operations import UnseenError
 from llfsm.whiteboard import Message
 
 effects: list[str] = []

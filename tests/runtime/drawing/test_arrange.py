@@ -14,8 +14,8 @@ from llfsm.runtime import Machine, State, define
 from llfsm.runtime.drawing import Box, Diagram, Label, PicturePoint, arrange
 from llfsm.runtime.drawing.curves import contains, sample
 from llfsm.runtime.drawing.diagram import arrow_head
-from llfsm.runtime.drawing.text import numbered_labels, wrap
-from llfsm.runtime.engine.layout import MachineLayout, StateBox, TransitionPath
+from llfsm.runtime.drawing.typeset import numbered_labels, wrap
+from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
 from thoroughness import examples
 
 from .conftest import machine, machines

@@ -15,8 +15,8 @@ from PIL import Image
 from llfsm.machines import RosPingPong
 from llfsm.runtime import DrawingError, Machine
 from llfsm.runtime.drawing import arrange, to_dot, to_mermaid, to_png, to_svg
-from llfsm.runtime.drawing.text import numbered_labels, printable, wrap
-from llfsm.runtime.engine.layout import MachineLayout, StateBox
+from llfsm.runtime.drawing.typeset import numbered_labels, printable, wrap
+from llfsm.runtime.engine.table import MachineLayout, StateBox
 from thoroughness import examples
 
 from .conftest import machine, machines

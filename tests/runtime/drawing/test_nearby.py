@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from llfsm.runtime.drawing import editor_layout
 from llfsm.runtime.drawing.diagram import Arrow, Box, Label
-from llfsm.runtime.drawing.nearby import Grid
-from llfsm.runtime.engine.layout import MachineLayout, StateBox
+from llfsm.runtime.drawing.editor_layout import Grid
+from llfsm.runtime.engine.table import MachineLayout, StateBox
 
 numbers = st.sampled_from([0.0, 64.0, 63.9, 1e3, -1e3, 1e6, 1e13, inf, -inf, nan]) | st.floats(
     -500, 500

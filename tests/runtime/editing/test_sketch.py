@@ -11,7 +11,7 @@ import llfsm.machines
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, read_bundle
 from llfsm.runtime.drawing.editor_layout import overlap
 from llfsm.runtime.editing.sketch import sketch
-from llfsm.runtime.engine.layout import MachineLayout, StateBox
+from llfsm.runtime.engine.table import MachineLayout, StateBox
 
 SHIPPED = sorted(Path(llfsm.machines.__file__).parent.glob("*.machine"))
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from llfsm.runtime import Arrangement, Machine, ManualClock, State, Trace
 from llfsm.runtime.engine.events import Eval
-from llfsm.runtime.presence.reporting import Presence
+from llfsm.runtime.presence.status_publisher import Presence
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import status_slot
 from thoroughness import examples

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from llfsm.runtime import Arrangement, ManualClock, Reason, TimeSlot, Timetable, Trace
 from llfsm.runtime.engine.events import IdleSleep
-from llfsm.runtime.engine.pacing import Pacer
+from llfsm.runtime.engine.schedule import Pacer
 from llfsm.runtime.engine.statistics import Stopwatch
 from llfsm.runtime.testing import NotReachedError, run_until
 from llfsm.whiteboard.local import LocalBoard

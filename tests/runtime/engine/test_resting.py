@@ -15,7 +15,7 @@ import pytest
 from definition import BUILT, Defined
 from llfsm.runtime import Actuator, Arrangement, Machine, ManualClock, Reason, Sensor, State
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.runtime.presence.reporting import Presence
+from llfsm.runtime.presence.status_publisher import Presence
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
 from waiting import wait_for

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
+from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 
 
 @pytest.fixture(autouse=True)

@@ -18,7 +18,7 @@ from llfsm.runtime.journal.entries import entries_of
 from llfsm.runtime.journal.handover import Handover, find_recorder
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.runtime.presence.reporting import Presence
+from llfsm.runtime.presence.status_publisher import Presence
 from llfsm.whiteboard import Board, BoardFullError, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.engine.schedule import TimeSlot
-from llfsm.runtime.plans.dispatch import DispatchTable, read_dispatch_table
-from llfsm.runtime.plans.plan import PlannedMachine, read_plan
+from llfsm.runtime.plans import DispatchTable, PlannedMachine, read_dispatch_table, read_plan
 
 
 def table(folder: Path, text: str) -> DispatchTable:

@@ -22,7 +22,7 @@ from llfsm.runtime import (
     VariableError,
 )
 from llfsm.runtime.engine.errors import ConfigurationError, UnknownMachineError
-from llfsm.runtime.plans.plan import Plan, PlannedMachine, assemble, names_of, read_plan
+from llfsm.runtime.plans import Plan, PlannedMachine, assemble, names_of, read_plan
 from llfsm.runtime.presence.live import LiveEnvironment
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int64

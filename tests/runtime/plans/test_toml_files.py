@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.runtime.engine.errors import ConfigurationError, FsmError
-from llfsm.runtime.plans.toml_files import line_of, read_toml
+from llfsm.runtime.plans import line_of, read_toml
 
 
 class Wheel(msgspec.Struct, forbid_unknown_fields=True):

@@ -10,7 +10,7 @@ import pytest
 
 from commanding import Alone, Wall
 from llfsm.runtime import ActuatorTakenError, Arrangement, LoadError
-from llfsm.runtime.presence.commanders import contested_slots, described
+from llfsm.runtime.presence.slot_ownership import contested_slots, described
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import (

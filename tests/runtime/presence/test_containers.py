@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 
 from containers import UNSHARE, needs_containers
-from llfsm.runtime.presence.commanders import contested_slots
 from llfsm.runtime.presence.remote import Directory
+from llfsm.runtime.presence.slot_ownership import contested_slots
 from llfsm.whiteboard import Whiteboard
 from waiting import wait_for
 

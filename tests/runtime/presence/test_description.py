@@ -12,7 +12,7 @@ from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Arrangement, DefinitionError, Machine, ManualClock, Sensor, State, define
 from llfsm.runtime.bundles import load_bundle
 from llfsm.runtime.drawing import arrange
-from llfsm.runtime.presence.description import definition_of, table_of, variables_of
+from llfsm.runtime.presence.published import definition_of, table_of, variables_of
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.llfsm import (
     VIEWER,

@@ -22,8 +22,8 @@ from llfsm.runtime import (
 )
 from llfsm.runtime.journal.entries import Journal
 from llfsm.runtime.journal.journalled import JournalledEnvironment
-from llfsm.runtime.presence.commanders import contested_slots
 from llfsm.runtime.presence.live import LiveEnvironment
+from llfsm.runtime.presence.slot_ownership import contested_slots
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
 from llfsm.whiteboard.messages.llfsm import Commander, Commanders, commanders_slot

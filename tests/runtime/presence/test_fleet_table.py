@@ -7,12 +7,17 @@ import time
 
 import pytest
 
-from llfsm.runtime.presence.fleet_table import FleetTable, HostRow
-from llfsm.runtime.presence.hosts import NO_DAEMON
+from llfsm.runtime.presence.hosts import NO_DAEMON, FleetTable, HostRow
 from llfsm.whiteboard import Board, Whiteboard
 from llfsm.whiteboard.local import LocalBoard
-from llfsm.whiteboard.messages.fleet import HOSTS, Hosts, HostSummary, summary_slot
-from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus
+from llfsm.whiteboard.messages.llfsm import (
+    HOSTS,
+    MIRROR,
+    Hosts,
+    HostSummary,
+    MirrorStatus,
+    summary_slot,
+)
 
 HOUR_NS = 3_600_000_000_000
 

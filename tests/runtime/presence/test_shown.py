@@ -7,11 +7,17 @@ import sys
 
 import pytest
 
-from llfsm.runtime.presence.hosts import NO_DAEMON, FleetReader
-from llfsm.runtime.presence.shown import Shown
+from llfsm.runtime.presence.hosts import NO_DAEMON, FleetReader, Shown
 from llfsm.whiteboard import Board, Whiteboard
-from llfsm.whiteboard.messages.fleet import HOSTS, Hosts, viewer_slot
-from llfsm.whiteboard.messages.llfsm import MIRROR, MirrorStatus, Viewer, status_slot
+from llfsm.whiteboard.messages.llfsm import (
+    HOSTS,
+    MIRROR,
+    Hosts,
+    MirrorStatus,
+    Viewer,
+    status_slot,
+    viewer_slot,
+)
 
 STATUSES = [status_slot(name).name for name in ("Wall", "robot7/Wall")]
 

@@ -10,12 +10,18 @@ from typing import Any
 import pytest
 
 from llfsm.runtime import Arrangement, ExecutionError, Machine, State
-from llfsm.runtime.presence.summary import summary_publisher
+from llfsm.runtime.presence.hosts import summary_publisher
 from llfsm.whiteboard import Board, Slot, Whiteboard
 from llfsm.whiteboard.liveness import born, host_name, pid_namespace
-from llfsm.whiteboard.messages.fleet import HostSummary, MachineTrouble, summary_slot
+from llfsm.whiteboard.messages.llfsm import (
+    HostSummary,
+    MachineTrouble,
+    MirrorStatus,
+    Refusal,
+    status_slot,
+    summary_slot,
+)
 from llfsm.whiteboard.messages.llfsm import MachineStatus as Status
-from llfsm.whiteboard.messages.llfsm import MirrorStatus, Refusal, status_slot
 from llfsm.whiteboard.messages.std_msgs import Bool
 
 ROBOT = MirrorStatus(

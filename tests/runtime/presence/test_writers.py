@@ -14,8 +14,8 @@ import posting
 from commanding import CMD, Wall
 from forked import Forked
 from llfsm.runtime import Arrangement, ManualClock
-from llfsm.runtime.presence import commanders as module
-from llfsm.runtime.presence.commanders import Claims, contested_slots, described
+from llfsm.runtime.presence import slot_ownership as module
+from llfsm.runtime.presence.slot_ownership import Claims, contested_slots, described
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.std_msgs import Int32
 from waiting import wait_for

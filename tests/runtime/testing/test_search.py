@@ -257,7 +257,8 @@ def test_hypothesis_is_imported_for_the_search_only():
 import sys
 sys.modules["hypothesis"] = None
 from llfsm.machines import RosPingPong
-from llfsm.runtime.testing import HypothesisMissingError, Step, check_invariant, play
+from llfsm.runtime.testing import HypothesisMissingError, Step, check_invariant
+from llfsm.runtime.testing import play
 play(RosPingPong, [Step()], invariant=lambda _: True)
 try:
     check_invariant(RosPingPong, invariant=lambda _: True)

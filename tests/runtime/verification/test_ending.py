@@ -10,7 +10,7 @@ import pytest
 
 from llfsm.runtime import State, define
 from llfsm.runtime.verification import NO_FAILURE, Space, always, explore, leads_to, reachable
-from llfsm.runtime.verification.deadline import Deadline, TimeUpError
+from llfsm.runtime.verification.time_model import Deadline, TimeUpError
 
 COUNTED = State("COUNTED")
 COUNTED.internal(lambda self: setattr(self, "n", (self.n + 1) % 5))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from llfsm.runtime import Actuator, Machine, State
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.verification import PredicateError, explore, never
-from llfsm.runtime.verification.exporting import ExportedState, export
+from llfsm.runtime.verification.space import ExportedState, export
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int32
 from programs import program

@@ -8,12 +8,10 @@ import msgspec
 
 from llfsm.whiteboard import Message, Slot
 from llfsm.whiteboard.local import LocalBoard
-from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value
+from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value, Version
 from llfsm.whiteboard.mirror.exchange import Exchange
-from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.mirror.version_log import NoVersionLog, VersionLog
+from llfsm.whiteboard.mirror.store import NoVersionLog, Store, VersionLog
 
 
 class Number(Message, type_name="test/Number"):

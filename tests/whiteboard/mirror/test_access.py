@@ -10,9 +10,8 @@ import pytest
 
 from free_ports import free_endpoint
 from llfsm.whiteboard import NetworkError, Whiteboard
-from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Heartbeat, Value
+from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Heartbeat, Value, Version
 from llfsm.whiteboard.mirror.groups import group_of
-from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.zenoh_config import configure
 from waiting import wait_for

@@ -12,9 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.whiteboard import NetworkError
-from llfsm.whiteboard.mirror.certificate import common_name
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.zenoh_config import certificate_name, configure
+from llfsm.whiteboard.mirror.zenoh_config import certificate_name, common_name, configure
 from programs import program
 
 from .conftest import Certify

@@ -13,8 +13,7 @@ import pytest
 from llfsm.whiteboard import Message, NetworkError, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board, version_log_path
 from llfsm.whiteboard.messages.llfsm import MIRROR
-from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Value
-from llfsm.whiteboard.mirror.merge import Version
+from llfsm.whiteboard.mirror.batches import VERSION, Batch, Declaration, Value, Version
 from waiting import PATIENCE_S, wait_for
 
 from .conftest import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from llfsm.whiteboard.mirror.endpoint_syntax import endpoint_problem
+from llfsm.whiteboard.mirror.settings import endpoint_problem
 
 
 @pytest.mark.parametrize(

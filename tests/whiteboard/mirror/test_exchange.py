@@ -10,9 +10,8 @@ import pytest
 
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.llfsm import MIRROR
-from llfsm.whiteboard.mirror.batches import Batch, Heartbeat, StateQuery, decoder
-from llfsm.whiteboard.mirror.merge import Version
-from llfsm.whiteboard.mirror.version_log import NoVersionLog
+from llfsm.whiteboard.mirror.batches import Batch, Heartbeat, StateQuery, Version, decoder
+from llfsm.whiteboard.mirror.store import NoVersionLog
 
 from .part import NUMBER, Number, Part, Text, batch
 

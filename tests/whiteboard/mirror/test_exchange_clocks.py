@@ -6,8 +6,7 @@ import msgspec
 import pytest
 
 from llfsm.whiteboard import Slot
-from llfsm.whiteboard.mirror.batches import Batch, Heartbeat, decoder
-from llfsm.whiteboard.mirror.merge import Version
+from llfsm.whiteboard.mirror.batches import Batch, Heartbeat, Version, decoder
 
 from .part import NUMBER, Number, Part, batch
 

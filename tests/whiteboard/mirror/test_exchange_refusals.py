@@ -11,8 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from llfsm.whiteboard import Slot
-from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value
-from llfsm.whiteboard.mirror.merge import Version
+from llfsm.whiteboard.mirror.batches import Batch, Declaration, Value, Version
 from thoroughness import examples
 
 from .part import Number, Part, Text, batch

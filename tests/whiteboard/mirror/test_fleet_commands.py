@@ -15,17 +15,14 @@ import pytest
 
 from calling import call
 from forked import Forked
-from llfsm.bridges.recording.board_recorder import BoardRecorder
 from llfsm.bridges.recording.reader import Recording
+from llfsm.bridges.recording.recorders import BoardRecorder
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.bridges.view.live_source import LiveSource
-from llfsm.cli import why
+from llfsm.cli import requests as why
 from llfsm.runtime.presence import hosts, remote
-from llfsm.runtime.presence.hosts import FleetReader
-from llfsm.runtime.presence.shown import Shown
-from llfsm.whiteboard.messages.debugging import why_slot
-from llfsm.whiteboard.messages.fleet import HOSTS
-from llfsm.whiteboard.messages.llfsm import status_slot, variables_slot
+from llfsm.runtime.presence.hosts import FleetReader, Shown
+from llfsm.whiteboard.messages.llfsm import HOSTS, status_slot, variables_slot, why_slot
 from waiting import PATIENCE_S, wait_for
 
 from .conftest import LLFSM, NAME, Host, MakeHost, number_slot

@@ -16,11 +16,10 @@ from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.mirror.batches import Batch, Heartbeat, StateQuery, decoder
 from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.groups import group_of
-from llfsm.whiteboard.mirror.packets import EVERY_HOST
+from llfsm.whiteboard.mirror.peers import EVERY_HOST
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.simulation import World, fleet
-from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.mirror.version_log import NoVersionLog
+from llfsm.whiteboard.mirror.store import NoVersionLog, Store
 from thoroughness import examples
 
 from .part import Number, Part, batch

@@ -17,8 +17,8 @@ from calling import call
 from llfsm.whiteboard import BoardError, Slot
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.errors import BoardCorruptError, BoardMirroredError, BoardPermissionError
+from llfsm.whiteboard.mirror.batches import Version
 from llfsm.whiteboard.mirror.keeper import Keeper
-from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.settings import KeepSettings
 from thoroughness import examples
 from waiting import wait_for

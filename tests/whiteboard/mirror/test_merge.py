@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from llfsm.whiteboard.mirror.merge import Version, succeed
+from llfsm.whiteboard.mirror.batches import Version, succeed
 
 HOSTS = 3
 CLOCKS = st.lists(st.integers(-5, 5), min_size=HOSTS, max_size=HOSTS)

@@ -9,7 +9,7 @@ import pytest
 
 from free_ports import free_endpoint
 from llfsm.whiteboard import NetworkError, Whiteboard
-from llfsm.whiteboard.messages.fleet import HOSTS
+from llfsm.whiteboard.messages.llfsm import HOSTS
 from llfsm.whiteboard.mirror.batches import VERSION
 from waiting import wait_for
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.llfsm import LastWill, SafeValue, request_slot, will_slot
-from llfsm.whiteboard.mirror.batches import Value
+from llfsm.whiteboard.mirror.batches import Value, Version
 from llfsm.whiteboard.mirror.groups import group_of
-from llfsm.whiteboard.mirror.merge import Version
 from llfsm.whiteboard.mirror.naming import Naming
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.simulation import Numbered, World

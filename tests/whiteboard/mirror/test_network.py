@@ -16,8 +16,7 @@ from llfsm.whiteboard.errors import NetworkError
 from llfsm.whiteboard.mirror.groups import group_of
 from llfsm.whiteboard.mirror.keys import Keys
 from llfsm.whiteboard.mirror.network import Network
-from llfsm.whiteboard.mirror.packets import Query
-from llfsm.whiteboard.mirror.peers import Source
+from llfsm.whiteboard.mirror.peers import Query, Source
 from llfsm.whiteboard.mirror.settings import Settings
 from waiting import PATIENCE_S, wait_for
 

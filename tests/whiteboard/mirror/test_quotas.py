@@ -15,10 +15,10 @@ from llfsm.whiteboard.mirror.batches import (
     Heartbeat,
     StateQuery,
     Value,
+    Version,
     decoder,
     footprint,
 )
-from llfsm.whiteboard.mirror.merge import Version
 
 from .part import NUMBER, Number, Part, batch
 

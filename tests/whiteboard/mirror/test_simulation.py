@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from llfsm.whiteboard.mirror.merge import Version
+from llfsm.whiteboard.mirror.batches import Version
 from llfsm.whiteboard.mirror.simulation import World
 from thoroughness import examples
 

@@ -9,8 +9,8 @@ import pytest
 
 from llfsm.whiteboard import BoardMirroredError, BoardPermissionError, Whiteboard
 from llfsm.whiteboard.board_files import remove_board, version_log_path
-from llfsm.whiteboard.mirror.merge import Version
-from llfsm.whiteboard.mirror.version_log import FileVersionLog
+from llfsm.whiteboard.mirror.batches import Version
+from llfsm.whiteboard.mirror.store import FileVersionLog
 
 
 @pytest.fixture

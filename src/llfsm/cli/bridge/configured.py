@@ -12,14 +12,11 @@ from msgspec.structs import replace
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan, make_plan
 from llfsm.bridges.ros2.ros_arguments import RosArguments
+from llfsm.cli.options import BoardPlace
 from llfsm.runtime.engine.errors import ConfigurationError
-from llfsm.runtime.plans.toml_files import line_of, read_toml
+from llfsm.runtime.plans import line_of, read_toml
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board import SlotInfo
-
-from ..options import BoardPlace
-
-__all__ = ["BadConfigurationError", "Configured", "Findings", "slots_on"]
 
 
 class BadConfigurationError(click.ClickException):

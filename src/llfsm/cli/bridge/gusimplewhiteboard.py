@@ -11,23 +11,21 @@ import click
 import msgspec
 
 from llfsm.bridges.gusimplewhiteboard.file import DEFAULT_PATH, GuWhiteboard
-from llfsm.bridges.gusimplewhiteboard.relay import Direction, Relay, run
-from llfsm.bridges.gusimplewhiteboard.relay_configuration import (
+from llfsm.bridges.gusimplewhiteboard.relay import (
     ConfiguredRelay,
+    Direction,
+    Relay,
     RelayConfiguration,
     check_configuration,
     read_configuration,
+    run,
 )
+from llfsm.cli.console import log_to_console
+from llfsm.cli.options import BoardPlace, Integer, Number, directory_option
 from llfsm.runtime.engine.errors import ConfigurationError
-from llfsm.runtime.engine.signals import StopRequest, stop_on_signals
+from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 from llfsm.whiteboard.board_files import default_name
-
-from ..console import log_to_console
-from ..numbers import Integer, Number
-from ..options import BoardPlace, directory_option
-
-__all__ = ["gusimplewhiteboard"]
 
 _Relays = tuple[tuple[int, str, str, str], ...]
 _RELAY = (Integer(0, 511), str, str, str)

@@ -17,25 +17,22 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from llfsm.cli.dap.framing import Message, MessageStream, ProtocolError
+from llfsm.cli.dap.inspection import Inspection, breakpoints_at
+from llfsm.cli.debug.session import Session, clock_of
+from llfsm.cli.run.arguments import parse_arguments
+from llfsm.cli.run.running import place_of_call
+from llfsm.cli.run.world import recorded
 from llfsm.errors import LlfsmError
-from llfsm.runtime.debugging.called_machines import machines_beside
+from llfsm.runtime.debugging.breakpoints import machines_beside
 from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
-
-from ..debug.debug_session import Session, clock_of
-from ..run.arguments import parse_arguments
-from ..run.code_breakpoints import place_of_call
-from ..run.recorder_process import recorded
-from .framing import Message, MessageStream, ProtocolError
-from .inspection import Inspection
-from .places import breakpoints_at
 
 if TYPE_CHECKING:
     from llfsm.runtime.debugging.debugger import Debugger, Step
     from llfsm.runtime.engine.machine import Machine
 
-__all__ = ["Adapter"]
 
 _THREAD: Final = 1
 _LOOK_S: Final = 0.02  # between two looks whether a pause is over

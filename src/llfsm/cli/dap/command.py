@@ -10,10 +10,8 @@ from contextlib import redirect_stdout, suppress
 
 import click
 
-from .adapter import Adapter
-from .framing import MessageStream
-
-__all__ = ["dap"]
+from llfsm.cli.dap.adapter import Adapter
+from llfsm.cli.dap.framing import MessageStream
 
 
 @click.command()

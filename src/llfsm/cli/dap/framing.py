@@ -12,8 +12,6 @@ from typing import IO, Any, Final, TypeAlias
 
 from llfsm.errors import LlfsmError
 
-__all__ = ["Message", "MessageStream", "ProtocolError"]
-
 Message: TypeAlias = dict[str, Any]
 
 _LONGEST: Final = 1 << 24  # bytes of a message: a longer one is nonsense

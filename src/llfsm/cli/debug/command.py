@@ -16,18 +16,16 @@ import click
 from msgspec.structs import replace
 from rich.console import Console
 
+from llfsm.cli.debug.prompt import LivePrompt, Prompt
+from llfsm.cli.debug.session import Session, clock_of
+from llfsm.cli.options import BoardPlace, board_option, break_option, given_option, trust_option
+from llfsm.cli.run.arguments import parse_arguments
+from llfsm.cli.run.world import recorded
 from llfsm.errors import LlfsmError
 
-from ..options import BoardPlace, board_option, break_option, given_option, trust_option
-from ..run.arguments import parse_arguments
-from ..run.recorder_process import recorded
-from .debug_session import Session, clock_of
-from .prompt import LivePrompt, Prompt
-
 if TYPE_CHECKING:
-    from .travel_prompt import AskedPrompt
+    from llfsm.cli.debug.prompt import AskedPrompt
 
-__all__ = ["debug"]
 
 _Prompt: TypeAlias = "Prompt | AskedPrompt"
 
@@ -116,9 +114,8 @@ def _debug_recording(
     """Debug the machines of a recording from a prompt."""
     # here, as live machines need no library for recordings
     from llfsm.bridges.recording.reader import Recording
-
-    from ..recorded_plans import plan_of_one, travel_through
-    from .travel_prompt import AskedPrompt, TravelPrompt
+    from llfsm.cli.debug.prompt import AskedPrompt, TravelPrompt
+    from llfsm.cli.rerun import plan_of_one, travel_through
 
     # Late turns and failures were reported at the time of the recording.
     logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)

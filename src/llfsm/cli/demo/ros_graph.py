@@ -10,13 +10,16 @@ from typing import Any, NamedTuple
 import click
 
 from llfsm.bridges.ros2.defaults import ROUTER, TRANSPORTS, default_domain, needs_router
-from llfsm.bridges.ros2.router import loopback_address, serves
-
-from ..options import BoardPlace
-from ..ros_options import Command, domain_option, require_ros, router_option, transport_option
-from .processes import Processes
-
-__all__ = ["RosGraph", "graph_options"]
+from llfsm.bridges.ros2.opening import loopback_address, serves
+from llfsm.cli.demo.processes import Processes
+from llfsm.cli.options import BoardPlace
+from llfsm.cli.ros_options import (
+    Command,
+    domain_option,
+    require_ros,
+    router_option,
+    transport_option,
+)
 
 _DOMAIN = 99  # hardly used elsewhere; the highest that DDS supports on every system is 101
 _LOOK_S = 0.05

@@ -10,15 +10,11 @@ import click
 import msgspec
 from msgspec.structs import replace
 
+from llfsm.cli.machine_names import find_machine_class
 from llfsm.errors import did_you_mean
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.plans.dispatch import read_dispatch_table
-from llfsm.runtime.plans.plan import Plan, PlannedMachine, names_of, read_plan
-
-from ..machine_names import find_machine_class
-
-__all__ = ["ResolvedPlan", "parse_arguments"]
+from llfsm.runtime.plans import Plan, PlannedMachine, names_of, read_dispatch_table, read_plan
 
 _FILE = ".toml"
 

@@ -10,12 +10,10 @@ from typing import Any
 import click
 from msgspec.structs import replace
 
-from llfsm.runtime.plans.plan import Plan
-
-from .. import VERSION
-from ..numbers import Integer
-from ..options import (
+from llfsm.cli import VERSION
+from llfsm.cli.options import (
     BoardPlace,
+    Integer,
     board_option,
     break_option,
     end_with_input,
@@ -23,14 +21,12 @@ from ..options import (
     local_option,
     supervised_options,
 )
-from ..ros_options import RosCommand, require_ros, ros_arguments, ros_options
-from .arguments import parse_arguments
-from .nonstop import run_nonstop
-from .report import log_machines
-from .running import Reports, load_machines, run_machines
-from .world import RosOptions, WorldOptions, open_world
-
-__all__ = ["run"]
+from llfsm.cli.ros_options import RosCommand, require_ros, ros_arguments, ros_options
+from llfsm.cli.run.arguments import parse_arguments
+from llfsm.cli.run.report import log_machines
+from llfsm.cli.run.running import Reports, load_machines, run_machines, run_nonstop
+from llfsm.cli.run.world import RosOptions, WorldOptions, open_world
+from llfsm.runtime.plans import Plan
 
 
 class _Priority(Integer):
@@ -227,7 +223,7 @@ def run(
     with open_world(options, plan, resolved.classes.values()) as world:
         load = partial(load_machines, resolved, plan, Reports(verbose, report, timed))
         if lifecycle:
-            from .ros_world import managed_machines
+            from llfsm.cli.run.world import managed_machines
 
             execute = managed_machines(world.environment, load, plan.will_after_ms)
         else:

@@ -8,21 +8,11 @@ from collections.abc import Iterable
 
 import click
 
+from llfsm.cli.console import log_to_console
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.events import Event, Request, Turn
 from llfsm.runtime.engine.histogram import Spread
 from llfsm.runtime.engine.statistics import MachineStatistics
-
-from ..console import log_to_console
-
-__all__ = [
-    "StateReport",
-    "SuspensionReport",
-    "conditions",
-    "latency_drawing",
-    "log_machines",
-    "timing_table",
-]
 
 _HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "overruns", "worst us")
 

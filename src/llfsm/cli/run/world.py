@@ -1,23 +1,139 @@
-"""The world of the machines of ``llfsm run``: a whiteboard, a ROS graph, or both."""
+"""The world of the machines of ``llfsm run``: a whiteboard, a ROS graph, or both.
+
+The recorder of ``llfsm run --record``, a process of its own, and one that runs already.
+
+Machines hand their journal to the recorder through the whiteboard and never wait for it. If the
+recorder dies, they go on; if they are killed, it completes its file.
+
+``llfsm run --ros`` and ``--ros-time``: machines that are a ROS node, or run by its time.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from contextlib import ExitStack, contextmanager
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
-from llfsm.runtime.engine.clock import Clock, DebugClock
+import click
+
+from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan, machine_config
+from llfsm.bridges.ros2.bridging.managed_machines import ManagedMachines
+from llfsm.bridges.ros2.bridging.ros_environment import RosEnvironment
+from llfsm.bridges.ros2.node_parameters import NodeParameters
+from llfsm.bridges.ros2.standard_node import equip
+from llfsm.bridges.ros2.threads import TimerThread
+from llfsm.bridges.ros2.transport import Transport
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.cli.bridge.configured import Configured, slots_on
+from llfsm.cli.console import ignore_interrupts, stop_for_good
+from llfsm.cli.options import BoardPlace
+from llfsm.cli.ros_options import open_chosen, ros_arguments
+from llfsm.runtime.engine.arrangement import Arrangement
+from llfsm.runtime.engine.clock import Clock, DebugClock, SimulatedClock
 from llfsm.runtime.engine.environment import Environment
+from llfsm.runtime.engine.failure import logger
 from llfsm.runtime.engine.machine import Machine
-from llfsm.runtime.plans.plan import Plan
+from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
+from llfsm.runtime.journal.handover import HANDOVER_LIMIT, Handover, find_recorder
+from llfsm.runtime.journal.journalled import JournalledEnvironment
+from llfsm.runtime.plans import Plan
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.whiteboard import Whiteboard
+from llfsm.whiteboard import Board, Whiteboard, WhiteboardError
+from llfsm.whiteboard.liveness import process_text
 
-from ..options import BoardPlace
-from .recorder_process import MakeEnvironment, recorded
+MakeEnvironment: TypeAlias = Callable[..., LiveEnvironment]
 
-__all__ = ["OpenedWorld", "RosOptions", "WorldOptions", "open_world"]
+
+@contextmanager
+def recorded(
+    file: Path | None,
+    board: Whiteboard,
+    plan: Plan,
+    clock: Clock | None = None,
+    live: MakeEnvironment = LiveEnvironment,
+    *,
+    forks: bool = False,
+    limit: int = HANDOVER_LIMIT,
+    patience_s: float = 5.0,
+) -> Iterator[Environment]:
+    """Give the environment of an arrangement on `board`, journalled if a process records the board.
+
+    `live` makes it from the board, the clock and the options of `LiveEnvironment`.
+
+    With `file`, a recorder that writes it is started; it ends with the ``with`` block. If the
+    arrangement `forks`, only its events are recorded, from the time that it runs. `limit` bytes
+    are kept for a recorder that stalls; at the end it has `patience_s` seconds to take each part
+    of them and to complete the file. Raise ``click.ClickException`` if recording is impossible.
+    """
+    recorder = find_recorder(board)
+    if file is not None:
+        if recorder is not None:
+            process = process_text(recorder, "process")
+            raise click.ClickException(
+                f"{process} records the machines of {board.name!r} already: "
+                f"end it, or leave out --record; nothing was run"
+            )
+        with _recorder(file, board, patience_s):
+            yield _recorded_environment(board, plan, clock, live, limit, patience_s)
+        return
+    environment: Environment | None = None
+    if recorder is not None and not forks:
+        try:
+            environment = _recorded_environment(board, plan, clock, live, limit, patience_s)
+        except WhiteboardError as error:  # another's recording is no reason not to run
+            logger().warning("the machines go on unrecorded: %s", error)
+    yield environment or live(board, clock, will_after_ms=plan.will_after_ms)
+
+
+def _recorded_environment(
+    board: Whiteboard,
+    plan: Plan,
+    clock: Clock | None,
+    live: MakeEnvironment,
+    limit: int,
+    patience_s: float,
+) -> Environment:
+    recorder = find_recorder(board)
+    if recorder is None:
+        raise click.ClickException("the recorder does not record machines, nothing was run")
+    handover = Handover(board, recorder, whole=True, limit=limit, patience_s=patience_s)
+    handover.journal.add(("Plan", plan, str(Path.cwd())))
+    world = live(board, clock, handover=handover, will_after_ms=plan.will_after_ms)
+    return JournalledEnvironment(world, handover.journal)
+
+
+@contextmanager
+def _recorder(file: Path, board: Whiteboard, patience_s: float) -> Iterator[None]:
+    """Record the board by another process, which ends when our end of its input is closed."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "llfsm.cli", "record", "--until-eof"),
+            *("-o", str(file)),
+            *BoardPlace(board.name, str(board.path.parent)).arguments,
+        ],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C ends the machines, and it has to record their last events
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        with process.stdout as output:
+            if not output.readline():
+                raise click.ClickException("the recorder did not start, nothing was run")
+        yield
+    finally:
+        process.stdin.close()
+        try:
+            process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            process.kill()  # the file can be read as it is
+            process.wait()
 
 
 class RosOptions(NamedTuple):
@@ -67,8 +183,6 @@ def open_world(
     live: MakeEnvironment = LiveEnvironment
     with ExitStack() as stack:
         if ros is not None:
-            from .ros_world import join_graph, on_ros  # here, as few machines need ROS
-
             graph = stack.enter_context(join_graph(ros, plan, classes, place))
             clock = graph.clock or clock
         if options.local:
@@ -93,3 +207,137 @@ def open_world(
         if wb is not None and options.remove_board:
             removal.callback(wb.remove)
         yield OpenedWorld(environment, names)
+
+
+_LOOK_S = 0.25  # between two looks for Ctrl-C
+
+
+class JoinedGraph(NamedTuple):
+    """A ROS graph, and what machines use of it."""
+
+    transport: Transport
+    connected: BridgePlan | None
+    """What connects the machines with it, if they are a node."""
+    clock: Clock | None
+    """The time on /clock, if they run by it."""
+
+
+@contextmanager
+def join_graph(
+    options: RosOptions, plan: Plan, classes: Iterable[type[Machine]], place: BoardPlace | None
+) -> Iterator[JoinedGraph]:
+    """Give the graph that the options name, once /clock has a time if it is needed.
+
+    `place` is the shared whiteboard, if there is one. Raise ``click.ClickException``.
+    """
+    connected = _connections(options, plan, classes, place) if options.is_node else None
+    follows_time = options.follows_time or (
+        connected is not None and _uses_simulated_time(connected)
+    )
+    if follows_time and plan.debug_clock:
+        raise click.UsageError("the time on /clock passes with its publisher: no --debug-clock")
+    enclave = ros_arguments().enclave
+    with ExitStack() as stack:
+        transport = stack.enter_context(
+            open_chosen(options.transport, options.domain, options.router, enclave)
+        )
+        clock = stack.enter_context(_ros_clock(transport)) if follows_time else None
+        yield JoinedGraph(transport, connected, clock)
+
+
+def _connections(
+    options: RosOptions, plan: Plan, classes: Iterable[type[Machine]], place: BoardPlace | None
+) -> BridgePlan:
+    """Return what connects the machines of a plan, whose classes are in its order, with ROS.
+
+    By default it is the topics of their slots' names.
+    """
+    if options.config is None:
+        slots = [machine.slots for machine in plan.machines]
+        configured = Configured(machine_config(zip(classes, slots, strict=True)))
+    else:
+        configured = Configured.read(options.config)
+    on_board = [] if place is None else slots_on(place)
+    return configured.named(options.node).plan(on_board, ros_arguments())
+
+
+def _uses_simulated_time(connected: BridgePlan) -> bool:
+    """Return whether the node's parameter says at the start that its time is that of /clock."""
+    given = connected.arguments.parameters(connected.node.full_node)
+    return given.get("use_sim_time") is True
+
+
+@contextmanager
+def _ros_clock(transport: Transport) -> Iterator[SimulatedClock]:
+    """Give a clock that follows /clock, once there is a time, within the ``with`` block."""
+    clock = SimulatedClock()
+    with (
+        closing(TimerThread("ros2 parameters")) as timer,
+        transport.node(f"llfsm_run_{os.getpid()}") as node,
+    ):
+        equip(node, TypeLibrary(), NodeParameters(), timer.call_soon, clock.set_ns)
+        if not clock.wait_set(_LOOK_S):
+            _wait_set(clock)
+        yield clock
+
+
+def _wait_set(clock: SimulatedClock) -> None:
+    """Wait for the first time; Ctrl-C ends the program as it ends a run."""
+    click.echo("waiting for a time on /clock", err=True)
+    asked = StopRequest()
+    with stop_on_signals(lambda _: asked.make()):
+        while not clock.wait_set(_LOOK_S):
+            if asked.is_made():
+                raise SystemExit(0)
+
+
+@contextmanager
+def on_ros(
+    transport: Transport, connected: BridgePlan, *, begin: bool
+) -> Iterator[MakeEnvironment]:
+    """Give what makes the machines' environment, which is closed after the ``with`` block.
+
+    If they are to `begin` at once, the environment is made when their topics have subscriptions,
+    or after a second: a command that is posted once reaches the robot.
+    """
+    logging.getLogger().setLevel(ros_arguments().log_level(connected.node.full_node))
+    with ExitStack() as stack:
+
+        def make(board: Board | None, clock: Clock | None, **options: Any) -> RosEnvironment:
+            made = stack.enter_context(
+                RosEnvironment(transport, connected, board=board, clock=clock, **options)
+            )
+            if begin:
+                _wait_subscribed(made)
+            return made
+
+        yield make
+
+
+def _wait_subscribed(environment: RosEnvironment) -> None:
+    """Wait; Ctrl-C ends the program as it ends a run."""
+    asked = StopRequest()
+    with stop_on_signals(lambda _: asked.make()):
+        environment.wait_subscribed()
+    if asked.is_made():
+        raise SystemExit(0)
+
+
+def managed_machines(
+    world: Environment, load: Callable[[Environment], Arrangement], will_after_ms: int | None
+) -> Callable[[], None]:
+    """Return what runs machines as a managed node, until SIGINT or SIGTERM; `load` loads them."""
+    assert isinstance(world, RosEnvironment)
+    board, clock, bridge = world.whiteboard, world.clock, world.bridge
+
+    def loaded() -> Arrangement:
+        return load(LiveEnvironment(board, clock, will_after_ms=will_after_ms))
+
+    machines = ManagedMachines(bridge.node, bridge.types, loaded)
+    stop_for_good(machines.stop)
+
+    def run() -> None:
+        machines.run()
+        ignore_interrupts()
+
+    return run

@@ -1,4 +1,7 @@
-"""``llfsm verify``: explore machines, and decide what must never or always hold of them."""
+"""``llfsm verify``: explore machines, and decide what must never or always hold of them.
+
+What an exploration found, as text and as JSON.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,95 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import indent
 from typing import Any, Literal
 
 import click
 import msgspec
 
+from llfsm.cli.options import Integer, Number
+from llfsm.cli.verify.machines import VerifiedMachines
 from llfsm.errors import LlfsmError
-from llfsm.runtime.counterexamples.regression import regression_of, script_of
-from llfsm.runtime.plans.plan import Verification
-from llfsm.runtime.verification import Progress, Space, Verdict, explore, reachable
-from llfsm.runtime.verification.exporting import EXPORTS
+from llfsm.runtime.counterexamples import regression_of, rows_of, script_of, table_of
+from llfsm.runtime.plans import Verification
+from llfsm.runtime.verification import Progress, Space, Verdict, Witness, explore, reachable
+from llfsm.runtime.verification.space import EXPORTS
 
-from ..numbers import Integer, Number
-from .report import as_data, as_text
-from .verified_machines import VerifiedMachines
+_VERDICTS = {True: "holds", False: "violated", None: "undecided"}
 
-__all__ = ["verify"]
+
+def verdict_of(verdict: Verdict) -> str:
+    """Return "holds", "violated" or "undecided"."""
+    return _VERDICTS[verdict.holds]
+
+
+def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> str:
+    """Return the report; `ended` is why the exploration ended early, "" if it did not."""
+    lines = [
+        f"{space.states:,} states, {space.transitions:,} transitions, {space.depth:,} turns deep, "
+        f"{space.ringlets:,} ringlets run, in {space.seconds:.1f} s; "
+        + ("any time between rounds" if period_ms is None else f"a round every {period_ms:g} ms")
+    ]
+    if ended:
+        lines.append(f"not all is decided: {ended}")
+        lines += space.hints()
+    for verdict in verdicts:
+        why = ": what triggers it never happens" if verdict.vacuous else ""
+        lines.append(f"{verdict_of(verdict)}: {verdict.property}{why}")
+        if verdict.holds is False and verdict.witness is not None:
+            lines += _story(space, verdict.witness)
+    if space.complete:
+        lines += [f"never reached: {each}" for each in space.unreached]
+        lines += [f"never taken: {each}" for each in space.untaken]
+    return "\n".join(lines)
+
+
+def _story(space: Space, witness: Witness) -> list[str]:
+    """Return what happens on a way, line by line."""
+    number = len(witness.turns)
+    if not number:
+        return ["  in the initial state"]
+    script = script_of(witness, space.slots)
+    rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
+    table = table_of(rows[:number], number - 1)
+    lines = [f"  after {number} turn{'s' if number != 1 else ''}:", indent(table, "  ")]
+    if witness.loop is not None:
+        first = witness.turns[witness.loop].round
+        lines.append(f"  and so on for ever: all from round {first} on repeats")
+    lines += [f"  {line}" for line in witness.end_lines()]
+    return lines
+
+
+def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> Any:
+    """Return the report as data for JSON."""
+    return {
+        "states": space.states,
+        "transitions": space.transitions,
+        "depth": space.depth,
+        "ringlets": space.ringlets,
+        "seconds": round(space.seconds, 3),
+        "period_ms": period_ms,
+        "complete": space.complete,
+        "ended": ended or None,
+        "hints": list(space.hints()) if ended else [],
+        "properties": [
+            {
+                "property": str(verdict.property),
+                "kind": verdict.property.kind,
+                "verdict": verdict_of(verdict),
+                "vacuous": verdict.vacuous,
+                "loop": None if verdict.witness is None else verdict.witness.loop,
+                "at_end": {} if verdict.witness is None else dict(verdict.witness.at_end),
+                "witness": None
+                if verdict.witness is None
+                else [msgspec.to_builtins(turn._asdict()) for turn in verdict.witness.turns],
+            }
+            for verdict in verdicts
+        ],
+        "unreached": list(space.unreached) if space.complete else [],
+        "untaken": list(space.untaken) if space.complete else [],
+    }
+
 
 _EVERYTHING = reachable(lambda _: False, "every state")
 """What is never decided before all states are found."""
@@ -247,7 +323,7 @@ def _write(
                 click.echo(f"{file}: not written, as {shown}", err=True)
         return
     if recording is not None:
-        from llfsm.bridges.recording.replay_recorder import record_replay
+        from llfsm.bridges.recording.recorders import record_replay
 
         first, way = ways[0]
         record_replay(

@@ -11,14 +11,14 @@ from uuid import uuid4
 import msgspec
 import pytest
 
-from llfsm.bridges.ros2.action_client import ActionClient
-from llfsm.bridges.ros2.bridging import action_slots
+from llfsm.bridges.ros2.actions import ActionClient
 from llfsm.bridges.ros2.bridging import bridge as bridge_module
+from llfsm.bridges.ros2.bridging import service_slots as action_slots
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.timer_thread import TimerThread
+from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.runtime.goals import CancelGoal, GoalStanding, GoalStatus
 from llfsm.whiteboard.messages.llfsm import LastWill, SafeValue, will_slot
 from waiting import PATIENCE_S, wait_for

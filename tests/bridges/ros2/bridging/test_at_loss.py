@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.loss_watch import LossWatch
+from llfsm.bridges.ros2.bridging.relays import LossWatch
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3

@@ -11,10 +11,9 @@ from types import SimpleNamespace
 import pytest
 from msgspec.structs import replace
 
-from llfsm.bridges.ros2.bridging.bridge import Bridge
+from llfsm.bridges.ros2.bridging.bridge import Bridge, BridgeHealth
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
-from llfsm.bridges.ros2.bridging.health import BridgeHealth
 from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.diagnostics import HealthLevel
 from llfsm.bridges.ros2.errors import ParameterOverrideError

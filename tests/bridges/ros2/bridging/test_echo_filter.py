@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.echo_filter import EchoFilter
 from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.relays import FromRos, ToRos
-from llfsm.bridges.ros2.timer_thread import TimerThread
+from llfsm.bridges.ros2.bridging.relays import EchoFilter, FromRos, ToRos
+from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import MessageInfo, SerializedBytes
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64

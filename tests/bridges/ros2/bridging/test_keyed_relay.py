@@ -7,15 +7,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
+from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, KeyPath
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
-from llfsm.bridges.ros2.bridging.key_path import KeyPath
-from llfsm.bridges.ros2.bridging.keyed_relay import KeyedFromRos
 from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.relay_settings import RelaySettings
+from llfsm.bridges.ros2.bridging.relays import KeyedFromRos, RelaySettings
 from llfsm.bridges.ros2.errors import ConnectivityError
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
-from llfsm.bridges.ros2.timer_thread import TimerThread
+from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transforms import TransformBuffer, TransformListener
 from llfsm.bridges.ros2.transport import MessageInfo, SerializedBytes
 from llfsm.whiteboard import Slot

@@ -14,11 +14,11 @@ from llfsm.bridges.ros2.actions import ActionServer, ServerGoal
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
-from llfsm.bridges.ros2.call_queue import CallQueue
+from llfsm.bridges.ros2.calls import CallQueue
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.runtime.engine.events import Reason
 from llfsm.runtime.goals import GoalStatus
-from llfsm.runtime.plans.toml_files import read_toml
+from llfsm.runtime.plans import read_toml
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist
 from waiting import wait_for

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
-from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
-from llfsm.bridges.ros2.bridging.capacity import capacity_for
-from llfsm.bridges.ros2.bridging.cycles import RelayEdge, find_cycle
+from llfsm.bridges.ros2.bridging.bridge_plan import RelayEdge, find_cycle, make_plan
+from llfsm.bridges.ros2.bridging.service_slots import capacity_for
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, ReliabilityPolicy
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist

@@ -10,10 +10,9 @@ from itertools import pairwise
 import pytest
 
 from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.relay_settings import RelaySettings
-from llfsm.bridges.ros2.bridging.relays import FromRos, ToRos
+from llfsm.bridges.ros2.bridging.relays import FromRos, RelaySettings, ToRos
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
-from llfsm.bridges.ros2.timer_thread import TimerThread
+from llfsm.bridges.ros2.threads import TimerThread
 from llfsm.bridges.ros2.transport import MessageInfo, NoticeKind, SerializedBytes
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64

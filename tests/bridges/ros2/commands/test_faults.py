@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.zenoh_transport.attachment import pack
+from llfsm.bridges.ros2.zenoh_transport.endpoint import pack
 from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import Slot

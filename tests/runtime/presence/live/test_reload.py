@@ -17,8 +17,8 @@ from llfsm.runtime.engine.errors import LoadError
 from llfsm.runtime.journal.entries import Journal
 from llfsm.runtime.journal.journalled import JournalledEnvironment
 from llfsm.runtime.presence.live import LiveEnvironment
-from llfsm.runtime.presence.reloading import Reloads
 from llfsm.runtime.presence.remote import Directory
+from llfsm.runtime.presence.status_publisher import Reloads
 from llfsm.whiteboard import Board, Slot, Whiteboard
 from llfsm.whiteboard.messages.llfsm import (
     MachineStatus,

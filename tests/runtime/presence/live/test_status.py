@@ -10,7 +10,7 @@ import pytest
 from llfsm.runtime import Arrangement, Machine, ManualClock, State
 from llfsm.runtime.engine.events import Event, RoundEnd
 from llfsm.runtime.engine.seat import Arrival
-from llfsm.runtime.presence.reporting import Presence
+from llfsm.runtime.presence.status_publisher import Presence
 from llfsm.whiteboard import Board
 from llfsm.whiteboard.liveness import born, host_name
 from llfsm.whiteboard.messages.llfsm import status_slot

@@ -1,0 +1,1 @@
+"""Steps a recorded run back: reverse debugging."""

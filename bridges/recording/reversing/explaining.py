@@ -1,0 +1,112 @@
+"""Why machines of a recording are where they are, by running them again in a thread."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+from msgspec.structs import replace
+
+from llfsm.errors import LlfsmError
+from llfsm.runtime.debugging.obeying import why_of
+from llfsm.runtime.presence.published import variables_of
+
+if TYPE_CHECKING:
+    from llfsm.bridges.recording.reversing.client import Travelled
+    from llfsm.bridges.recording.reversing.reverse_debugger import Travel
+    from llfsm.whiteboard.messages.llfsm import MachineVariables, MachineWhy
+
+
+_Found: TypeAlias = "Mapping[str, Explanation]"
+
+
+class Explanation(NamedTuple):
+    """A machine at a moment: why it is in its state, and what it knows."""
+
+    why: MachineWhy
+    variables: MachineVariables
+
+
+class Explained:
+    """What is asked of machines that run again."""
+
+    def __init__(self, travel: Travel):
+        self._travel = travel
+
+    def past(self, now_ns: int) -> tuple[str, _Found]:
+        """Go past a moment, and return what `explain` does."""
+        self._travel.go_past(now_ns)
+        return self.explain(now_ns)
+
+    def explain(self, now_ns: int) -> tuple[str, _Found]:
+        """Return why there is no such moment, or the machines then, by their names."""
+        self._travel.wait()
+        if self._travel.difference:
+            return self._travel.difference, {}
+        arrangement = self._travel.arrangement
+        now_ns -= self._travel.debugger.behind_ns  # by the machines' clock
+        # Breakpoints are none of the recording's.
+        return "", {
+            machine.name: Explanation(
+                replace(why_of(arrangement, machine.name, now_ns), breakpoints=()),
+                variables_of(machine),
+            )
+            for machine in arrangement.machines
+        }
+
+
+class Explainer:
+    """Explain the moments that a page shows; `travel` goes through the journal of that `process`.
+
+    It is asked what `Explained` has, and closed with the explainer. The latest moment that was
+    asked for counts: those before it may be left out.
+    """
+
+    def __init__(self, process: int, travel: Travelled):
+        self.process = process
+        self.problem = ""
+        """Why machines cannot be run up to the latest moment; "" if they can."""
+        self._travel = travel
+        self._asked = threading.Condition()
+        self._wanted: int | None = None
+        self._answer: tuple[int, _Found] = (-1, {})
+        self._over = False
+        self._thread: threading.Thread | None = None  # from the first question on
+
+    def at(self, now_ns: int) -> _Found:
+        """Return the machines at that moment, by name; none as long as they are not there."""
+        with self._asked:
+            known_ns, found = self._answer
+            if known_ns == now_ns:
+                return found
+            self._wanted = now_ns
+            self._asked.notify()
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="explainer")
+                self._thread.start()
+            return {}
+
+    def close(self) -> None:
+        """End the thread; closing twice is fine."""
+        with self._asked:
+            self._over = True
+            self._asked.notify()
+        if self._thread is not None:
+            self._thread.join()
+        self._travel.close()
+
+    def _run(self) -> None:
+        try:
+            while (wanted := self._next()) is not None:
+                asked = self._travel.ask("past", wanted, then=("explain", wanted))
+                self.problem, found = asked
+                self._answer = wanted, found
+        except LlfsmError as error:
+            self.problem = str(error)
+
+    def _next(self) -> int | None:
+        with self._asked:
+            self._asked.wait_for(lambda: self._over or self._wanted is not None)
+            wanted, self._wanted = self._wanted, None
+            return None if self._over else wanted

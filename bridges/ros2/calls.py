@@ -1,0 +1,226 @@
+"""Calls and requests that wait for their response, whatever carries them.
+
+Actions from a transport's threads, run on one other thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import weakref
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+from functools import partial
+from typing import Any, Protocol
+
+from llfsm.bridges.ros2.errors import (
+    AlreadyAnsweredError,
+    CallFailedError,
+    CallTimeoutError,
+    CdrError,
+    NoServerError,
+    TransportClosedError,
+)
+from llfsm.bridges.ros2.notices import Notifier
+from llfsm.bridges.ros2.transport import MessageInfo, ServiceRequest
+from llfsm.bridges.ros2.types import RosMessage, RosService
+
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
+Put = Callable[[Callable[[], object]], None]
+"""Queues an action for the thread that owns the state it changes."""
+
+
+class CallQueue:
+    """Hands actions from any thread to one thread, in the order of their arrival.
+
+    The state that they change needs no lock, and changes only when its thread is ready. An error of
+    an action is logged, and the next action runs.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[Callable[[], object]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def put(self, do: Callable[[], object]) -> None:
+        """Queue an action for the next :meth:`run_pending`."""
+        self._waiting.append(do)
+
+    def run_pending(self) -> None:
+        """Run all actions queued so far; actions queued meanwhile wait for the next call."""
+        for _ in range(len(self._waiting)):
+            try:
+                self._waiting.popleft()()
+            except Exception:
+                _LOG.exception("a queued action failed")
+
+
+def through(
+    put: Put, handle: Callable[[ServiceRequest[Any, Any]], None]
+) -> Callable[[ServiceRequest[Any, Any]], None]:
+    """Return a server's handler that queues requests for ``handle``; an error fails the request."""
+
+    def work(request: ServiceRequest[Any, Any]) -> None:
+        try:
+            handle(request)
+        except Exception as error:
+            with suppress(AlreadyAnsweredError):
+                request.fail(f"the server failed: {error}")
+            raise
+
+    return lambda request: put(partial(work, request))
+
+
+class PendingCalls:
+    """A client's open calls. The first of the methods below that names a call ends it."""
+
+    def __init__(self, service: str, response: RosMessage[Any], notifier: Notifier) -> None:
+        self._service = service
+        self._decode = response.decode
+        self._notifier = notifier
+        self._pending: set[Future[Any]] = set()
+
+    def begin(self) -> Future[Any]:
+        """Return the future of a new call."""
+        call: Future[Any] = Future()
+        self._pending.add(call)
+        call.add_done_callback(self._pending.discard)
+        return call
+
+    def answered(self, call: Future[Any], data: bytes) -> None:
+        """End a call with its response."""
+        try:
+            response = self._decode(data)
+        except CdrError as error:
+            self._notifier.bad_message(self._service, error)
+            _end(call, error)
+        else:
+            with suppress(InvalidStateError):
+                call.set_result(response)
+
+    def failed(self, call: Future[Any], reason: str) -> None:
+        """End a call that the server refused or can no longer answer."""
+        _end(call, CallFailedError(f"{self._service}: {reason}"))
+
+    def timed_out(self, call: Future[Any]) -> None:
+        """End a call that took too long."""
+        _end(call, CallTimeoutError(f"{self._service}: no answer in time"))
+
+    def unserved(self, call: Future[Any], reason: str) -> None:
+        """End a call that reached no server."""
+        _end(call, NoServerError(reason))
+
+    def close(self) -> None:
+        """End all open calls."""
+        for call in list(self._pending):
+            _end(
+                call,
+                TransportClosedError(f"{self._service}: the client was closed before an answer"),
+            )
+
+
+def _end(call: Future[Any], error: Exception) -> None:
+    with suppress(InvalidStateError):  # it has ended already, or was cancelled
+        call.set_exception(error)
+
+
+class Responder(Protocol):
+    """Sends the response to the caller. At most one of its methods is called, once."""
+
+    def answer(self, data: bytes) -> None:
+        """Send a response, as CDR."""
+
+    def fail(self, reason: str) -> None:
+        """Report that there is no response."""
+
+
+class PendingRequests:
+    """A server's requests: handles them and keeps track of those that are open."""
+
+    def __init__(
+        self,
+        name: str,
+        of: RosService,
+        handler: Callable[[ServiceRequest[Any, Any]], None],
+        notifier: Notifier,
+    ) -> None:
+        self._name = name
+        self._of = of
+        self._handler = handler
+        self._notifier = notifier
+        self._open: weakref.WeakSet[_Request] = weakref.WeakSet()
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def take(self, data: bytes, info: MessageInfo | None, back: Responder) -> None:
+        """Handle a request. ``info`` is None if it has no metadata."""
+        try:
+            if info is None:
+                raise CdrError("a request without the attachment of ROS 2")
+            message = self._of.request.decode(data)
+        except CdrError as error:
+            self._notifier.bad_message(self._name, error)
+            back.fail(str(error))
+            return
+        request = _Request(self._name, message, info, self._of.response, back)
+        with self._lock:
+            if self._closed:
+                back.fail("the server is closed")
+                return
+            self._open.add(request)
+        try:
+            self._handler(request)
+        except Exception as error:
+            self._notifier.callback_failed(self._name, error)
+            request.fail_if_open(f"the server failed: {error}")
+
+    def close(self) -> None:
+        """Accept no more requests, and fail the open ones."""
+        with self._lock:
+            self._closed = True
+            still_open = list(self._open)
+        for request in still_open:
+            request.fail_if_open("the server was closed")
+
+
+class _Request(ServiceRequest[Any, Any]):
+    def __init__(
+        self,
+        service: str,
+        message: Any,
+        info: MessageInfo,
+        response: RosMessage[Any],
+        back: Responder,
+    ) -> None:
+        self.message = message
+        self.info = info
+        self._service = service
+        self._response = response
+        self._back: Responder | None = back
+        self._taking = threading.Lock()
+
+    def answer(self, response: Any) -> None:
+        data = self._response.encode(response)
+        self._take_back().answer(data)
+
+    def fail(self, reason: str) -> None:
+        self._take_back().fail(reason)
+
+    def fail_if_open(self, reason: str) -> None:
+        with suppress(AlreadyAnsweredError):
+            self.fail(reason)
+
+    def _take_back(self) -> Responder:
+        with self._taking:
+            back, self._back = self._back, None
+        if back is None:
+            raise AlreadyAnsweredError(f"this request of {self._service} is already answered")
+        return back
+
+    def __del__(self) -> None:
+        # Others may still find it (a weak reference lives until this returns): take turns.
+        self.fail_if_open("the server gave no answer")

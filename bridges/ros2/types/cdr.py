@@ -1,0 +1,545 @@
+"""Compiles the function that decodes a message: Python source with its formats worked out.
+
+Consecutive numbers become one struct, also across nested messages; where an offset is known only at
+run time, a table of eight, by its remainder. No variable is assigned twice, so that one expression
+at the end builds the values. The code has no error messages: :mod:`.diagnosis` reads what fails
+again.
+
+The lines of a function that is compiled, the variables in them, and its globals.
+
+Compiles the function that encodes a message: the mirror of :mod:`.decoding`, little-endian.
+
+The bytes are a row of chunks, each an expression, joined at the end. What could be written without
+an error and be wrong is checked: sizes, bounds, bools, and that rows are tuples or bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from struct import Struct, error, pack, unpack_from
+from typing import Any
+
+from llfsm.bridges.ros2.types import layout as primitives
+from llfsm.bridges.ros2.types.definition import PRIMITIVES, FieldType, Shape
+from llfsm.bridges.ros2.types.layout import (
+    HEADER,
+    At,
+    Item,
+    RecordField,
+    RecordType,
+    fixed_items,
+    formats,
+    padded,
+)
+
+
+class GeneratedFunction:
+    """Gives out names; no variable is assigned twice."""
+
+    def __init__(self, names: dict[str, Any]) -> None:
+        self.lines: list[str] = []
+        self.count = 0
+        """How many variables have got a name."""
+        self._names = names  # the globals of the compiled code
+
+    def new(self) -> str:
+        """Return the name of a new variable."""
+        self.count += 1
+        return f"v{self.count}"
+
+    def assign(self, expression: str) -> str:
+        """Assign to a new variable, and return its name."""
+        target = self.new()
+        self.emit(f"{target} = {expression}")
+        return target
+
+    def emit(self, line: str) -> None:
+        """Let a line follow."""
+        self.lines.append(line)
+
+    def named(self, value: Any) -> str:
+        """Return the name of a new global with that value."""
+        name = f"g{len(self._names)}"
+        self._names[name] = value
+        return name
+
+
+def compile_encoder(
+    record: RecordType, explain: Callable[[Any, Exception], Any]
+) -> Callable[[Any], bytes]:
+    """Return the function that encodes a message, header included.
+
+    ``explain`` returns the error to raise for a message, given the exception of its encoding.
+    """
+    names: dict[str, Any] = {
+        "pack": pack,
+        "explain": explain,
+        "Failed": (
+            error,
+            KeyError,
+            TypeError,
+            AttributeError,
+            OverflowError,
+            UnicodeError,
+            primitives.UnwritableError,
+        ),
+        "UnwritableError": primitives.UnwritableError,
+        "exact": primitives.exact,
+        "zero_one": primitives.ZERO_ONE,
+        "write_texts": primitives.write_texts,
+        "write_wide_texts": primitives.write_wide_texts,
+        "widen": primitives.widen,
+    }
+    code = _EncodingFunction(names, {}, [], At(8, 0))
+    code.add(Item("I", HEADER, 1), "256")  # the bytes 0, 1, 0, 0
+    code.message(record, "m")
+    code.flush()
+    if code.puts:
+        code.put()
+        result = 'b"".join(out)'
+    else:
+        chunks = code.chunks
+        result = " + ".join(chunks) if len(chunks) < 3 else f'b"".join(({", ".join(chunks)}))'
+    lines = [
+        "def encode(m):",
+        " try:",
+        *(["  out = []; put = out.append"] if code.puts else []),
+        *(f"  {line}" for line in code.lines),
+        f"  return {result}",
+        " except Failed as error:",
+        "  raise explain(m, error) from None",
+    ]
+    exec("\n".join(lines), names)
+    encode: Callable[[Any], bytes] = names["encode"]
+    return encode
+
+
+class _EncodingFunction(GeneratedFunction):
+    """The lines of one function: of the message, or of one that stands in a sequence."""
+
+    def __init__(
+        self, names: dict[str, Any], functions: dict[RecordType, str], offset: list[str], at: At
+    ) -> None:
+        super().__init__(names)
+        self.chunks: list[str] = []  # not yet put
+        self.puts = False  # whether chunks go to a list, as those of a loop must
+        self._functions = functions  # those made for messages in sequences
+        self._offset = offset  # the terms of the offset that is reached
+        self._at = at
+        self._batch: list[Item] = []
+        self._values: list[str] = []
+
+    @property
+    def offset(self) -> str:
+        """The expression for the offset that is reached."""
+        return " + ".join(self._offset) or "0"
+
+    def add(self, item: Item, value: str) -> None:
+        """Let a value follow."""
+        self._batch.append(item)
+        self._values.append(value)
+
+    def flush(self) -> None:
+        """Write what was added."""
+        if not self._batch:
+            return
+        found, end = formats(self._batch, self._at)
+        values = ", ".join(self._values)
+        if len(found) == 1:
+            codes, size = found[0]
+            self.chunks.append(f"{self.named(Struct('<' + codes).pack)}({values})")
+            self._offset.append(str(size))
+        else:
+            packs = self.named([Struct(f"<{codes}").pack for codes, _ in found])
+            chunk = self.assign(f"{packs}[{self._here()} & 7]({values})")
+            self._chunk(chunk)
+        self._at, self._batch, self._values = end, [], []
+
+    def put(self) -> None:
+        """Let the chunks go to the list."""
+        self.puts = True
+        self.lines += [f"put({chunk})" for chunk in self.chunks]
+        self.chunks = []
+
+    def message(self, record: RecordType, variable: str) -> None:
+        """Write the message in a variable."""
+        for member in record.members:
+            self._member(member, f"{variable}.{member.name}")
+        if not record.members:
+            self._batch.append(Item("x", 1, 1))
+
+    def _member(self, member: RecordField, value: str) -> None:
+        kind, record = member.type, member.record
+        if kind.shape is Shape.SINGLE:
+            if record is not None:
+                self.message(record, self.assign(value))
+            elif kind.is_text:
+                self._text(kind, self.assign(value))
+            else:
+                self.add(Item.of(kind.base), _checked(kind, value))
+            return
+        if kind.shape is Shape.ARRAY and kind.is_bytes:
+            self.add(Item(f"{kind.size}s", kind.size, 1), _checked(kind, value))
+            return
+        value = self.assign(value)
+        python = "bytes" if kind.is_bytes else "tuple"
+        wrong = {Shape.ARRAY: "!=", Shape.BOUNDED: ">"}.get(kind.shape)
+        size = f" or len({value}) {wrong} {kind.size}" if wrong else ""
+        self.emit(f"if type({value}) is not {python}{size}: raise UnwritableError")
+        if kind.shape is not Shape.ARRAY:
+            self.add(Item("I", 4, 4), f"len({value})")
+        self.flush()
+        if record is not None:
+            self._messages(kind, record, value)
+        elif kind.is_text:
+            self._texts(kind, value)
+        elif kind.is_bytes:
+            self._chunk(value)
+            self._at = At()
+        else:
+            self._numbers(kind, value)
+
+    def _text(self, kind: FieldType, value: str) -> None:
+        if kind.bound:
+            self.emit(f"if len({value}) > {kind.bound}: raise UnwritableError")
+        if kind.base == "wstring":
+            raw = self.assign(f'{value}.encode("utf-16-le")')
+            self.add(Item("I", 4, 4), f"len({raw}) // 2")
+            self.flush()
+            self._chunk(self.assign(f"widen({raw})"))
+            self._at = At(4, 0)
+        else:
+            raw = self.assign(f'({value} + "\\0").encode()')
+            self.add(Item("I", 4, 4), f"len({raw})")
+            self.flush()
+            self._chunk(raw)
+            self._at = At()
+
+    def _texts(self, kind: FieldType, value: str) -> None:
+        wide = kind.base == "wstring"
+        writer = "write_wide_texts" if wide else "write_texts"
+        self._chunk(self.assign(f"{writer}({value}, {self._here()}, {kind.bound})"))
+        self._at = At(4, 0) if wide else At()
+
+    def _numbers(self, kind: FieldType, value: str) -> None:
+        code, size, _ = PRIMITIVES[kind.base]
+        if kind.base == "bool":
+            self._row(kind, value, f"bytes(map(zero_one, {value}))", 1, 1)
+        elif kind.shape is Shape.ARRAY:
+            packs = self.named(Struct(f"<{kind.size}{code}").pack)
+            self._row(kind, value, f"{packs}(*{value})", size, size)
+        else:
+            self._row(kind, value, f'pack(f"<{{len({value})}}{code}", *{value})', size, size)
+
+    def _messages(self, kind: FieldType, record: RecordType, value: str) -> None:
+        items = fixed_items(record)
+        if items is not None:
+            codes, size = padded(items, HEADER)
+            packs = self.named(Struct(f"<{codes}").pack)
+            one = self.new()
+            row = f'b"".join([{packs}({", ".join(_values(record, one))}) for {one} in {value}])'
+            self._row(kind, value, row, size, max(item.align for item in items))
+            return
+        self.put()
+        one, end = self.new(), self.assign(self.offset)
+        self.emit(f"for {one} in {value}: {end} = {self._function(record)}({one}, {end}, put)")
+        self._offset, self._at = [end], At()
+
+    def _row(self, kind: FieldType, value: str, row: str, size: int, align: int) -> None:
+        """Write values of a size, with the padding before them."""
+        padding = self._at.padding(align)
+        if padding is None:
+            row = f"bytes(4 - {self._bracketed()} & {align - 1}) + {row}"
+        elif padding:
+            row = f"bytes({padding}) + {row}"
+        aligned = At(align, HEADER % align) if padding is None else self._at.after(padding)
+        if kind.shape is Shape.ARRAY:
+            at = aligned.after(size * kind.size)
+        else:
+            at = aligned.either(aligned.after(size))
+            if padding != 0:  # an empty sequence has no padding
+                row = f'{row} if {value} else b""'
+                at = self._at.either(at)
+        self._chunk(self.assign(row))
+        self._at = at
+
+    def _function(self, record: RecordType) -> str:
+        """Return the name of the function that writes such a message anywhere."""
+        if record not in self._functions:
+            name = self._functions[record] = f"write_{len(self._functions)}"
+            code = _EncodingFunction(self._names, self._functions, ["at"], At())
+            code.message(record, "m")
+            code.flush()
+            code.put()
+            lines = [f"def {name}(m, at, put):", *(f" {line}" for line in code.lines)]
+            exec("\n".join([*lines, f" return {code.offset}"]), self._names)
+        return self._functions[record]
+
+    def _chunk(self, variable: str) -> None:
+        self.chunks.append(variable)
+        self._offset.append(f"len({variable})")
+
+    def _here(self) -> str:
+        """Return the offset that is reached, in a variable or as a number."""
+        if len(self._offset) > 1:
+            self._offset = [self.assign(self.offset)]
+        return self.offset
+
+    def _bracketed(self) -> str:
+        return f"({self._here()})"
+
+
+def _checked(kind: FieldType, value: str) -> str:
+    """Return the expression of a value, checked where struct would take what is wrong."""
+    if kind.is_bytes:
+        return f"exact({value}, {kind.size})"
+    return f"zero_one({value})" if kind.base == "bool" else value
+
+
+def _values(record: RecordType, variable: str) -> list[str]:
+    """Return the expressions of all values of a message of fixed size."""
+    found: list[str] = []
+    for member in record.members:
+        value = f"{variable}.{member.name}"
+        if member.record is not None:
+            found += _values(member.record, value)
+        else:
+            found.append(_checked(member.type, value))
+    return found
+
+
+_MOST_PADDING = 3  # that a sender may leave behind a message
+
+
+def compile_decoder(
+    record: RecordType,
+    order: str,
+    otherwise: Callable[[bytes], Any],
+    explain: Callable[[bytes], Any],
+) -> Callable[[bytes], Any]:
+    """Return the function that decodes a message, header included, in a byte order of struct's.
+
+    ``otherwise`` decodes data whose header is another one; ``explain`` returns the error to raise
+    for data that is no message.
+    """
+    names: dict[str, Any] = {
+        "unpack_from": unpack_from,
+        "length": Struct(f"{order}I").unpack_from,
+        "otherwise": otherwise,
+        "explain": explain,
+        "Failed": (error, IndexError, UnicodeError, primitives.UnreadableError),
+        "UnreadableError": primitives.UnreadableError,
+        "truth": primitives.FALSE_TRUE,
+        "read_texts": primitives.read_texts,
+        "read_wide_texts": primitives.read_wide_texts,
+        "narrow": primitives.narrow,
+    }
+    functions: dict[RecordType, str] = {}
+    code = _DecodingFunction(names, functions, order, "", 0, At(8, 0))
+    header = code.add(Item("H2x", HEADER, 1))
+    message = code.message(record)
+    code.flush()
+    known = 256 if order == "<" else 0
+    lines = [
+        "def decode(data):",
+        " if type(data) is not bytes: data = bytes(memoryview(data))",
+        " try:",
+        "  size = len(data)",
+        f"  {code.lines[0]}",
+        f"  if {header} != {known}: return otherwise(data)",
+        *(f"  {line}" for line in code.lines[1:]),
+        f"  if size - ({code.offset}) > {_MOST_PADDING}: raise UnreadableError",
+        f"  return {message}",
+        " except Failed: pass",
+        " raise explain(data)",
+    ]
+    exec("\n".join(lines), names)
+    decode: Callable[[bytes], Any] = names["decode"]
+    return decode
+
+
+class _DecodingFunction(GeneratedFunction):
+    """The lines of one function: of the message, or of one that stands in a sequence."""
+
+    def __init__(
+        self,
+        names: dict[str, Any],
+        functions: dict[RecordType, str],
+        order: str,
+        base: str,
+        distance: int,
+        at: At,
+    ) -> None:
+        super().__init__(names)
+        self._functions = functions  # those made for messages in sequences
+        self._order = order
+        self._base = base  # the variable with the last offset worked out
+        self._distance = distance  # from there
+        self._at = at
+        self._batch: list[Item] = []
+        self._targets: list[str] = []
+
+    @property
+    def offset(self) -> str:
+        """The expression for the offset that is reached."""
+        if not self._base:
+            return str(self._distance)
+        return f"{self._base} + {self._distance}" if self._distance else self._base
+
+    def add(self, item: Item) -> str:
+        """Let a value follow; return the variable that will hold it."""
+        target = self.new()
+        self._batch.append(item)
+        self._targets.append(target)
+        return target
+
+    def flush(self) -> None:
+        """Read what was added."""
+        if not self._batch:
+            return
+        found, end = formats(self._batch, self._at)
+        structs = [Struct(self._order + codes) for codes, _ in found]
+        targets = "".join(f"{target}, " for target in self._targets)
+        if len(structs) == 1:
+            call = f"{self.named(structs[0].unpack_from)}(data, {self.offset})"
+            self.emit(f"{targets}= {call}" if targets else call)
+            self._distance += structs[0].size
+        else:
+            layout = self.assign(f"{self.named(structs)}[{self.offset} & 7]")
+            call = f"{layout}.unpack_from(data, {self.offset})"
+            self.emit(f"{targets}= {call}" if targets else call)
+            self._reach(self.assign(f"{self.offset} + {layout}.size"))
+        self._at, self._batch, self._targets = end, [], []
+
+    def message(self, record: RecordType) -> str:
+        """Read a message; return the expression that builds it."""
+        values = [self._member(member) for member in record.members]
+        if not values:
+            self._batch.append(Item("x", 1, 1))
+        return f"{self.named(record.cls)}({', '.join(values)})"
+
+    def _member(self, member: RecordField) -> str:
+        kind, record = member.type, member.record
+        if kind.shape is Shape.SINGLE:
+            if record is not None:
+                return self.message(record)
+            if kind.is_text:
+                return self._text(kind)
+            value = self.add(Item.of(kind.base))
+            return f"truth({value})" if kind.base == "bool" else value
+        if kind.shape is Shape.ARRAY:
+            if kind.is_bytes:
+                return self.add(Item(f"{kind.size}s", kind.size, 1))
+            self.flush()
+            count = str(kind.size)
+        else:
+            count = self.add(Item("I", 4, 4))
+            self.flush()
+            if kind.size:
+                self.emit(f"if {count} > {kind.size}: raise UnreadableError")
+        if record is not None:
+            return self._messages(record, count)
+        if kind.is_text:
+            return self._texts(kind, count)
+        return self._numbers(kind, count)
+
+    def _text(self, kind: FieldType) -> str:
+        count = self.add(Item("I", 4, 4))
+        self.flush()
+        start = self.offset
+        if kind.base == "wstring":
+            value = self.assign(f"narrow(data, {start}, {count}, {self._order!r})")
+            self._reach(self.assign(f"{start} + 4 * {count}"))
+            self._at = At(4, 0)
+        else:
+            end = self.assign(f"{start} + {count}")
+            self.emit(f"if data[{end} - 1]: raise UnreadableError")
+            self._reach(end)
+            self._at = At()
+            value = f"data[{start}:{end} - 1].decode()"
+        if kind.bound:
+            value = self.assign(value)
+            self.emit(f"if len({value}) > {kind.bound}: raise UnreadableError")
+        return value
+
+    def _texts(self, kind: FieldType, count: str) -> str:
+        wide = kind.base == "wstring"
+        reader, how = ("read_wide_texts", repr(self._order)) if wide else ("read_texts", "length")
+        value, end = self.new(), self.new()
+        call = f"{reader}(data, {self.offset}, {count}, {kind.bound}, {how})"
+        self.emit(f"{value}, {end} = {call}")
+        self._reach(end)
+        self._at = At(4, 0) if wide else At()
+        return value
+
+    def _numbers(self, kind: FieldType, count: str) -> str:
+        code, size, _ = PRIMITIVES[kind.base]
+        start, end = self._row(count, size, size)
+        if kind.is_bytes:
+            return f"data[{start}:{end}]"
+        if kind.base == "bool":
+            return self.assign(f"tuple(map(truth, data[{start}:{end}]))")
+        if count.isdigit():
+            reader = self.named(Struct(f"{self._order}{count}{code}").unpack_from)
+            return self.assign(f"{reader}(data, {start})")
+        return self.assign(f'unpack_from(f"{self._order}{{{count}}}{code}", data, {start})')
+
+    def _messages(self, record: RecordType, count: str) -> str:
+        items = fixed_items(record)
+        if items is not None:
+            codes, size = padded(items, HEADER)
+            start, end = self._row(count, size, max(item.align for item in items))
+            inner = _DecodingFunction(
+                self._names, self._functions, self._order, "", HEADER, At(8, HEADER)
+            )
+            inner.count = self.count
+            value = inner.message(record)
+            targets = "".join(f"{target}, " for target in inner._targets) or "_"
+            row = self.named(Struct(self._order + codes).iter_unpack)
+            return self.assign(f"tuple([{value} for {targets} in {row}(data[{start}:{end}])])")
+        one, found, end = self.new(), self.assign("[]"), self.assign(self.offset)
+        self.emit(f"for _ in range({count}):")
+        self.emit(f" {one}, {end} = {self._function(record)}(data, {end}, size)")
+        self.emit(f" {found}.append({one})")
+        self._reach(end)
+        self._at = At()
+        return f"tuple({found})"
+
+    def _row(self, count: str, size: int, align: int) -> tuple[str, str]:
+        """Make sure that so many of a size are there; return where they start and end."""
+        padding = self._at.padding(align)
+        if padding == 0 or count.isdigit():
+            start = self.offset
+            if padding is None:
+                start = self.assign(f"{start} + (4 - ({start}) & {align - 1})")
+            elif padding:
+                start = self.assign(f"{start} + {padding}")
+            after = At(align, HEADER % align) if padding is None else self._at.after(padding)
+            self._at = after.after(size * int(count)) if count.isdigit() else _rows(after, size)
+        else:  # an empty sequence has no padding
+            missing = f"(4 - ({self.offset}) & {align - 1})" if padding is None else str(padding)
+            start = self.assign(f"{self.offset} + ({missing} if {count} else 0)")
+            self._at = self._at.either(_rows(At(align, HEADER % align), size))
+        end = self.assign(f"{start} + {count} * {size}")
+        self.emit(f"if {end} > size: raise UnreadableError")
+        self._reach(end)
+        return start, end
+
+    def _function(self, record: RecordType) -> str:
+        """Return the name of the function that reads such a message anywhere."""
+        if record not in self._functions:
+            name = self._functions[record] = f"read_{len(self._functions)}"
+            code = _DecodingFunction(self._names, self._functions, self._order, "at", 0, At())
+            message = code.message(record)
+            code.flush()
+            lines = [f"def {name}(data, at, size):", *(f" {line}" for line in code.lines)]
+            exec("\n".join([*lines, f" return {message}, {code.offset}"]), self._names)
+        return self._functions[record]
+
+    def _reach(self, variable: str) -> None:
+        self._base, self._distance = variable, 0
+
+
+def _rows(at: At, size: int) -> At:
+    """Return what is known behind any number of that size."""
+    return at.either(at.after(size))

@@ -1,1 +1,0 @@
-"""What to run and how: arrangement files and clfsm's dispatch tables."""

@@ -1,1 +1,0 @@
-"""``llfsm whiteboard``: whiteboards and their slots; one whiteboard on several hosts."""
