@@ -1,24 +1,17 @@
 """The interface of all whiteboards, wherever their messages are.
 
 A board binds slots; code that uses a slot often keeps the bound slot.
-
-Tables as notebooks show them.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from html import escape
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, Self
-
-import msgspec
 
 from llfsm.whiteboard.errors import MessageTypeError
 from llfsm.whiteboard.message import M, type_from_schema
-from llfsm.whiteboard.own_slots import is_own
-from llfsm.whiteboard.poller import BoardPoller, is_data
-from llfsm.whiteboard.schema import Schema, to_plain
+from llfsm.whiteboard.schema import Schema
 from llfsm.whiteboard.slots import Sample, Slot
 
 if TYPE_CHECKING:
@@ -284,6 +277,8 @@ class Board(ABC):
 
     def _repr_html_(self) -> str:
         """Return the slots with their latest messages, as a notebook shows the board."""
+        from llfsm.whiteboard.poller import board_html  # here, as few boards are in one
+
         return board_html(self)
 
     @abstractmethod
@@ -343,32 +338,3 @@ class Board(ABC):
     @abstractmethod
     def remove(self) -> None:
         """Remove the board for all processes; where it is open, ``alive`` becomes False."""
-
-
-_LONGEST = 200  # characters of a message
-
-
-def html_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return an HTML table; every cell is text, whatever it contains."""
-    lines = ["<table>", _row("th", head), *(_row("td", row) for row in rows), "</table>"]
-    return "\n".join(lines)
-
-
-def board_html(board: Board) -> str:
-    """Return the slots of a board but llfsm's own, with the latest message of each."""
-    return html_table(("slot", "type", "messages", "latest"), _slots(board))
-
-
-def _slots(board: Board) -> Iterator[Sequence[object]]:
-    poller = BoardPoller(board, wants=lambda name: is_data(name) and not is_own(name))
-    poller.poll()
-    for slot in poller.slots.values():
-        text = slot.problem
-        if slot.sample is not None:
-            text = msgspec.json.encode(to_plain(slot.sample.message)).decode(errors="replace")
-        shown = text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
-        yield slot.name, slot.info.type_name, slot.count, shown
-
-
-def _row(kind: str, cells: Iterable[object]) -> str:
-    return f"<tr>{''.join(f'<{kind}>{escape(str(cell))}</{kind}>' for cell in cells)}</tr>"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+from collections.abc import Iterable, Sequence
 from functools import cache
+from html import escape
 from pkgutil import iter_modules
 
 import msgspec
@@ -97,3 +99,13 @@ def _shipped(name: str) -> type[Message]:
         near = did_you_mean(attribute, types)
         raise MessageTypeError(f"no message type {name!r}: {package} has no {attribute!r}{near}")
     return types[attribute]
+
+
+def html_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return an HTML table; every cell is text, whatever it contains."""
+    lines = ["<table>", _row("th", head), *(_row("td", row) for row in rows), "</table>"]
+    return "\n".join(lines)
+
+
+def _row(kind: str, cells: Iterable[object]) -> str:
+    return f"<tr>{''.join(f'<{kind}>{escape(str(cell))}</{kind}>' for cell in cells)}</tr>"

@@ -7,12 +7,15 @@ with its problem, and does not affect the others.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from typing import Any
+
+import msgspec
 
 from llfsm.whiteboard.board import Board, BoundSlot, SlotInfo
 from llfsm.whiteboard.errors import BoardClosedError, MessageTypeError, WhiteboardError
 from llfsm.whiteboard.message import Message, type_from_schema
+from llfsm.whiteboard.message_text import html_table
 from llfsm.whiteboard.messages.llfsm import (
     COMMANDERS,
     DEFINITIONS,
@@ -25,7 +28,8 @@ from llfsm.whiteboard.messages.llfsm import (
     MachineRequest,
     MachineStatus,
 )
-from llfsm.whiteboard.schema import describe
+from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.schema import describe, to_plain
 from llfsm.whiteboard.slots import Sample, Slot
 
 _OURS: dict[str, type[Message]] = {
@@ -154,3 +158,22 @@ def class_of(info: SlotInfo) -> type[Message]:
         if info.name.startswith(prefix) and info.schema == _SCHEMAS[prefix]:
             return cls
     return type_from_schema(info.schema)
+
+
+_LONGEST = 200  # characters of a message
+
+
+def board_html(board: Board) -> str:
+    """Return the slots of a board but llfsm's own, with the latest message of each."""
+    return html_table(("slot", "type", "messages", "latest"), _slots(board))
+
+
+def _slots(board: Board) -> Iterator[Sequence[object]]:
+    poller = BoardPoller(board, wants=lambda name: is_data(name) and not is_own(name))
+    poller.poll()
+    for slot in poller.slots.values():
+        text = slot.problem
+        if slot.sample is not None:
+            text = msgspec.json.encode(to_plain(slot.sample.message)).decode(errors="replace")
+        shown = text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+        yield slot.name, slot.info.type_name, slot.count, shown

@@ -294,7 +294,7 @@ class Control:
 
     def _repr_html_(self) -> str:
         """Return the machines with their states, as a notebook shows the arrangement."""
-        from llfsm.whiteboard.board import html_table  # here, as few arrangements are in one
+        from llfsm.whiteboard.message_text import html_table  # here, as few arrangements are in one
 
         rows = [
             (

@@ -161,7 +161,7 @@ class Table:
 
     def _repr_html_(self) -> str:
         """Return the transitions in the order in which they are looked at, for a notebook."""
-        from llfsm.whiteboard.board import html_table  # here, as few tables are in one
+        from llfsm.whiteboard.message_text import html_table  # here, as few tables are in one
 
         rows = [
             (state.name, each.label, each.target.name)
