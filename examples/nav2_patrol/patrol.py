@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import cos, sin
 from pathlib import Path
 
-from llfsm.bridges.ros2.bridging import service_slots as action_slots
+from llfsm.bridges.ros2.bridging import action_slots
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime import Actuator, Machine, Sensor, State
 from llfsm.runtime.goals import CancelGoal, GoalStanding

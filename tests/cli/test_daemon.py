@@ -19,10 +19,9 @@ import pytest
 from click.testing import CliRunner
 
 import llfsm.whiteboard.mirror.daemon as mirror_daemon
-from llfsm.cli import whiteboard as daemon
 from llfsm.cli.options import BoardPlace
 from llfsm.cli.root import main
-from llfsm.cli.whiteboard import read_status
+from llfsm.cli.whiteboard import daemon, read_status
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.llfsm import (
     MIRROR,

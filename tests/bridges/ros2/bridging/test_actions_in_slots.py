@@ -12,8 +12,8 @@ import msgspec
 import pytest
 
 from llfsm.bridges.ros2.actions import ActionClient
+from llfsm.bridges.ros2.bridging import action_slots
 from llfsm.bridges.ros2.bridging import bridge as bridge_module
-from llfsm.bridges.ros2.bridging import service_slots as action_slots
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
