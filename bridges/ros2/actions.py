@@ -21,10 +21,11 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import Any
 
-from llfsm.bridges.ros2.calls import Put, through
+from llfsm.bridges.ros2.calls import through
 from llfsm.bridges.ros2.errors import AlreadyAnsweredError
 from llfsm.bridges.ros2.node_time import from_ns, to_ns
 from llfsm.bridges.ros2.qos import TOPIC, DurabilityPolicy, Qos
+from llfsm.bridges.ros2.threads import Put
 from llfsm.bridges.ros2.transport import Node, SerializedMessage, ServiceRequest
 from llfsm.bridges.ros2.types import RosAction, TypeLibrary
 from llfsm.runtime.goals import GoalStatus

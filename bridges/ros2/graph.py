@@ -93,6 +93,11 @@ def _check_full(full: str, given: str, what: str) -> None:
         raise RosNameError(f"{given!r} is too long: {len(full)} of {_LONGEST_NAME} characters")
 
 
+def logger_name(node: str) -> str:
+    """Return the name of a node's logger, as rcl makes it of the node's full name."""
+    return node.strip("/").replace("/", ".")
+
+
 class Role(Enum):
     """The role of an endpoint; the value is its name in messages."""
 

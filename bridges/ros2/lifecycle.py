@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable
 from enum import Enum, IntEnum
 from typing import Any, NamedTuple
 
-from llfsm.bridges.ros2.calls import Put, through
+from llfsm.bridges.ros2.calls import through
+from llfsm.bridges.ros2.threads import Put
 from llfsm.bridges.ros2.transport import Node, ServiceRequest
 from llfsm.bridges.ros2.types import TypeLibrary
 

@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING
 
 from llfsm.bridges.ros2.defaults import TRANSPORTS, choose_transport
 from llfsm.bridges.ros2.errors import RouterError, TransportUnavailableError
-from llfsm.bridges.ros2.notices import log_notice
-from llfsm.bridges.ros2.transport import Notice, Transport
+from llfsm.bridges.ros2.transport import Notice, Transport, log_notice
 from llfsm.whiteboard.mirror.settings import PORT, endpoint_problem
 
 if TYPE_CHECKING:
@@ -131,7 +130,7 @@ def open_router(listen: Sequence[str]) -> zenoh.Session:
     for problem in filter(None, map(endpoint_problem, listen)):
         raise RouterError(f"no router: {problem}")
     with explaining_missing():
-        from llfsm.bridges.ros2.zenoh_transport.session import open_with
+        from llfsm.bridges.ros2.zenoh_transport.transport import open_with
     settings = {
         "mode": "router",
         "listen/endpoints": list(listen),

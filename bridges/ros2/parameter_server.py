@@ -9,10 +9,11 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from llfsm.bridges.ros2.calls import Put, through
+from llfsm.bridges.ros2.calls import through
 from llfsm.bridges.ros2.node_parameters import NodeParameters, ParameterType, Value, type_of
 from llfsm.bridges.ros2.node_time import from_ns
 from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.threads import Put
 from llfsm.bridges.ros2.transport import Node, ServiceRequest
 from llfsm.bridges.ros2.types import RosService, TypeLibrary
 from llfsm.whiteboard import Message

@@ -25,9 +25,8 @@ from typing import NamedTuple
 
 from llfsm.bridges.ros2.defaults import ROS_ARGUMENTS
 from llfsm.bridges.ros2.errors import RosArgumentError, RosNameError
-from llfsm.bridges.ros2.graph import Names
+from llfsm.bridges.ros2.graph import Names, logger_name
 from llfsm.bridges.ros2.node_parameters import ANY_NODE, Value, fits, read_parameters, read_value
-from llfsm.bridges.ros2.rosout import logger_name
 
 _END = "--"  # of ROS's own
 _LONG = {"-r": "--remap", "-p": "--param", "-e": "--enclave"}

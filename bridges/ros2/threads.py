@@ -15,6 +15,7 @@ import itertools
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -38,6 +39,35 @@ def join_at_exit(thread: Thread) -> None:
 
 
 _LOG = logging.getLogger("llfsm.bridges.ros2")
+
+Put = Callable[[Callable[[], object]], None]
+"""Queues an action for the thread that owns the state it changes."""
+
+
+class CallQueue:
+    """Hands actions from any thread to one thread, in the order of their arrival.
+
+    The state that they change needs no lock, and changes only when its thread is ready. An error of
+    an action is logged, and the next action runs.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[Callable[[], object]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def put(self, do: Callable[[], object]) -> None:
+        """Queue an action for the next :meth:`run_pending`."""
+        self._waiting.append(do)
+
+    def run_pending(self) -> None:
+        """Run all actions queued so far; actions queued meanwhile wait for the next call."""
+        for _ in range(len(self._waiting)):
+            try:
+                self._waiting.popleft()()
+            except Exception:
+                _LOG.exception("a queued action failed")
 
 
 class TimerThread:

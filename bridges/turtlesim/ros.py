@@ -13,12 +13,13 @@ from itertools import count
 from typing import Any
 
 from llfsm.bridges.ros2.actions import ActionServer, ServerGoal
-from llfsm.bridges.ros2.calls import CallQueue, Put, through
+from llfsm.bridges.ros2.calls import through
 from llfsm.bridges.ros2.node_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, NodeTime, from_ns
 from llfsm.bridges.ros2.parameter_server import PARAMETER_EVENTS, PARAMETER_QOS
 from llfsm.bridges.ros2.qos import Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.bridges.ros2.standard_node import equip
+from llfsm.bridges.ros2.threads import CallQueue, Put
 from llfsm.bridges.ros2.transport import Node, SerializedMessage, ServiceRequest, Transport
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.turtlesim.parameters import Parameters

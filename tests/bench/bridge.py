@@ -29,9 +29,9 @@ from table import HEAD, Row, Score
 
 from llfsm.bridges.ros2.opening import open_router
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.zenoh_transport.endpoint import pack
-from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
-from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
+from llfsm.bridges.ros2.zenoh_transport.endpoints import pack
+from llfsm.bridges.ros2.zenoh_transport.graph import data_key
+from llfsm.bridges.ros2.zenoh_transport.transport import open_node_session
 from llfsm.whiteboard import BoardNotFoundError, Slot, Whiteboard
 from llfsm.whiteboard.board_files import remove_board
 from llfsm.whiteboard.messages.geometry_msgs import Twist, Vector3

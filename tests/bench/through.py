@@ -31,9 +31,9 @@ from table import ADDED_MS, MEDIANS, Row
 
 from llfsm.bridges.ros2.opening import open_router
 from llfsm.bridges.ros2.types import TypeLibrary
-from llfsm.bridges.ros2.zenoh_transport.endpoint import pack
-from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
-from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
+from llfsm.bridges.ros2.zenoh_transport.endpoints import pack
+from llfsm.bridges.ros2.zenoh_transport.graph import data_key
+from llfsm.bridges.ros2.zenoh_transport.transport import open_node_session
 from llfsm.whiteboard import BoardNotFoundError
 from llfsm.whiteboard.board_files import remove_board
 

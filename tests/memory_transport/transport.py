@@ -8,10 +8,17 @@ from typing import Any
 from llfsm.bridges.ros2.defaults import check_domain
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
 from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
-from llfsm.bridges.ros2.notices import Notifier, log_notice
 from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import Node, Notice, SerializedMessage, ServiceRequest, Transport
+from llfsm.bridges.ros2.transport import (
+    Node,
+    Notice,
+    Notifier,
+    SerializedMessage,
+    ServiceRequest,
+    Transport,
+    log_notice,
+)
 from llfsm.bridges.ros2.types import RosMessage, RosService
 from llfsm.whiteboard.message import M
 

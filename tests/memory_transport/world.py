@@ -8,9 +8,8 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 from llfsm.bridges.ros2.graph import Endpoint, Graph
-from llfsm.bridges.ros2.notices import Notifier
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import NoticeKind
+from llfsm.bridges.ros2.transport import NoticeKind, Notifier
 
 __all__ = ["Member", "MemoryWorld", "Site"]
 

@@ -1,4 +1,6 @@
-"""A running bridge: the links of a plan between a board and a transport.
+"""A node's health on /diagnostics, once a second, as diagnostic_updater publishes it.
+
+A running bridge: the links of a plan between a board and a transport.
 
 The health of a bridge's links, and of the machines on its whiteboard.
 """
@@ -8,9 +10,11 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from enum import IntEnum
 from itertools import chain
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from llfsm.bridges.ros2.bridging.bridge_config import KeyPath
 from llfsm.bridges.ros2.bridging.bridge_plan import (
@@ -34,21 +38,84 @@ from llfsm.bridges.ros2.bridging.relays import (
 from llfsm.bridges.ros2.bridging.slot_action import ActionPlace, SlotActionClient, SlotActionServer
 from llfsm.bridges.ros2.bridging.slot_service import SlotClient, SlotServer
 from llfsm.bridges.ros2.bridging.turtle_position import NODE, SERVICE, PositionServer
-from llfsm.bridges.ros2.diagnostics import Diagnostics, Health, HealthLevel
-from llfsm.bridges.ros2.errors import TransportUnavailableError
+from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
 from llfsm.bridges.ros2.graph import Names
 from llfsm.bridges.ros2.node_parameters import NodeParameters
-from llfsm.bridges.ros2.node_time import NodeTime
-from llfsm.bridges.ros2.notices import log_notice
-from llfsm.bridges.ros2.qos import DurabilityPolicy, overridden
+from llfsm.bridges.ros2.node_time import NodeTime, from_ns
+from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos, overridden
 from llfsm.bridges.ros2.standard_node import Equipment, equip
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import Node, Notice, Transport
+from llfsm.bridges.ros2.transport import Node, Notice, Transport, log_notice
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime.presence.remote import Directory, RemoteMachine
 from llfsm.whiteboard import Board, BoundSlot, WhiteboardError
 from llfsm.whiteboard.liveness import writer_lives
+from llfsm.whiteboard.messages.std_msgs import Header
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
+
+_PERIOD_S = 1.0
+
+
+class HealthLevel(IntEnum):
+    """How well something is, numbered as in diagnostic_msgs/msg/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+class Health(NamedTuple):
+    """The health of one part of a node."""
+
+    name: str
+    level: HealthLevel
+    message: str
+    values: dict[str, str]
+
+
+class Diagnostics:
+    """Publishes what ``report`` returns, on the timer's thread, until the node is closed."""
+
+    def __init__(
+        self,
+        node: Node,
+        types: TypeLibrary,
+        report: Callable[[], Iterable[Health]],
+        timer: TimerThread,
+        now_ns: Callable[[], int],
+    ) -> None:
+        """``now_ns`` returns the node's time, for stamps."""
+        array = types.message("diagnostic_msgs/msg/DiagnosticArray")
+        self._array = array.message
+        self._status = types.message("diagnostic_msgs/msg/DiagnosticStatus").message
+        self._value = types.message("diagnostic_msgs/msg/KeyValue").message
+        self._publisher = node.publisher("/diagnostics", array, Qos(depth=1))
+        self._prefix = node.name.lstrip("/")
+        self._report = report
+        self._timer = timer
+        self._now_ns = now_ns
+        self._later()
+
+    def _later(self) -> None:
+        self._timer.call_later(_PERIOD_S, self._publish)
+
+    def _publish(self) -> None:
+        if self._publisher.closed:
+            return
+        self._later()  # first: a report that fails is logged, and the next is published
+        statuses = tuple(
+            self._status(
+                level=int(each.level),
+                name=f"{self._prefix}: {each.name}",
+                message=each.message,
+                values=tuple(self._value(*pair) for pair in each.values.items()),
+            )
+            for each in self._report()
+        )
+        with suppress(TransportClosedError):
+            self._publisher.publish(self._array(Header(stamp=from_ns(self._now_ns())), statuses))
+
 
 _OF_CONDITION = {
     "running": HealthLevel.OK,

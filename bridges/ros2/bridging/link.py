@@ -9,8 +9,14 @@ from typing import Any
 
 from llfsm.bridges.ros2.actions import ActionClient
 from llfsm.bridges.ros2.errors import Ros2Error
-from llfsm.bridges.ros2.notices import Notifier
-from llfsm.bridges.ros2.transport import Client, Notice, NoticeKind, Publisher, TopicSubscription
+from llfsm.bridges.ros2.transport import (
+    Client,
+    Notice,
+    NoticeKind,
+    Notifier,
+    Publisher,
+    TopicSubscription,
+)
 from llfsm.whiteboard.errors import MessageTooLargeError, WhiteboardError
 
 

@@ -14,7 +14,6 @@ from typing import Any, TypeVar, cast
 from llfsm.bridges.ros2.defaults import ROS_ARGUMENTS
 from llfsm.bridges.ros2.errors import TransportUnavailableError
 from llfsm.bridges.ros2.graph import Endpoint, Graph, Names, Role
-from llfsm.bridges.ros2.notices import Notifier
 from llfsm.bridges.ros2.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -24,7 +23,7 @@ from llfsm.bridges.ros2.qos import (
 )
 from llfsm.bridges.ros2.rclpy_transport import api
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.transport import NoticeKind
+from llfsm.bridges.ros2.transport import NoticeKind, Notifier
 
 E = TypeVar("E", bound=IntEnum)
 

@@ -6,7 +6,6 @@ transform_buffer  all frames as a tree, and the transform between any two
 listener          reads the slots into a buffer
 """
 
-from llfsm.bridges.ros2.transforms.listener import TransformListener
-from llfsm.bridges.ros2.transforms.transform_buffer import TransformBuffer
+from llfsm.bridges.ros2.transforms.buffer import TransformBuffer, TransformListener
 
 __all__ = ["TransformBuffer", "TransformListener"]

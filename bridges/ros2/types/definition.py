@@ -4,15 +4,28 @@ Services and actions are definitions, too, as in ROS's own type descriptions: th
 parts (see :mod:`.interfaces`).
 
 Definitions as text: one that is known without its file, and several in one text.
+
+Definitions from the text of .msg, .srv and .action files.
+
+They are read as ROS 2's own tools do (``rosidl_adapter``, Jazzy): defaults, constants, bounds,
+arrays. rosbags' parser is not used: it loses defaults, and reads neither services nor wstring.
+
+The parts of services and actions, as in ROS's type descriptions (REP 2011).
+
+A service is a request, a response and, for introspection, an event. An action is a goal, a
+result and a feedback, two services and a message that carries the feedback.
 """
 
 from __future__ import annotations
 
 import keyword
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
+
+from llfsm.bridges.ros2.errors import DefinitionSyntaxError
 
 Value = bool | int | float | str | bytes | tuple["Value", ...]
 
@@ -194,3 +207,232 @@ def unbundled(name: str, text: str) -> dict[str, str]:
         package, _, base = title.strip().rpartition("/")
         found[f"{package.removesuffix('/msg')}/msg/{base}"] = body
     return found
+
+
+_Body = tuple[tuple[Field, ...], tuple[Constant, ...]]
+
+_GOAL_ID = Field("goal_id", FieldType("unique_identifier_msgs/msg/UUID"))
+
+
+def service_definitions(name: str, request: _Body, response: _Body) -> list[Definition]:
+    """Return a service's definitions: itself, its request, response and event."""
+    asked, answered, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
+    return [
+        Definition(asked, *request),
+        Definition(answered, *response),
+        Definition(
+            event,
+            (
+                Field("info", FieldType("service_msgs/msg/ServiceEventInfo")),
+                Field("request", FieldType(asked, Shape.BOUNDED, 1)),
+                Field("response", FieldType(answered, Shape.BOUNDED, 1)),
+            ),
+        ),
+        Definition(
+            name,
+            (
+                Field("request_message", FieldType(asked)),
+                Field("response_message", FieldType(answered)),
+                Field("event_message", FieldType(event)),
+            ),
+            kind="service",
+        ),
+    ]
+
+
+def action_definitions(name: str, goal: _Body, result: _Body, feedback: _Body) -> list[Definition]:
+    """Return an action's definitions: itself and all its parts, those of its services included."""
+    parts = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
+    goals, results, feedbacks, send_goal, get_result, message = (f"{name}_{p}" for p in parts)
+    accepted = (
+        Field("accepted", FieldType("bool")),
+        Field("stamp", FieldType("builtin_interfaces/msg/Time")),
+    )
+    ended = (Field("status", FieldType("int8")), Field("result", FieldType(results)))
+    return [
+        Definition(goals, *goal),
+        Definition(results, *result),
+        Definition(feedbacks, *feedback),
+        *service_definitions(
+            send_goal, ((_GOAL_ID, Field("goal", FieldType(goals))), ()), (accepted, ())
+        ),
+        *service_definitions(get_result, ((_GOAL_ID,), ()), (ended, ())),
+        Definition(message, (_GOAL_ID, Field("feedback", FieldType(feedbacks)))),
+        Definition(
+            name,
+            (
+                Field("goal", FieldType(goals)),
+                Field("result", FieldType(results)),
+                Field("feedback", FieldType(feedbacks)),
+                Field("send_goal_service", FieldType(send_goal)),
+                Field("get_result_service", FieldType(get_result)),
+                Field("feedback_message", FieldType(message)),
+            ),
+            kind="action",
+        ),
+    ]
+
+
+_LOWER = r"[a-z](?:_?[a-z0-9])*"
+_UPPER = r"[A-Z][A-Za-z0-9]*"
+TYPE_NAME = re.compile(rf"({_LOWER})/(msg|srv|action)/({_UPPER})((?:_{_UPPER})*)")
+
+_LINE = re.compile(r"(?P<type>\S+)\s+(?P<name>\w+)\s*(?P<equals>=?)\s*(?P<value>.*)")
+_QUOTED = r""""(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'"""
+_VALUE = re.compile(rf"(\[(?:{_QUOTED}|[^]\"'#])*\]|{_QUOTED}|[^#]*?)\s*(?:#.*)?")
+_ITEM = re.compile(rf"\s*({_QUOTED}|[^,\"']*?)\s*(?:,|$)")
+_TYPE = re.compile(
+    rf"(?:(?P<package>{_LOWER})/(?:msg/)?)?(?P<base>{_UPPER}|[a-z]+[0-9]*)"
+    r"(?:<=(?P<bound>[0-9]+))?(?P<array>\[(?P<most><=)?(?P<size>[0-9]*)\])?"
+)
+_FIELD_NAME = re.compile(_LOWER)
+_CONSTANT_NAME = re.compile(r"[A-Z](?:[A-Z0-9_]*[A-Z0-9])?")
+_BUILTIN = {"time": "Time", "duration": "Duration"}  # names from ROS 1 that ROS 2 still accepts
+_BOOLS = {"true": True, "1": True, "false": False, "0": False}
+
+
+def parse(text: str, name: str, where: str) -> dict[str, Definition]:
+    """Return the definitions in a file, by name.
+
+    A message is one; a service also has those of its request, response and event; an action those
+    of all its parts. ``where`` names the file in a :class:`.DefinitionSyntaxError`.
+    """
+    match = TYPE_NAME.fullmatch(name)
+    if match is None or match[4]:
+        raise DefinitionSyntaxError(f"{where}: {name!r} cannot name a definition")
+    package, kind, _, _ = match.groups()
+    parts = _split(text)
+    expected = {"msg": 1, "srv": 2, "action": 3}[kind]
+    if len(parts) != expected:
+        raise DefinitionSyntaxError(
+            f"{where}: a .{kind} has {expected} parts, with a line --- between them; "
+            f"this one has {len(parts)}"
+        )
+    bodies = [_body(lines, package, where) for lines in parts]
+    match kind:
+        case "msg":
+            made = [Definition(name, *bodies[0])]
+        case "srv":
+            made = service_definitions(name, *bodies)
+        case _:
+            made = action_definitions(name, *bodies)
+    return {definition.name: definition for definition in made}
+
+
+_Lines = list[tuple[int, str]]
+
+
+def _split(text: str) -> list[_Lines]:
+    """Split the numbered lines at those that are ``---``."""
+    parts: list[_Lines] = [[]]
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.strip() == "---":
+            parts.append([])
+        else:
+            parts[-1].append((number, line.strip()))
+    return parts
+
+
+def _body(
+    lines: _Lines, package: str, where: str
+) -> tuple[tuple[Field, ...], tuple[Constant, ...]]:
+    found: dict[str, Field | Constant] = {}
+    for number, line in lines:
+        if not line or line.startswith("#"):
+            continue
+        try:
+            item = _item(line, package)
+            if item.name in found:
+                raise ValueError(f"{item.name} is defined twice")
+        except ValueError as error:
+            raise DefinitionSyntaxError(f"{where}:{number}: {error}: {line}") from None
+        found[item.name] = item
+    found.pop(EMPTY_MEMBER, None)
+    return (
+        tuple(item for item in found.values() if isinstance(item, Field)),
+        tuple(item for item in found.values() if isinstance(item, Constant)),
+    )
+
+
+def _item(line: str, package: str) -> Field | Constant:
+    match = _LINE.fullmatch(line)
+    if match is None:
+        raise ValueError("neither a field (TYPE NAME [DEFAULT]) nor a constant (TYPE NAME=VALUE)")
+    kind, name = _type(match["type"], package), match["name"]
+    value = _VALUE.fullmatch(match["value"])
+    if value is None:
+        raise ValueError("brackets or quotes that do not end")
+    if match["equals"]:
+        if not _CONSTANT_NAME.fullmatch(name):
+            raise ValueError(f"{name!r} cannot name a constant: A-Z, 0-9 and single _")
+        if kind.nested or kind.shape is not Shape.SINGLE:
+            raise ValueError("a constant has a primitive type")
+        return Constant(name, _value(value[1], kind), kind.base)
+    if not _FIELD_NAME.fullmatch(name):
+        raise ValueError(f"{name!r} cannot name a field: a-z, 0-9 and single _ between them")
+    return Field(name, kind, _default(value[1], kind) if value[1] else None)
+
+
+def _type(text: str, package: str) -> FieldType:
+    match = _TYPE.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a type")
+    base, bound = match["base"], int(match["bound"] or 0)
+    if base in _BUILTIN:
+        base = f"builtin_interfaces/msg/{_BUILTIN[base]}"
+    elif base[0].isupper():
+        base = f"{match['package'] or package}/msg/{base}"
+    elif base not in PRIMITIVES or match["package"]:
+        raise ValueError(f"{text!r} is not a type; the primitive ones are {', '.join(PRIMITIVES)}")
+    if match["bound"] and (bound == 0 or base not in ("string", "wstring")):
+        raise ValueError("<= bounds a string's length, or a sequence's within the brackets")
+    if not match["array"]:
+        return FieldType(base, bound=bound)
+    if not match["size"]:
+        if match["most"]:
+            raise ValueError("a bound without a number")
+        return FieldType(base, Shape.SEQUENCE, bound=bound)
+    size = int(match["size"])
+    if not 1 <= size < 2**32:
+        raise ValueError("an array's size is 1 to 2**32 - 1")
+    return FieldType(base, Shape.BOUNDED if match["most"] else Shape.ARRAY, size, bound)
+
+
+def _default(text: str, kind: FieldType) -> Value:
+    if kind.nested:
+        raise ValueError("only fields of primitive types have defaults")
+    if kind.shape is Shape.SINGLE:
+        return _value(text, kind)
+    if not (text.startswith("[") and text.endswith("]")):
+        raise ValueError("an array's default is written in brackets")
+    inner, values, at = text[1:-1].strip(), [], 0
+    while at < len(inner):
+        match = _ITEM.match(inner, at)
+        if match is None or not match[1]:
+            raise ValueError("an array's default is values with commas between them")
+        values.append(_value(match[1], kind))
+        at = match.end()
+    if (kind.shape is Shape.ARRAY and len(values) != kind.size) or 0 < kind.size < len(values):
+        raise ValueError(f"{len(values)} values for an array of {kind.size}")
+    return bytes(values) if kind.is_bytes else tuple(values)  # type: ignore[arg-type]
+
+
+def _value(text: str, kind: FieldType) -> Value:
+    if kind.is_text:
+        if len(text) > 1 and text[0] == text[-1] and text[0] in "\"'":
+            text = text[1:-1].replace(f"\\{text[0]}", text[0])
+        if 0 < kind.bound < len(text):
+            raise ValueError(f"a text of more than {kind.bound} characters")
+        return text
+    try:
+        if kind.base == "bool":
+            return _BOOLS[text.lower()]
+        if kind.base in ("float32", "float64"):
+            return float(text)
+        value = int(text, 0)
+    except (KeyError, ValueError):
+        raise ValueError(f"{text!r} is not of type {kind.base}") from None
+    least, most = INTEGERS[kind.base]
+    if not least <= value <= most:
+        raise ValueError(f"{value} is not of type {kind.base}, whose range is {least} to {most}")
+    return value

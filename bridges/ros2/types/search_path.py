@@ -16,8 +16,7 @@ from types import MappingProxyType
 
 from llfsm.bridges.ros2.errors import DefinitionPathError, DefinitionSyntaxError, UnknownTypeError
 from llfsm.bridges.ros2.types import jazzy
-from llfsm.bridges.ros2.types.definition import Definition, definition_text
-from llfsm.bridges.ros2.types.parsing import TYPE_NAME, parse
+from llfsm.bridges.ros2.types.definition import TYPE_NAME, Definition, definition_text, parse
 
 _SHIPPED = Path(__file__).parents[1] / "definitions"
 

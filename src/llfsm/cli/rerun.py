@@ -24,7 +24,7 @@ from llfsm.bridges.recording.replay import BagRun, bag_script
 from llfsm.bridges.recording.rerun import COMPARISONS, Comparison, Rerun, whole_journals, why_not
 from llfsm.bridges.recording.reversing.client import Travelled, travelling
 from llfsm.bridges.recording.reversing.worker import Serve
-from llfsm.bridges.ros2.bridging.bridge_plan import used_slots
+from llfsm.bridges.ros2.bridging.machine_config import used_slots
 from llfsm.cli.bridge.configured import Configured
 from llfsm.cli.machine_names import with_called_bundles
 from llfsm.cli.options import given_option, recording_argument, topics_option, trust_option

@@ -10,8 +10,9 @@ from pathlib import Path
 import click
 
 from llfsm.bridges.ros2.errors import RosArgumentError
+from llfsm.bridges.ros2.graph import logger_name
 from llfsm.bridges.ros2.ros_arguments import RosArguments
-from llfsm.bridges.ros2.rosout import ConsoleFormat, logger_name
+from llfsm.bridges.ros2.standard_node import ConsoleFormat
 from llfsm.bridges.ros2.transport import Transport
 from llfsm.bridges.turtlesim.field import draw
 from llfsm.bridges.turtlesim.node import TurtlesimNode

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from llfsm.bridges.ros2.actions import ActionServer
-from llfsm.bridges.ros2.calls import CallQueue
 from llfsm.bridges.ros2.errors import AlreadyAnsweredError, CallFailedError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.node_time import from_ns, to_ns
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
+from llfsm.bridges.ros2.threads import CallQueue
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime import ManualClock
 from llfsm.runtime.goals import GoalStatus

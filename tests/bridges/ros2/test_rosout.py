@@ -8,7 +8,7 @@ import pytest
 
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import DurabilityPolicy, Qos
-from llfsm.bridges.ros2.rosout import Rosout
+from llfsm.bridges.ros2.standard_node import Rosout
 from memory_transport import MemoryTransport, MemoryWorld
 
 

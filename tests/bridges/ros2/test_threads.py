@@ -10,7 +10,7 @@ import pytest
 _SLOW = """
 import threading, time
 from llfsm.bridges.ros2.threads import TimerThread
-from llfsm.bridges.ros2.zenoh_transport.endpoint import receive
+from llfsm.bridges.ros2.zenoh_transport.endpoints import receive
 
 class Slow:
     '''An object whose release takes a while, outside Python, as that of Zenoh's objects may.'''

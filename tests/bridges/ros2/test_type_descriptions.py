@@ -9,8 +9,7 @@ import pytest
 
 from llfsm.bridges.ros2.standard_node import TypeDescriptionServer
 from llfsm.bridges.ros2.types import jazzy
-from llfsm.bridges.ros2.types.definition import definition_text
-from llfsm.bridges.ros2.types.parsing import parse
+from llfsm.bridges.ros2.types.definition import definition_text, parse
 from memory_transport import MemoryTransport, MemoryWorld
 from waiting import PATIENCE_S
 

@@ -21,7 +21,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import click
 
-from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan, machine_config
+from llfsm.bridges.ros2.bridging.bridge_plan import BridgePlan
+from llfsm.bridges.ros2.bridging.machine_config import machine_config
 from llfsm.bridges.ros2.bridging.managed_machines import ManagedMachines
 from llfsm.bridges.ros2.bridging.ros_environment import RosEnvironment
 from llfsm.bridges.ros2.node_parameters import NodeParameters

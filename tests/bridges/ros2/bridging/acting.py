@@ -8,7 +8,7 @@ from uuid import uuid4
 
 from llfsm.bridges.ros2.actions import ActionClient, ActionServer
 from llfsm.bridges.ros2.bridging import action_slots
-from llfsm.bridges.ros2.calls import CallQueue
+from llfsm.bridges.ros2.threads import CallQueue
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.runtime.goals import GoalStatus
 from waiting import PATIENCE_S, wait_for

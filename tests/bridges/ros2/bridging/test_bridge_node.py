@@ -11,11 +11,10 @@ from types import SimpleNamespace
 import pytest
 from msgspec.structs import replace
 
-from llfsm.bridges.ros2.bridging.bridge import Bridge, BridgeHealth
+from llfsm.bridges.ros2.bridging.bridge import Bridge, BridgeHealth, HealthLevel
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
 from llfsm.bridges.ros2.bridging.link import BridgeLink
-from llfsm.bridges.ros2.diagnostics import HealthLevel
 from llfsm.bridges.ros2.errors import ParameterOverrideError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.bridge_plan import plan_for
+from llfsm.bridges.ros2.bridging.machine_config import plan_for
 from llfsm.bridges.ros2.bridging.managed_machines import ManagedMachines
 from llfsm.bridges.ros2.bridging.ros_environment import RosEnvironment
 from llfsm.runtime import Actuator, Arrangement, LoadError, Machine, State

@@ -14,7 +14,7 @@ from llfsm.bridges.ros2.actions import ActionServer, ServerGoal
 from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig
 from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
-from llfsm.bridges.ros2.calls import CallQueue
+from llfsm.bridges.ros2.threads import CallQueue
 from llfsm.runtime import Arrangement, ManualClock
 from llfsm.runtime.engine.events import Reason
 from llfsm.runtime.goals import GoalStatus

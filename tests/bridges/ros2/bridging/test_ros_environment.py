@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from llfsm.bridges.ros2.bridging.bridge_config import BridgeConfig, RelayConfig
-from llfsm.bridges.ros2.bridging.bridge_plan import machine_config, make_plan, plan_for
+from llfsm.bridges.ros2.bridging.bridge_plan import make_plan
+from llfsm.bridges.ros2.bridging.machine_config import machine_config, plan_for
 from llfsm.bridges.ros2.bridging.ros_environment import RosEnvironment
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.machines.wall_turtle import RosWallTurttleBot

@@ -11,8 +11,8 @@ import pytest
 import zenoh
 
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.zenoh_transport.endpoint import pack
-from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
+from llfsm.bridges.ros2.zenoh_transport.endpoints import pack
+from llfsm.bridges.ros2.zenoh_transport.graph import data_key
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from llfsm.whiteboard import Slot
 from llfsm.whiteboard.messages.std_msgs import Int64, String

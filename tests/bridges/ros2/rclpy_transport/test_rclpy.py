@@ -17,13 +17,12 @@ from llfsm.bridges.ros2.errors import (
     TransportUnavailableError,
 )
 from llfsm.bridges.ros2.graph import Role
-from llfsm.bridges.ros2.notices import Notifier
 from llfsm.bridges.ros2.opening import open_transport
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.rclpy_transport.api import find_class, import_rclpy
 from llfsm.bridges.ros2.rclpy_transport.context import RclpyContext
 from llfsm.bridges.ros2.rclpy_transport.transport import RclpyTransport
-from llfsm.bridges.ros2.transport import NoticeKind
+from llfsm.bridges.ros2.transport import NoticeKind, Notifier
 from waiting import PATIENCE_S, wait_for
 
 

@@ -3,8 +3,7 @@
 import pytest
 
 from llfsm.bridges.ros2.errors import DefinitionSyntaxError
-from llfsm.bridges.ros2.types.definition import Constant, Field, FieldType, Shape
-from llfsm.bridges.ros2.types.parsing import parse
+from llfsm.bridges.ros2.types.definition import Constant, Field, FieldType, Shape, parse
 
 
 def fields(text: str) -> tuple[Field, ...]:

@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from llfsm.bridges.ros2.transport import MessageInfo
-from llfsm.bridges.ros2.zenoh_transport.endpoint import pack, unpack
+from llfsm.bridges.ros2.zenoh_transport.endpoints import pack, unpack
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
 

@@ -13,8 +13,8 @@ from forked import Forked
 from llfsm.bridges.ros2.errors import CdrError
 from llfsm.bridges.ros2.graph import Role
 from llfsm.bridges.ros2.transport import NoticeKind
-from llfsm.bridges.ros2.zenoh_transport.endpoint import pack
-from llfsm.bridges.ros2.zenoh_transport.tokens import data_key
+from llfsm.bridges.ros2.zenoh_transport.endpoints import pack
+from llfsm.bridges.ros2.zenoh_transport.graph import data_key
 from llfsm.bridges.ros2.zenoh_transport.transport import ZenohTransport
 from waiting import PATIENCE_S, wait_for
 

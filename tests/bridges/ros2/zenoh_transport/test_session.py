@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from llfsm.bridges.ros2.errors import TransportUnavailableError
-from llfsm.bridges.ros2.zenoh_transport.session import open_node_session, open_with
+from llfsm.bridges.ros2.zenoh_transport.transport import open_node_session, open_with
 
 
 @pytest.fixture(autouse=True)

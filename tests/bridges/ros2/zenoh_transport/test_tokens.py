@@ -13,8 +13,7 @@ from llfsm.bridges.ros2.qos import (
     Qos,
     ReliabilityPolicy,
 )
-from llfsm.bridges.ros2.zenoh_transport.session import open_node_session
-from llfsm.bridges.ros2.zenoh_transport.tokens import (
+from llfsm.bridges.ros2.zenoh_transport.graph import (
     Token,
     data_key,
     domain_tokens,
@@ -22,6 +21,7 @@ from llfsm.bridges.ros2.zenoh_transport.tokens import (
     node_token,
     parse,
 )
+from llfsm.bridges.ros2.zenoh_transport.transport import open_node_session
 
 HASH = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"
 TWIST = "geometry_msgs::msg::dds_::Twist_"
