@@ -1,16 +1,19 @@
-"""Compiles the function that decodes a message: Python source with its formats worked out.
+"""Compiles the functions that encode and decode a message: Python source, made for each type.
 
-Consecutive numbers become one struct, also across nested messages; where an offset is known only at
-run time, a table of eight, by its remainder. No variable is assigned twice, so that one expression
-at the end builds the values. The code has no error messages: :mod:`.diagnosis` reads what fails
-again.
+A walk over the fields for each message would ask again what the type has settled: which field
+comes next, its format, its padding. A compiled function holds only what depends on the message.
+Consecutive numbers become one struct, also across nested messages. Where an offset is known only at
+run time (see :mod:`.layout`) there are eight structs, chosen by its remainder modulo 8.
 
-The lines of a function that is compiled, the variables in them, and its globals.
-
-Compiles the function that encodes a message: the mirror of :mod:`.decoding`, little-endian.
-
-The bytes are a row of chunks, each an expression, joined at the end. What could be written without
-an error and be wrong is checked: sizes, bounds, bools, and that rows are tuples or bytes.
+* No variable is assigned twice, so a single expression at the end builds the decoded message, and a
+  value may be read long before it is used.
+* Messages in sequences are read and written by functions of their own, unless their layout is the
+  same wherever they start: then a whole row is unpacked at once.
+* Encoding makes a row of chunks, each an expression, that are joined at the end. It is
+  little-endian; data in the other order are decoded by a second function.
+* There are no error messages here. What could be written without an error and be wrong is checked
+  (sizes, bounds, bools, that rows are tuples or bytes), and :mod:`.diagnosis` walks through what
+  failed again.
 """
 
 from __future__ import annotations
@@ -19,8 +22,8 @@ from collections.abc import Callable
 from struct import Struct, error, pack, unpack_from
 from typing import Any
 
-from llfsm.bridges.ros2.types import layout as primitives
-from llfsm.bridges.ros2.types.definition import PRIMITIVES, FieldType, Shape
+from llfsm.bridges.ros2.types import primitives
+from llfsm.bridges.ros2.types.definition import FieldType, Shape
 from llfsm.bridges.ros2.types.layout import (
     HEADER,
     At,
@@ -31,10 +34,11 @@ from llfsm.bridges.ros2.types.layout import (
     formats,
     padded,
 )
+from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 
 
 class GeneratedFunction:
-    """Gives out names; no variable is assigned twice."""
+    """The lines of a function that is compiled, and its globals."""
 
     def __init__(self, names: dict[str, Any]) -> None:
         self.lines: list[str] = []
@@ -43,22 +47,22 @@ class GeneratedFunction:
         self._names = names  # the globals of the compiled code
 
     def new(self) -> str:
-        """Return the name of a new variable."""
+        """Name a new variable."""
         self.count += 1
         return f"v{self.count}"
 
     def assign(self, expression: str) -> str:
-        """Assign to a new variable, and return its name."""
+        """Assign an expression to a new variable, and return its name."""
         target = self.new()
         self.emit(f"{target} = {expression}")
         return target
 
     def emit(self, line: str) -> None:
-        """Let a line follow."""
+        """Append a line."""
         self.lines.append(line)
 
     def named(self, value: Any) -> str:
-        """Return the name of a new global with that value."""
+        """Name a new global with that value."""
         name = f"g{len(self._names)}"
         self._names[name] = value
         return name
@@ -67,9 +71,9 @@ class GeneratedFunction:
 def compile_encoder(
     record: RecordType, explain: Callable[[Any, Exception], Any]
 ) -> Callable[[Any], bytes]:
-    """Return the function that encodes a message, header included.
+    """Compile the function that encodes a message, header included.
 
-    ``explain`` returns the error to raise for a message, given the exception of its encoding.
+    ``explain`` makes the error to raise of a message and the exception of its encoding.
     """
     names: dict[str, Any] = {
         "pack": pack,
@@ -85,7 +89,7 @@ def compile_encoder(
         ),
         "UnwritableError": primitives.UnwritableError,
         "exact": primitives.exact,
-        "zero_one": primitives.ZERO_ONE,
+        **{f"write_{row.name}": row.write for row in PRIMITIVES.values() if row.write},
         "write_texts": primitives.write_texts,
         "write_wide_texts": primitives.write_wide_texts,
         "widen": primitives.widen,
@@ -131,16 +135,16 @@ class _EncodingFunction(GeneratedFunction):
 
     @property
     def offset(self) -> str:
-        """The expression for the offset that is reached."""
+        """The expression for the offset reached."""
         return " + ".join(self._offset) or "0"
 
     def add(self, item: Item, value: str) -> None:
-        """Let a value follow."""
+        """Write a value next."""
         self._batch.append(item)
         self._values.append(value)
 
     def flush(self) -> None:
-        """Write what was added."""
+        """Write the values added since the last time, as one struct."""
         if not self._batch:
             return
         found, end = formats(self._batch, self._at)
@@ -156,7 +160,7 @@ class _EncodingFunction(GeneratedFunction):
         self._at, self._batch, self._values = end, [], []
 
     def put(self) -> None:
-        """Let the chunks go to the list."""
+        """Append the chunks to the list."""
         self.puts = True
         self.lines += [f"put({chunk})" for chunk in self.chunks]
         self.chunks = []
@@ -222,9 +226,10 @@ class _EncodingFunction(GeneratedFunction):
         self._at = At(4, 0) if wide else At()
 
     def _numbers(self, kind: FieldType, value: str) -> None:
-        code, size, _ = PRIMITIVES[kind.base]
-        if kind.base == "bool":
-            self._row(kind, value, f"bytes(map(zero_one, {value}))", 1, 1)
+        row = PRIMITIVES[kind.base]
+        code, size = row.code, row.size
+        if row.write:  # to a byte each
+            self._row(kind, value, f"bytes(map(write_{row.name}, {value}))", 1, 1)
         elif kind.shape is Shape.ARRAY:
             packs = self.named(Struct(f"<{kind.size}{code}").pack)
             self._row(kind, value, f"{packs}(*{value})", size, size)
@@ -249,7 +254,7 @@ class _EncodingFunction(GeneratedFunction):
         """Write values of a size, with the padding before them."""
         padding = self._at.padding(align)
         if padding is None:
-            row = f"bytes(4 - {self._bracketed()} & {align - 1}) + {row}"
+            row = f"bytes(4 - ({self._here()}) & {align - 1}) + {row}"
         elif padding:
             row = f"bytes({padding}) + {row}"
         aligned = At(align, HEADER % align) if padding is None else self._at.after(padding)
@@ -264,7 +269,7 @@ class _EncodingFunction(GeneratedFunction):
         self._at = at
 
     def _function(self, record: RecordType) -> str:
-        """Return the name of the function that writes such a message anywhere."""
+        """Compile the function that writes such a message at any offset, once; return its name."""
         if record not in self._functions:
             name = self._functions[record] = f"write_{len(self._functions)}"
             code = _EncodingFunction(self._names, self._functions, ["at"], At())
@@ -280,24 +285,21 @@ class _EncodingFunction(GeneratedFunction):
         self._offset.append(f"len({variable})")
 
     def _here(self) -> str:
-        """Return the offset that is reached, in a variable or as a number."""
+        """Put the offset reached into a variable, unless it is a number already; return it."""
         if len(self._offset) > 1:
             self._offset = [self.assign(self.offset)]
         return self.offset
 
-    def _bracketed(self) -> str:
-        return f"({self._here()})"
-
 
 def _checked(kind: FieldType, value: str) -> str:
-    """Return the expression of a value, checked where struct would take what is wrong."""
+    """Check a value where struct would take what is wrong; return the expression."""
     if kind.is_bytes:
         return f"exact({value}, {kind.size})"
-    return f"zero_one({value})" if kind.base == "bool" else value
+    return f"write_{kind.base}({value})" if PRIMITIVES[kind.base].write else value
 
 
 def _values(record: RecordType, variable: str) -> list[str]:
-    """Return the expressions of all values of a message of fixed size."""
+    """List the expressions of all values of a message of fixed size."""
     found: list[str] = []
     for member in record.members:
         value = f"{variable}.{member.name}"
@@ -308,7 +310,7 @@ def _values(record: RecordType, variable: str) -> list[str]:
     return found
 
 
-_MOST_PADDING = 3  # that a sender may leave behind a message
+_MOST_PADDING = 3  # bytes that a sender may leave behind a message: Fast DDS sends multiples of 4
 
 
 def compile_decoder(
@@ -317,10 +319,10 @@ def compile_decoder(
     otherwise: Callable[[bytes], Any],
     explain: Callable[[bytes], Any],
 ) -> Callable[[bytes], Any]:
-    """Return the function that decodes a message, header included, in a byte order of struct's.
+    """Compile the function that decodes a message, header included, in struct's byte ``order``.
 
-    ``otherwise`` decodes data whose header is another one; ``explain`` returns the error to raise
-    for data that is no message.
+    ``otherwise`` decodes data whose header is another one; ``explain`` makes the error to raise of
+    data that is no message.
     """
     names: dict[str, Any] = {
         "unpack_from": unpack_from,
@@ -329,7 +331,7 @@ def compile_decoder(
         "explain": explain,
         "Failed": (error, IndexError, UnicodeError, primitives.UnreadableError),
         "UnreadableError": primitives.UnreadableError,
-        "truth": primitives.FALSE_TRUE,
+        **{f"read_{row.name}": row.read for row in PRIMITIVES.values() if row.read},
         "read_texts": primitives.read_texts,
         "read_wide_texts": primitives.read_wide_texts,
         "narrow": primitives.narrow,
@@ -381,20 +383,20 @@ class _DecodingFunction(GeneratedFunction):
 
     @property
     def offset(self) -> str:
-        """The expression for the offset that is reached."""
+        """The expression for the offset reached."""
         if not self._base:
             return str(self._distance)
         return f"{self._base} + {self._distance}" if self._distance else self._base
 
     def add(self, item: Item) -> str:
-        """Let a value follow; return the variable that will hold it."""
+        """Read a value next; return the variable that will hold it."""
         target = self.new()
         self._batch.append(item)
         self._targets.append(target)
         return target
 
     def flush(self) -> None:
-        """Read what was added."""
+        """Read the values added since the last time, as one struct."""
         if not self._batch:
             return
         found, end = formats(self._batch, self._at)
@@ -426,7 +428,7 @@ class _DecodingFunction(GeneratedFunction):
             if kind.is_text:
                 return self._text(kind)
             value = self.add(Item.of(kind.base))
-            return f"truth({value})" if kind.base == "bool" else value
+            return f"read_{kind.base}({value})" if PRIMITIVES[kind.base].read else value
         if kind.shape is Shape.ARRAY:
             if kind.is_bytes:
                 return self.add(Item(f"{kind.size}s", kind.size, 1))
@@ -473,12 +475,13 @@ class _DecodingFunction(GeneratedFunction):
         return value
 
     def _numbers(self, kind: FieldType, count: str) -> str:
-        code, size, _ = PRIMITIVES[kind.base]
+        row = PRIMITIVES[kind.base]
+        code, size = row.code, row.size
         start, end = self._row(count, size, size)
         if kind.is_bytes:
             return f"data[{start}:{end}]"
-        if kind.base == "bool":
-            return self.assign(f"tuple(map(truth, data[{start}:{end}]))")
+        if row.read:  # from a byte each
+            return self.assign(f"tuple(map(read_{row.name}, data[{start}:{end}]))")
         if count.isdigit():
             reader = self.named(Struct(f"{self._order}{count}{code}").unpack_from)
             return self.assign(f"{reader}(data, {start})")
@@ -506,7 +509,7 @@ class _DecodingFunction(GeneratedFunction):
         return f"tuple({found})"
 
     def _row(self, count: str, size: int, align: int) -> tuple[str, str]:
-        """Make sure that so many of a size are there; return where they start and end."""
+        """Check that ``count`` values of a size are there; return where they start and end."""
         padding = self._at.padding(align)
         if padding == 0 or count.isdigit():
             start = self.offset
@@ -526,7 +529,7 @@ class _DecodingFunction(GeneratedFunction):
         return start, end
 
     def _function(self, record: RecordType) -> str:
-        """Return the name of the function that reads such a message anywhere."""
+        """Compile the function that reads such a message at any offset, once; return its name."""
         if record not in self._functions:
             name = self._functions[record] = f"read_{len(self._functions)}"
             code = _DecodingFunction(self._names, self._functions, self._order, "at", 0, At())
@@ -537,9 +540,10 @@ class _DecodingFunction(GeneratedFunction):
         return self._functions[record]
 
     def _reach(self, variable: str) -> None:
+        """Go on at the offset in a variable."""
         self._base, self._distance = variable, 0
 
 
 def _rows(at: At, size: int) -> At:
-    """Return what is known behind any number of that size."""
+    """Move on by any number of values of a size."""
     return at.either(at.after(size))

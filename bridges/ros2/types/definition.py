@@ -1,19 +1,13 @@
-"""A ROS definition as data: the types of fields, their defaults, constants.
+"""A ROS definition as data: from the text of .msg, .srv and .action files, and back to text.
 
-Services and actions are definitions, too, as in ROS's own type descriptions: their fields are their
-parts (see :mod:`.interfaces`).
+It is parsed as ROS 2's own tools do (``rosidl_adapter``, Jazzy): defaults, constants, bounds,
+arrays. A line is a field, a constant or a comment, so a regular expression for each part of a line
+is the whole grammar; a fault is reported with its line. rosbags' parser is not used: it loses
+defaults, and reads neither services nor wstring.
 
-Definitions as text: one that is known without its file, and several in one text.
-
-Definitions from the text of .msg, .srv and .action files.
-
-They are read as ROS 2's own tools do (``rosidl_adapter``, Jazzy): defaults, constants, bounds,
-arrays. rosbags' parser is not used: it loses defaults, and reads neither services nor wstring.
-
-The parts of services and actions, as in ROS's type descriptions (REP 2011).
-
-A service is a request, a response and, for introspection, an event. An action is a goal, a
-result and a feedback, two services and a message that carries the feedback.
+Services and actions are definitions, too, as in ROS's type descriptions (REP 2011); their fields
+are their parts. A service is a request, a response and, for introspection, an event. An action is a
+goal, a result and a feedback, two services and a message that carries the feedback.
 """
 
 from __future__ import annotations
@@ -26,6 +20,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from llfsm.bridges.ros2.errors import DefinitionSyntaxError
+from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 
 Value = bool | int | float | str | bytes | tuple["Value", ...]
 
@@ -33,42 +28,8 @@ Value = bool | int | float | str | bytes | tuple["Value", ...]
 EMPTY_MEMBER = "structure_needs_at_least_one_member"
 
 
-class Primitive(NamedTuple):
-    """A type that is built into ROS."""
-
-    code: str  # of the struct module; empty for texts
-    size: int  # bytes, and so the alignment; of a text, of the length before it
-    type_id: int  # in ROS's descriptions of types, as hashed
-
-
-PRIMITIVES = {
-    "bool": Primitive("B", 1, 15),  # read as a byte: struct takes any byte for a bool
-    "byte": Primitive("B", 1, 16),
-    "char": Primitive("B", 1, 3),  # in ROS 2 a char is a uint8, in hashes, too
-    "int8": Primitive("b", 1, 2),
-    "uint8": Primitive("B", 1, 3),
-    "int16": Primitive("h", 2, 4),
-    "uint16": Primitive("H", 2, 5),
-    "int32": Primitive("i", 4, 6),
-    "uint32": Primitive("I", 4, 7),
-    "int64": Primitive("q", 8, 8),
-    "uint64": Primitive("Q", 8, 9),
-    "float32": Primitive("f", 4, 10),
-    "float64": Primitive("d", 8, 11),
-    "string": Primitive("", 4, 17),
-    "wstring": Primitive("", 4, 18),
-}
-
-# The least and the greatest value of each type of whole numbers.
-INTEGERS = {
-    name: (0, 2**bits - 1) if code.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
-    for name, (code, size, _) in PRIMITIVES.items()
-    if (bits := 8 * size) and code in tuple("bBhHiIqQ") and name != "bool"
-}
-
-
 class Shape(Enum):
-    """How many values a field has; the number is what ROS adds to the type id in the hash."""
+    """The number of values of a field; ROS adds the enum's value to the type id in the hash."""
 
     SINGLE = 0
     ARRAY = 48  # exactly so many
@@ -91,18 +52,19 @@ class FieldType:
 
     @property
     def nested(self) -> bool:
-        """Whether the values are messages."""
+        """True if the values are messages."""
         return "/" in self.base
 
     @property
     def is_text(self) -> bool:
-        """Whether the values are texts."""
-        return self.base in ("string", "wstring")
+        """True if the values are texts."""
+        return not self.nested and PRIMITIVES[self.base].is_text
 
     @property
     def is_bytes(self) -> bool:
-        """Whether the field is ``bytes`` in Python: several unsigned values of eight bits."""
-        return self.shape is not Shape.SINGLE and self.base in ("byte", "char", "uint8")
+        """True if the field is ``bytes`` in Python: several unsigned values of eight bits."""
+        several = self.shape is not Shape.SINGLE and not self.nested
+        return several and PRIMITIVES[self.base].is_byte
 
 
 @dataclass(frozen=True)
@@ -138,84 +100,13 @@ class Definition:
     kind: str = "message"
 
 
-_RULE = "=" * 80
-
-
-class TypeSource(NamedTuple):
-    """What defines a type, as type_description_interfaces/msg/TypeSource."""
-
-    type_name: str
-    encoding: str
-    """``msg``, ``srv`` or ``action``; ``implicit``: a part of a service or an action."""
-    text: str
-
-
-def definition_text(definition: Definition) -> str:
-    """Return text that is read as this message: its constants and fields, without comments."""
-    return "".join(
-        [
-            *(f"{one.type} {one.name}={_literal(one.value)}\n" for one in definition.constants),
-            *(_field(field) for field in definition.fields),
-        ]
-    )
-
-
-def _field(field: Field) -> str:
-    kind = field.type
-    bound = f"<={kind.bound}" if kind.bound else ""
-    match kind.shape:
-        case Shape.SINGLE:
-            several = ""
-        case Shape.ARRAY:
-            several = f"[{kind.size}]"
-        case Shape.BOUNDED:
-            several = f"[<={kind.size}]"
-        case Shape.SEQUENCE:
-            several = "[]"
-    base = kind.base.replace("/msg/", "/")
-    default = "" if field.default is None else f" {_literal(field.default)}"
-    return f"{base}{bound}{several} {field.name}{default}\n"
-
-
-def _literal(value: Value) -> str:
-    match value:
-        case bool():
-            return str(value).lower()
-        case str():
-            return '"' + value.replace('"', r"\"") + '"'
-        case bytes() | tuple():
-            return f"[{', '.join(map(_literal, value))}]"
-        case _:
-            return repr(value)
-
-
-def bundled(sources: Sequence[TypeSource]) -> str:
-    """Return the texts of a type and of all that it refers to as one, as MCAP's ``ros2msg``."""
-    first, *others = sources
-    parts = [first.text]
-    for each in others:
-        parts += [_RULE, f"MSG: {each.type_name.replace('/msg/', '/')}", each.text]
-    return "\n".join(part.rstrip("\n") for part in parts) + "\n"
-
-
-def unbundled(name: str, text: str) -> dict[str, str]:
-    """Return the text of each type in a bundle, by full name; ``name`` is the first one's."""
-    first, *others = text.replace("\r\n", "\n").split(f"{_RULE}\nMSG: ")
-    found = {name: first}
-    for other in others:
-        title, _, body = other.partition("\n")
-        package, _, base = title.strip().rpartition("/")
-        found[f"{package.removesuffix('/msg')}/msg/{base}"] = body
-    return found
-
-
 _Body = tuple[tuple[Field, ...], tuple[Constant, ...]]
 
 _GOAL_ID = Field("goal_id", FieldType("unique_identifier_msgs/msg/UUID"))
 
 
 def service_definitions(name: str, request: _Body, response: _Body) -> list[Definition]:
-    """Return a service's definitions: itself, its request, response and event."""
+    """Make a service's definitions: itself, its request, response and event."""
     asked, answered, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
     return [
         Definition(asked, *request),
@@ -241,7 +132,7 @@ def service_definitions(name: str, request: _Body, response: _Body) -> list[Defi
 
 
 def action_definitions(name: str, goal: _Body, result: _Body, feedback: _Body) -> list[Definition]:
-    """Return an action's definitions: itself and all its parts, those of its services included."""
+    """Make an action's definitions: itself and all its parts, those of its services included."""
     parts = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
     goals, results, feedbacks, send_goal, get_result, message = (f"{name}_{p}" for p in parts)
     accepted = (
@@ -288,11 +179,10 @@ _TYPE = re.compile(
 _FIELD_NAME = re.compile(_LOWER)
 _CONSTANT_NAME = re.compile(r"[A-Z](?:[A-Z0-9_]*[A-Z0-9])?")
 _BUILTIN = {"time": "Time", "duration": "Duration"}  # names from ROS 1 that ROS 2 still accepts
-_BOOLS = {"true": True, "1": True, "false": False, "0": False}
 
 
 def parse(text: str, name: str, where: str) -> dict[str, Definition]:
-    """Return the definitions in a file, by name.
+    """Parse a file into definitions by name.
 
     A message is one; a service also has those of its request, response and event; an action those
     of all its parts. ``where`` names the file in a :class:`.DefinitionSyntaxError`.
@@ -333,9 +223,7 @@ def _split(text: str) -> list[_Lines]:
     return parts
 
 
-def _body(
-    lines: _Lines, package: str, where: str
-) -> tuple[tuple[Field, ...], tuple[Constant, ...]]:
+def _body(lines: _Lines, package: str, where: str) -> _Body:
     found: dict[str, Field | Constant] = {}
     for number, line in lines:
         if not line or line.startswith("#"):
@@ -384,7 +272,7 @@ def _type(text: str, package: str) -> FieldType:
         base = f"{match['package'] or package}/msg/{base}"
     elif base not in PRIMITIVES or match["package"]:
         raise ValueError(f"{text!r} is not a type; the primitive ones are {', '.join(PRIMITIVES)}")
-    if match["bound"] and (bound == 0 or base not in ("string", "wstring")):
+    if match["bound"] and (bound == 0 or not FieldType(base).is_text):
         raise ValueError("<= bounds a string's length, or a sequence's within the brackets")
     if not match["array"]:
         return FieldType(base, bound=bound)
@@ -417,22 +305,79 @@ def _default(text: str, kind: FieldType) -> Value:
     return bytes(values) if kind.is_bytes else tuple(values)  # type: ignore[arg-type]
 
 
-def _value(text: str, kind: FieldType) -> Value:
-    if kind.is_text:
-        if len(text) > 1 and text[0] == text[-1] and text[0] in "\"'":
-            text = text[1:-1].replace(f"\\{text[0]}", text[0])
-        if 0 < kind.bound < len(text):
-            raise ValueError(f"a text of more than {kind.bound} characters")
-        return text
-    try:
-        if kind.base == "bool":
-            return _BOOLS[text.lower()]
-        if kind.base in ("float32", "float64"):
-            return float(text)
-        value = int(text, 0)
-    except (KeyError, ValueError):
-        raise ValueError(f"{text!r} is not of type {kind.base}") from None
-    least, most = INTEGERS[kind.base]
-    if not least <= value <= most:
-        raise ValueError(f"{value} is not of type {kind.base}, whose range is {least} to {most}")
+def _value(text: str, kind: FieldType) -> bool | int | float | str:
+    value = PRIMITIVES[kind.base].parse(text)
+    if isinstance(value, str) and 0 < kind.bound < len(value):
+        raise ValueError(f"a text of more than {kind.bound} characters")
     return value
+
+
+_RULE = "=" * 80
+
+
+class TypeSource(NamedTuple):
+    """The text that defines a type, as type_description_interfaces/msg/TypeSource."""
+
+    type_name: str
+    encoding: str
+    """``msg``, ``srv`` or ``action``; ``implicit``: a part of a service or an action."""
+    text: str
+
+
+def definition_text(definition: Definition) -> str:
+    """Write a message as a .msg: its constants and fields, without comments."""
+    return "".join(
+        [
+            *(f"{one.type} {one.name}={_literal(one.value)}\n" for one in definition.constants),
+            *(_field(field) for field in definition.fields),
+        ]
+    )
+
+
+def _field(field: Field) -> str:
+    kind = field.type
+    bound = f"<={kind.bound}" if kind.bound else ""
+    match kind.shape:
+        case Shape.SINGLE:
+            several = ""
+        case Shape.ARRAY:
+            several = f"[{kind.size}]"
+        case Shape.BOUNDED:
+            several = f"[<={kind.size}]"
+        case Shape.SEQUENCE:
+            several = "[]"
+    base = kind.base.replace("/msg/", "/")
+    default = "" if field.default is None else f" {_literal(field.default)}"
+    return f"{base}{bound}{several} {field.name}{default}\n"
+
+
+def _literal(value: Value) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return '"' + value.replace('"', r"\"") + '"'
+        case bytes() | tuple():
+            return f"[{', '.join(map(_literal, value))}]"
+        case _:
+            return repr(value)
+
+
+def bundled(sources: Sequence[TypeSource]) -> str:
+    """Join the texts of a type and of all that it refers to into one, as MCAP's ``ros2msg``."""
+    first, *others = sources
+    parts = [first.text]
+    for each in others:
+        parts += [_RULE, f"MSG: {each.type_name.replace('/msg/', '/')}", each.text]
+    return "\n".join(part.rstrip("\n") for part in parts) + "\n"
+
+
+def unbundled(name: str, text: str) -> dict[str, str]:
+    """Split a bundle into the text of each type, by full name; ``name`` is the first one's."""
+    first, *others = text.replace("\r\n", "\n").split(f"{_RULE}\nMSG: ")
+    found = {name: first}
+    for other in others:
+        title, _, body = other.partition("\n")
+        package, _, base = title.strip().rpartition("/")
+        found[f"{package.removesuffix('/msg')}/msg/{base}"] = body
+    return found

@@ -1,6 +1,7 @@
 """Explains why bytes do not decode, or a message cannot be encoded: the field and its fault.
 
-Compiled codecs only detect a fault. These functions walk through the fields, slowly.
+Compiled codecs only detect a fault. These functions walk through the fields, slowly, and stop at
+the first that cannot be read or written; the error has its path, as ``poses[2].header.frame_id``.
 """
 
 from __future__ import annotations
@@ -9,10 +10,9 @@ from struct import pack, unpack_from
 from typing import Any
 
 from llfsm.bridges.ros2.errors import CdrError
-from llfsm.bridges.ros2.types.definition import INTEGERS, PRIMITIVES, FieldType, Shape
-from llfsm.bridges.ros2.types.layout import HEADER, ZERO_ONE, RecordField, RecordType
-
-_NO_TEXT = {0: "is not valid UTF-8", 1: "is not valid UTF-16"}
+from llfsm.bridges.ros2.types.definition import FieldType, Shape
+from llfsm.bridges.ros2.types.layout import HEADER, RecordField, RecordType
+from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 
 
 class _FoundError(Exception):
@@ -20,7 +20,7 @@ class _FoundError(Exception):
 
 
 def why_unreadable(record: RecordType, data: bytes) -> CdrError:
-    """Return the error that names the first field that does not decode."""
+    """Make the error that names the first field that does not decode."""
     if len(data) < HEADER:
         return CdrError(f"{record.name}: the header needs {HEADER} bytes, there are {len(data)}")
     if data[0] != 0 or data[1] > 1:
@@ -58,9 +58,9 @@ class _Walk:
             count = self._length(path)
         if kind.shape is Shape.BOUNDED and count > kind.size:
             raise _FoundError(f"{path}: {count} values, at most {kind.size} are allowed")
-        if count and not (kind.nested or kind.is_text or kind.base == "bool"):
-            size = PRIMITIVES[kind.base].size
-            self._take(size * count, size, path)
+        row = None if kind.nested else PRIMITIVES[kind.base]
+        if count and row is not None and not (row.is_text or row.read):
+            self._take(row.size * count, row.size, path)
             return
         for index in range(count):
             self._one(member, f"{path}[{index}]")
@@ -72,10 +72,10 @@ class _Walk:
         elif kind.is_text:
             self._text(kind, path)
         else:
-            size = PRIMITIVES[kind.base].size
-            start = self._take(size, size, path)
-            if kind.base == "bool" and self._data[start] > 1:
-                raise _FoundError(f"{path}: a bool is 0 or 1, not {self._data[start]}")
+            row = PRIMITIVES[kind.base]
+            start = self._take(row.size, row.size, path)
+            if row.read and self._data[start] > 1:
+                raise _FoundError(f"{path}: a {kind.base} is 0 or 1, not {self._data[start]}")
 
     def _text(self, kind: FieldType, path: str) -> None:
         count, wide = self._length(path), kind.base == "wstring"
@@ -90,7 +90,8 @@ class _Walk:
                     raise _FoundError(f"{path}: the text does not end in a NUL")
                 text = raw[:-1].decode()
         except (UnicodeError, OverflowError) as error:
-            raise _FoundError(f"{path}: {_NO_TEXT[wide]}: {error}") from None
+            encoding = "UTF-16" if wide else "UTF-8"
+            raise _FoundError(f"{path}: is not valid {encoding}: {error}") from None
         if 0 < kind.bound < len(text):
             raise _FoundError(f"{path}: {len(text)} characters, at most {kind.bound} are allowed")
 
@@ -107,7 +108,7 @@ class _Walk:
 
 
 def why_unwritable(record: RecordType, message: Any, error: Exception) -> CdrError:
-    """Return the error that names the first value that cannot be encoded."""
+    """Make the error that names the first value that cannot be encoded."""
     try:
         _check_message(record, message, "")
     except _FoundError as found:
@@ -147,13 +148,11 @@ def _check_one(member: RecordField, value: Any, path: str) -> None:
     if kind.is_text:
         _check_text(kind, value, path)
         return
+    row = PRIMITIVES[kind.base]
     try:
-        number = ZERO_ONE(value) if kind.base == "bool" else value
-        pack(f"<{PRIMITIVES[kind.base].code}", number)
+        pack(f"<{row.code}", row.write(value) if row.write else value)
     except Exception:  # whatever a value that is not a number raises
-        least, most = INTEGERS.get(kind.base, (None, None))
-        limits = "" if most is None else f", whose range is {least} to {most}"
-        raise _FoundError(f"{path}: {value!r} is not of type {kind.base}{limits}") from None
+        raise _FoundError(f"{path}: {value!r} is not of type {row.name}{row.limits}") from None
 
 
 def _check_text(kind: FieldType, value: Any, path: str) -> None:
@@ -162,6 +161,6 @@ def _check_text(kind: FieldType, value: Any, path: str) -> None:
     if 0 < kind.bound < len(value):
         raise _FoundError(f"{path}: {len(value)} characters, at most {kind.bound} are allowed")
     try:
-        value.encode("utf-16-le" if kind.base == "wstring" else "utf-8")
+        value.encode(PRIMITIVES[kind.base].encoding)
     except UnicodeEncodeError as error:
         raise _FoundError(f"{path}: half a character cannot be encoded: {error}") from None

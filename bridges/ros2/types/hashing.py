@@ -1,4 +1,9 @@
-"""RIHS01: the hash by which ROS 2 compares types (REP 2011)."""
+"""RIHS01: the hash by which ROS 2 compares types (REP 2011).
+
+It is the SHA-256 of a type's description as JSON: the names and types of its fields, and of all
+types that it refers to. Two nodes whose hashes differ have different definitions, even if their
+types have one name. Defaults and constants do not count, as they are not on the wire.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +12,22 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from llfsm.bridges.ros2.types.definition import (
-    EMPTY_MEMBER,
-    PRIMITIVES,
-    Definition,
-    Field,
-    FieldType,
-)
+from llfsm.bridges.ros2.types.definition import EMPTY_MEMBER, Definition, Field, FieldType
+from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 
-_NESTED = 1
-_BOUNDED_TEXT = {"string": 21, "wstring": 22}
+_NESTED = 1  # the type id of a message
 _EMPTY = Field(EMPTY_MEMBER, FieldType("uint8"))
 
 
 def rihs01(definition: Definition, find: Callable[[str], Definition]) -> str:
-    """Return ``RIHS01_`` and the SHA-256 of a definition and all it refers to.
-
-    ``find`` returns the definition of a name. Defaults and constants do not count.
-    """
+    """Hash a definition and all it refers to, which ``find`` returns by name: ``RIHS01_...``."""
     # The separators, the order of keys and the escapes are part of the standard: those of json.
     whole = json.dumps(describe(definition, find))
     return "RIHS01_" + hashlib.sha256(whole.encode()).hexdigest()
 
 
 def describe(definition: Definition, find: Callable[[str], Definition]) -> dict[str, Any]:
-    """Return what is hashed: a type_description_interfaces/msg/TypeDescription without defaults."""
+    """Describe a type as it is hashed: type_description_interfaces/msg/TypeDescription as data."""
     described: dict[str, dict[str, Any]] = {}
     waiting = [definition]
     while waiting:
@@ -66,4 +62,5 @@ def _description(definition: Definition) -> dict[str, Any]:
 def _type_id(kind: FieldType) -> int:
     if kind.nested:
         return _NESTED
-    return _BOUNDED_TEXT[kind.base] if kind.bound else PRIMITIVES[kind.base].type_id
+    row = PRIMITIVES[kind.base]
+    return row.bounded_id if kind.bound else row.type_id

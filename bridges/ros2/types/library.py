@@ -1,4 +1,8 @@
-"""Any ROS type: its Message class, its codec, its hash."""
+"""Any ROS type: its Message class, its codec, its hash.
+
+Each is made when it is first asked for, and kept. A codec is compiled when its direction is first
+used: most of the types that a bridge knows it only publishes, or only receives.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +42,6 @@ class RosMessage(Generic[M]):
 
     """
 
-    encode: Callable[[M], bytes]
-    decode: Callable[[bytes | memoryview], M]
-
     def __init__(
         self, definition: Definition, message: type[M], find: Callable[[str], Definition]
     ) -> None:
@@ -48,15 +49,21 @@ class RosMessage(Generic[M]):
         self.message = message
         self._definition = definition
         self._find = find
-        self._record = record = RecordType.of(definition.name, message, find)
-        self.encode = compile_encoder(record, lambda m, error: why_unwritable(record, m, error))
-        self.decode = cast(
-            "Callable[[bytes | memoryview], M]",
-            compile_decoder(record, "<", self._decode_swapped, self._explain),
-        )
 
     def __repr__(self) -> str:
         return f"RosMessage({self.name})"
+
+    @cached_property
+    def encode(self) -> Callable[[M], bytes]:
+        """The function that turns a message into bytes."""
+        record = self._record
+        return compile_encoder(record, lambda m, error: why_unwritable(record, m, error))
+
+    @cached_property
+    def decode(self) -> Callable[[bytes | memoryview], M]:
+        """The function that turns bytes into a message."""
+        decode = compile_decoder(self._record, "<", lambda d: self._big_endian(d), self._explain)
+        return cast("Callable[[bytes | memoryview], M]", decode)
 
     @cached_property
     def dds_name(self) -> str:
@@ -68,11 +75,12 @@ class RosMessage(Generic[M]):
         """The hash by which ROS compares types: ``RIHS01_`` and 64 digits."""
         return rihs01(self._definition, self._find)
 
+    @cached_property
+    def _record(self) -> RecordType:
+        return RecordType.of(self.name, self.message, self._find)
+
     def _explain(self, data: bytes) -> Exception:
         return why_unreadable(self._record, data)
-
-    def _decode_swapped(self, data: bytes) -> M:
-        return self._big_endian(data)
 
     @cached_property
     def _big_endian(self) -> Callable[[bytes], M]:
@@ -131,16 +139,16 @@ class TypeLibrary:
         self._hashes: dict[str, str] = {}
 
     def message(self, name: str) -> RosMessage[Any]:
-        """Return a message type, or the part of a service or an action, by its full name."""
+        """Find a message type, or the part of a service or an action, by its full name."""
         self._check_kind(name, "message")
         return self._made(self._class(name), name)
 
     def message_names(self) -> list[str]:
-        """Return the names of all messages that can be found, but for parts of services."""
+        """List the names of all messages that can be found, but for parts of services."""
         return [name for name in self._places.names() if name.split("/")[1] == "msg"]
 
     def service(self, name: str) -> RosService:
-        """Return a service type by its full name, as ``std_srvs/srv/Trigger``."""
+        """Find a service type by its full name, as ``std_srvs/srv/Trigger``."""
         if name not in self._services:
             self._check_kind(name, "service")
             self._services[name] = RosService(
@@ -153,7 +161,7 @@ class TypeLibrary:
         return self._services[name]
 
     def action(self, name: str) -> RosAction:
-        """Return an action type by its full name, as ``turtlesim/action/RotateAbsolute``."""
+        """Find an action type by its full name, as ``turtlesim/action/RotateAbsolute``."""
         if name not in self._actions:
             self._check_kind(name, "action")
             self._actions[name] = RosAction(
@@ -170,25 +178,25 @@ class TypeLibrary:
         return self._actions[name]
 
     def describe(self, name: str) -> tuple[dict[str, Any], str]:
-        """Return the description of a type of any kind, which its hash is made of, and the hash.
+        """Describe a type of any kind, as it is hashed; return its hash, too.
 
         The description is a type_description_interfaces/msg/TypeDescription as plain data.
         """
         return describe_type(self._places.find(name), self._places.find), self._hash(name)
 
     def sources(self, name: str) -> list[TypeSource]:
-        """Return what defines a type of any kind and all types that it refers to, itself first."""
+        """Find the sources of a type and of all types that it refers to, itself first."""
         description, _ = self.describe(name)
         names = [each["type_name"] for each in description["referenced_type_descriptions"]]
         return [TypeSource(each, *self._places.source(each)) for each in (name, *names)]
 
     def used_with_hash(self, type_hash: str) -> str | None:
-        """Return the name of the type, of those asked for so far, that has a hash, or None."""
+        """Find the type, of those asked for so far, that has a hash; return its name or None."""
         used = (*self._classes, *self._services, *self._actions)
         return next((name for name in used if self._hash(name) == type_hash), None)
 
     def of(self, cls: type[M]) -> RosMessage[M]:
-        """Return the type of a class with a ROS name, to encode from it and decode into it.
+        """Find the type of a class with a ROS name, to encode from it and decode into it.
 
         Raise :class:`.TypeMismatchError` if its fields are not those of the definition.
         """

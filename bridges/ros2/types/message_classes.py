@@ -22,34 +22,15 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from llfsm.bridges.ros2.types.definition import Definition, Field, FieldType, Shape
+from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 from llfsm.whiteboard import Message
-from llfsm.whiteboard.messages import types as ranges
 from llfsm.whiteboard.schema import describe
-
-_PYTHON: dict[str, Any] = {
-    "bool": bool,
-    "byte": ranges.UInt8,
-    "char": ranges.UInt8,
-    "int8": ranges.Int8,
-    "uint8": ranges.UInt8,
-    "int16": ranges.Int16,
-    "uint16": ranges.UInt16,
-    "int32": ranges.Int32,
-    "uint32": ranges.UInt32,
-    "int64": ranges.Int64,
-    "uint64": ranges.UInt64,
-    "float32": float,
-    "float64": float,
-    "string": str,
-    "wstring": str,
-}
-_ZERO = {bool: False, float: 0.0, str: ""}
 
 _Nested = Callable[[str], type[Message]]
 
 
 def make_class(definition: Definition, nested: _Nested) -> type[Message]:
-    """Return a new Message class; ``nested`` returns the class of a type within it."""
+    """Make the Message class of a definition; ``nested`` returns the class of a type within it."""
     annotations: dict[str, Any] = {c.name: ClassVar[type(c.value)] for c in definition.constants}
     values: dict[str, Any] = {c.name: c.value for c in definition.constants}
     for field in definition.fields:
@@ -68,7 +49,7 @@ def make_class(definition: Definition, nested: _Nested) -> type[Message]:
 
 
 def shipped_class(made: type[Message], name: str) -> type[Message] | None:
-    """Return the class of that ROS name in ``llfsm.whiteboard.messages`` if it equals this one."""
+    """Find the class of that ROS name in ``llfsm.whiteboard.messages``, if it equals ``made``."""
     package, _, last = name.split("/")
     module = f"llfsm.whiteboard.messages.{package}"
     if importlib.util.find_spec(module) is None:
@@ -82,7 +63,7 @@ def shipped_class(made: type[Message], name: str) -> type[Message] | None:
 def _annotation(kind: FieldType, nested: _Nested) -> Any:
     if kind.is_bytes:
         return _limited(bytes, kind)
-    single: Any = nested(kind.base) if kind.nested else _PYTHON[kind.base]
+    single: Any = nested(kind.base) if kind.nested else PRIMITIVES[kind.base].python
     if kind.bound:
         single = Annotated[single, Meta(max_length=kind.bound)]
     return single if kind.shape is Shape.SINGLE else _limited(tuple[single, ...], kind)
@@ -106,6 +87,6 @@ def _default(field: Field, nested: _Nested) -> Any:
     if kind.is_bytes:
         return bytes(count)
     if kind.shape is Shape.SINGLE or count:
-        single = nested(kind.base)() if kind.nested else _ZERO.get(_PYTHON[kind.base], 0)
+        single = nested(kind.base)() if kind.nested else PRIMITIVES[kind.base].zero
         return single if kind.shape is Shape.SINGLE else (single,) * count
     return ()

@@ -1,9 +1,10 @@
-"""Where definitions are searched, in this order.
+"""The places where definitions are searched, in this order.
 
 1. the texts, then the places that the library was given;
 2. ``share`` of each folder in AMENT_PREFIX_PATH, which a sourced ROS 2 environment sets;
 3. the definitions that ship with llfsm;
-4. those of rosbags, if it is installed (see :mod:`.jazzy`).
+4. those of rosbags, if it is installed: the messages of a desktop installation of ROS 2 Jazzy. They
+   have no defaults and no services. Where that matters, ours has a definition of its own.
 """
 
 from __future__ import annotations
@@ -11,18 +12,29 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, cast
 
 from llfsm.bridges.ros2.errors import DefinitionPathError, DefinitionSyntaxError, UnknownTypeError
-from llfsm.bridges.ros2.types import jazzy
-from llfsm.bridges.ros2.types.definition import TYPE_NAME, Definition, definition_text, parse
+from llfsm.bridges.ros2.types.definition import (
+    EMPTY_MEMBER,
+    TYPE_NAME,
+    Constant,
+    Definition,
+    Field,
+    FieldType,
+    Shape,
+    definition_text,
+    parse,
+)
 
 _SHIPPED = Path(__file__).parents[1] / "definitions"
 
 
 class SearchPath:
-    """Finds definitions by name, and keeps those found.
+    """Finds definitions by name and keeps those found.
 
     A place is a folder of packages (``/opt/ros/jazzy/share``, a workspace's ``src``), one package,
     or one file. In all of them a type is ``package/msg/Type.msg``, likewise ``srv`` and
@@ -43,7 +55,7 @@ class SearchPath:
         self._found: dict[str, Definition] = {}
 
     def find(self, name: str) -> Definition:
-        """Return the definition of that full name, as ``turtlesim/srv/Spawn_Request``.
+        """Find the definition of a full name, as ``turtlesim/srv/Spawn_Request``.
 
         Raise :class:`.UnknownTypeError` or :class:`.DefinitionSyntaxError`.
         """
@@ -52,7 +64,7 @@ class SearchPath:
         return self._found[name]
 
     def source(self, name: str) -> tuple[str, str]:
-        """Return the encoding and the text of what defines a type, as ROS's type sources.
+        """Find the text that defines a type, and its encoding, as in ROS's type sources.
 
         A part of a service or action is ``implicit``, without a text of its own. What only rosbags
         knows is written out from its fields. Raise as :meth:`find`.
@@ -67,8 +79,8 @@ class SearchPath:
         return kind, _text(path) if path is not None else definition_text(definition)
 
     def names(self) -> list[str]:
-        """Return the names of all types that can be found."""
-        return sorted({*self._texts, *self._names(), *jazzy.names()})
+        """List the names of all types that can be found."""
+        return sorted({*self._texts, *self._names(), *jazzy_names()})
 
     def _look_for(self, name: str) -> None:
         match = TYPE_NAME.fullmatch(name)
@@ -83,7 +95,7 @@ class SearchPath:
         elif path is not None:
             made = parse(_text(path), f"{package}/{kind}/{base}", str(path))
         else:
-            known = jazzy.find(name)
+            known = jazzy_definition(name)
             made = {} if known is None else {name: known}
         if name not in made:
             raise UnknownTypeError(f"{name}: {self._reason(path)}{self._near(name)}")
@@ -103,7 +115,7 @@ class SearchPath:
         if path is not None:
             return f"{path} defines no such part"
         where = ", ".join(map(str, self._places))
-        rosbags = "" if jazzy.names() else "; install llfsm[ros] for ROS 2's common types"
+        rosbags = "" if jazzy_names() else "; install llfsm[ros] for ROS 2's common types"
         return f"no definition in {where}, nor in rosbags{rosbags}"
 
     def _near(self, name: str) -> str:
@@ -130,3 +142,45 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DefinitionSyntaxError(f"{path}: cannot be read: {error}") from error
+
+
+_SHAPES = {3: Shape.ARRAY, 4: Shape.SEQUENCE}  # as rosbags numbers them
+
+
+def jazzy_definition(name: str) -> Definition | None:
+    """Find a message of rosbags; None if it does not have it or is not installed."""
+    entry = _rosbags().get(name)
+    if entry is None:
+        return None
+    constants, fields = entry
+    return Definition(
+        name,
+        tuple(Field(n, _rosbags_type(kind)) for n, kind in fields if n != EMPTY_MEMBER),
+        tuple(Constant(n, value, kind) for n, kind, value in constants),
+    )
+
+
+def jazzy_names() -> list[str]:
+    """List the messages of rosbags; none if it is not installed."""
+    return list(_rosbags())
+
+
+@cache
+def _rosbags() -> dict[str, tuple[Any, Any]]:
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        return {}
+    return cast("dict[str, tuple[Any, Any]]", get_typestore(Stores.ROS2_JAZZY).fielddefs)
+
+
+def _rosbags_type(entry: tuple[int, Any]) -> FieldType:
+    kind, inner = entry
+    if kind == 1:
+        return FieldType(inner[0], bound=inner[1])
+    if kind == 2:
+        return FieldType(inner)
+    item, size = inner
+    shape = Shape.BOUNDED if kind == 4 and size else _SHAPES[kind]
+    single = _rosbags_type(item)
+    return FieldType(single.base, shape, size, single.bound)

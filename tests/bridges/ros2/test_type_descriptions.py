@@ -8,8 +8,8 @@ import json
 import pytest
 
 from llfsm.bridges.ros2.standard_node import TypeDescriptionServer
-from llfsm.bridges.ros2.types import jazzy
 from llfsm.bridges.ros2.types.definition import definition_text, parse
+from llfsm.bridges.ros2.types.search_path import jazzy_definition, jazzy_names
 from memory_transport import MemoryTransport, MemoryWorld
 from waiting import PATIENCE_S
 
@@ -124,7 +124,7 @@ def test_sources_are_left_out_on_request(types):
     assert answer.type_sources == ()
 
 
-@pytest.mark.parametrize("name", sorted(name for name in jazzy.names() if "/msg/" in name))
+@pytest.mark.parametrize("name", sorted(name for name in jazzy_names() if "/msg/" in name))
 def test_every_definition_that_is_written_out_is_read_as_the_same(name):
-    definition = jazzy.find(name)
+    definition = jazzy_definition(name)
     assert parse(definition_text(definition), name, name) == {name: definition}

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from llfsm.bridges.ros2.errors import CdrError
-from llfsm.bridges.ros2.types import RosMessage, TypeLibrary
-from llfsm.bridges.ros2.types.definition import INTEGERS
+from llfsm.bridges.ros2.types import RosMessage, TypeLibrary, primitives
 from thoroughness import examples
 
 # How long an example takes says how busy the machine is, and nothing of the code.
@@ -76,7 +75,7 @@ def values(types: TypeLibrary, drawn: dict[str, Fields], kind: Kind) -> st.Searc
     elif base in ("float32", "float64"):
         single = st.floats(width=int(base[5:]))
     elif base in NUMBERS:
-        single = st.integers(*INTEGERS[base])
+        single = st.integers(*primitives.PRIMITIVES[base].range)
     else:
         bound = int(base.partition("=")[2] or 10)
         single = st.text(st.characters(exclude_categories=["Cs"]), max_size=bound)

@@ -12,7 +12,8 @@ from llfsm.bridges.ros2.errors import (
     DefinitionSyntaxError,
     UnknownTypeError,
 )
-from llfsm.bridges.ros2.types import TypeLibrary, jazzy
+from llfsm.bridges.ros2.types import TypeLibrary
+from llfsm.bridges.ros2.types.search_path import jazzy_names
 from llfsm.whiteboard import MessageFieldError, Slot, Whiteboard
 
 EVERYTHING = """
@@ -101,8 +102,8 @@ def test_a_board_refuses_values_that_ros_has_no_room_for(define, field, value):
 
 
 def test_every_type_of_jazzy_is_a_message_that_comes_back(types):
-    assert len(jazzy.names()) > 150
-    for name in jazzy.names():
+    assert len(jazzy_names()) > 150
+    for name in jazzy_names():
         kind = types.message(name)
         assert kind.decode(kind.encode(kind.message())) == kind.message(), name
 
