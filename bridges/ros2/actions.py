@@ -1,7 +1,7 @@
-"""An action's server on a transport: goals, feedback, cancelling, results.
+"""Actions on a transport: their server, and their client.
 
-An action is three services and two topics under ``<name>/_action/``. It answers and publishes what
-rclcpp_action does, in the same order:
+An action is three services and two topics under ``<name>/_action/``. The server answers and
+publishes what rclcpp_action does, in the same order:
 
 * ``send_goal``: a goal is executed immediately or refused. A known id is refused.
 * ``cancel_goal``: by id; by time (all goals accepted until then); by both, either matches; by
@@ -9,7 +9,9 @@ rclcpp_action does, in the same order:
 * ``get_result``: answered when the goal has ended; results are kept for 10 s.
 * ``status``: all known goals, at each change, and kept for late subscriptions.
 
-An action's client on a transport: sends goals, follows and cancels them, gets their results.
+A goal is one object with a status, EXECUTING, then perhaps CANCELING, then final. What is asked
+about it before it has ended waits in it, so that no thread waits. All of a server happens on the
+one thread that owns it, to which the requests are queued: goals need no locks.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ STATUS_QOS = Qos(durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=1)
 
 
 class ServerGoal:
-    """An accepted goal, for the code that executes it.
+    """A goal, for the code that executes it.
 
     message: the goal.
     status: EXECUTING; CANCELING once a request to cancel was accepted; or the final status.
@@ -64,7 +66,7 @@ class ServerGoal:
         self._server.decide(self, False)
 
     def publish_feedback(self, feedback: Message) -> None:
-        """Publish feedback."""
+        """Publish feedback on this goal."""
         self._server.publish_feedback(self, feedback)
 
     def end(self, status: GoalStatus, result: Message) -> None:
@@ -207,7 +209,7 @@ class ActionServer:
         request.answer(self._cancelled(return_code=code, goals_canceling=infos))
 
     def _meant(self, key: bytes, until_ns: int) -> tuple[int, list[ServerGoal]]:
-        """Return the code of the answer and the goals that a request would cancel."""
+        """Choose the goals that a request would cancel, and the code of its answer."""
         if any(key) and not until_ns:
             goal = self._goals.get(key)
             if goal is None:
@@ -254,11 +256,12 @@ _RESULT_S = 30 * 86_400.0  # a goal may take as long as it likes: there is no ca
 
 
 class ActionClient:
-    """Knows an action's server of any node until it is closed.
+    """Sends goals to an action's server, follows and cancels them, until it is closed.
 
     Goals have the 16 bytes of a UUID, which are the caller's choice. ``feedback`` gets each goal's
     feedback, ``status`` the status of each goal that the server reports, those of other clients
-    included. Both are called on threads of the transport. The futures are as of a service's call.
+    included. Both are called on threads of the transport. The futures are those of a service's
+    call; ``timeout`` is in seconds.
     """
 
     def __init__(
@@ -294,7 +297,7 @@ class ActionClient:
 
     @property
     def ready(self) -> bool:
-        """Whether a server of all three services is known."""
+        """True if a server of all three services is known."""
         return self._goals.ready and self._cancels.ready and self._results.ready
 
     def send_goal(self, key: bytes, goal: Message, timeout: float) -> Future[Any]:

@@ -1,6 +1,12 @@
 """Calls and requests that wait for their response, whatever carries them.
 
-Actions from a transport's threads, run on one other thread.
+A call may end in several ways at once: a response, a timeout, the loss of the server, the close of
+the client, ``cancel``. The first one ends it, and the others find it ended. Each of the two ends
+keeps only what is open:
+
+* a client the futures of its calls; done futures leave by themselves;
+* a server weak references to its requests: one that its handler drops without an answer is
+  collected, and fails at that moment instead of leaving the caller to its timeout.
 """
 
 from __future__ import annotations
@@ -32,7 +38,7 @@ _LOG = logging.getLogger("llfsm.bridges.ros2")
 def through(
     put: Put, handle: Callable[[ServiceRequest[Any, Any]], None]
 ) -> Callable[[ServiceRequest[Any, Any]], None]:
-    """Return a server's handler that queues requests for ``handle``; an error fails the request."""
+    """Make a server's handler that queues requests for ``handle``; an error fails the request."""
 
     def work(request: ServiceRequest[Any, Any]) -> None:
         try:
@@ -46,7 +52,7 @@ def through(
 
 
 class PendingCalls:
-    """A client's open calls. The first of the methods below that names a call ends it."""
+    """A client's open calls. Of the methods that take a call, the first one called ends it."""
 
     def __init__(self, service: str, response: RosMessage[Any], notifier: Notifier) -> None:
         self._service = service
@@ -55,7 +61,7 @@ class PendingCalls:
         self._pending: set[Future[Any]] = set()
 
     def begin(self) -> Future[Any]:
-        """Return the future of a new call."""
+        """Open a call; return its future."""
         call: Future[Any] = Future()
         self._pending.add(call)
         call.add_done_callback(self._pending.discard)
@@ -105,11 +111,11 @@ class Responder(Protocol):
         """Send a response, as CDR."""
 
     def fail(self, reason: str) -> None:
-        """Report that there is no response."""
+        """Let the caller know that there is no response."""
 
 
 class PendingRequests:
-    """A server's requests: handles them and keeps track of those that are open."""
+    """Passes requests to a server's handler, and keeps those that are open."""
 
     def __init__(
         self,
@@ -127,7 +133,7 @@ class PendingRequests:
         self._closed = False
 
     def take(self, data: bytes, info: MessageInfo | None, back: Responder) -> None:
-        """Handle a request. ``info`` is None if it has no metadata."""
+        """Decode a request and pass it on; ``info`` is None if it came without metadata."""
         try:
             if info is None:
                 raise CdrError("a request without the attachment of ROS 2")

@@ -1,4 +1,4 @@
-"""Defaults: which transport, domain and router are used where none is named.
+"""Defaults: the transport, domain and router that are used where none is named.
 
 The environment decides as it does for ROS itself: ``ROS_DOMAIN_ID`` names the domain,
 ``RMW_IMPLEMENTATION`` the middleware of rclpy.
@@ -23,7 +23,7 @@ ROS_ARGUMENTS = "--ros-args"
 
 
 def choose_transport(name: str, *, router: bool) -> str:
-    """Return what ``auto`` stands for, ``rclpy`` or ``zenoh``, and any other name as it is.
+    """Choose ``rclpy`` or ``zenoh`` for ``auto``; return any other name as it is.
 
     It is rclpy where that can be imported, as its nodes may use any middleware; but Zenoh if a
     ``router`` is named, because rclpy has its own configuration.
@@ -34,21 +34,21 @@ def choose_transport(name: str, *, router: bool) -> str:
 
 
 def needs_router(name: str, *, router: bool) -> bool:
-    """Return whether nodes on a transport find each other through a Zenoh router."""
+    """Check if nodes on a transport find each other through a Zenoh router."""
     if choose_transport(name, router=router) == "zenoh":
         return True
     return os.environ.get("RMW_IMPLEMENTATION") == "rmw_zenoh_cpp"
 
 
 def check_domain(domain: int) -> int:
-    """Return a ROS domain id; raise :class:`.DomainIdError` if it is outside 0 to 232."""
+    """Check a ROS domain id, and return it; raise :class:`.DomainIdError` if it is not 0 to 232."""
     if domain not in DOMAINS:
         raise DomainIdError(f"the ROS domain id {domain} is not in 0 to {DOMAINS[-1]}")
     return domain
 
 
 def default_domain() -> int:
-    """Return ``ROS_DOMAIN_ID``, 0 if it is not set; raise :class:`.DomainIdError`."""
+    """Read ``ROS_DOMAIN_ID``, 0 if it is not set; raise :class:`.DomainIdError`."""
     text = os.environ.get("ROS_DOMAIN_ID", "")
     try:
         return check_domain(int(text or "0"))

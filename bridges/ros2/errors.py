@@ -5,10 +5,9 @@ Ros2Error
 ├── RosTypeError
 │   ├── UnknownTypeError      no definition of that type is found
 │   ├── DefinitionSyntaxError a definition breaks ROS 2's rules
-│   ├── DefinitionPathError  a folder or file to search for definitions is not there
+│   ├── DefinitionPathError   a folder or file to search for definitions is not there
 │   ├── TypeMismatchError     a Message class has other fields than the ROS type of its name
-│   ├── KeyPathError          `keyed_by` names no key in the messages of a relay
-│   └── AtLossError           `at_loss` is no message of a relay to ROS
+│   └── KeyPathError          `keyed_by` names no key in the messages of a relay
 ├── RosArgumentError          an argument after --ros-args, or a file that one names, is wrong
 │   └── ParameterOverrideError    a parameter's value has the wrong type or is out of range
 ├── TransformError            a transform between two frames cannot be answered
@@ -18,15 +17,13 @@ Ros2Error
 │   └── ExtrapolationError    a transform at that time is not known
 ├── CdrError                  bytes do not decode as a type, or a message cannot be encoded
 └── TransportError
-    ├── TransportUnavailableError  a transport is not installed, or cannot be opened
+    ├── TransportUnavailableError  a transport or a router is not installed, or cannot be opened
     ├── DomainIdError         not a ROS domain id
-    ├── TransportClosedError       the transport, node or endpoint is closed
+    ├── TransportClosedError  the transport, node or endpoint is closed
     ├── AlreadyAnsweredError  a request was answered twice
-    ├── RouterError           a router cannot be started
-    └── ServiceCallError      a call ended without a response
-        ├── NoServerError     no server is known
-        ├── CallTimeoutError  no answer in time
-        └── CallFailedError   the server refused, or went away during the call
+    ├── NoServerError         a call ended without a response: no server is known
+    ├── CallTimeoutError      so it did: no answer in time
+    └── CallFailedError       so it did: the server refused, or went away during the call
 
 A bad message from another program raises nothing: it must not end a bridge. It is reported as a
 notice (see :mod:`.transport`).
@@ -61,10 +58,6 @@ class DefinitionPathError(RosTypeError, ValueError):
 
 class TypeMismatchError(RosTypeError, TypeError):
     """A Message class has the name of a ROS type and other fields; the message lists them."""
-
-
-class AtLossError(RosTypeError, ValueError):
-    """``at_loss`` is not a message of its relay, or that does not send to ROS."""
 
 
 class KeyPathError(RosTypeError, LookupError):
@@ -108,7 +101,7 @@ class TransportError(Ros2Error):
 
 
 class TransportUnavailableError(TransportError):
-    """A transport is not installed or cannot be opened; the message explains how to get it."""
+    """A transport or a router is not installed or cannot be opened; the message explains why."""
 
 
 class DomainIdError(TransportError, ValueError):
@@ -123,21 +116,13 @@ class AlreadyAnsweredError(TransportError):
     """A request was answered a second time."""
 
 
-class RouterError(TransportError):
-    """A router cannot listen on an endpoint."""
+class NoServerError(TransportError):
+    """A service is called and no server is known, or only one with another type."""
 
 
-class ServiceCallError(TransportError):
-    """A call of a service ended without a response."""
+class CallTimeoutError(TransportError, TimeoutError):
+    """A service is called and no answer came in time."""
 
 
-class NoServerError(ServiceCallError):
-    """No server is known, or only one with another type."""
-
-
-class CallTimeoutError(ServiceCallError, TimeoutError):
-    """No answer came in time."""
-
-
-class CallFailedError(ServiceCallError):
-    """The server refused, or went away during the call."""
+class CallFailedError(TransportError):
+    """A service is called and the server refused, or went away during the call."""

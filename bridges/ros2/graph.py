@@ -1,9 +1,8 @@
-"""The ROS graph as data: nodes, publishers, subscriptions, servers and clients.
+"""The ROS graph as data: nodes, publishers, subscriptions, servers and clients, and their names.
 
-Names of nodes, topics and services: validation and expansion to full names.
-
-The rules are those of ROS 2 (rmw's validation of names, and "Topic and Service names" of its design
-articles): parts of letters, digits and underscores, joined by ``/``; none begins with a digit.
+The rules for names are those of ROS 2 (rmw's validation of names, and "Topic and Service names" of
+its design articles): parts of letters, digits and underscores, joined by ``/``; none begins with a
+digit.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _LONGEST_NAME = 247  # 255 less the prefix that DDS puts before a name ("rq/" an
 
 
 class Names:
-    """Expands the names that one node uses."""
+    """Expands the names that one node uses to full names, and remaps them."""
 
     def __init__(
         self, node: str, namespace: str = "/", remap: Mapping[str, str] = NO_REMAPPING
@@ -57,11 +56,11 @@ class Names:
         }
 
     def full_service(self, name: str) -> str:
-        """Return a service's full name, remapped; as :meth:`full`."""
+        """Expand and remap a service's name; as :meth:`full`."""
         return self._full(name, _SERVICE)
 
     def full(self, name: str) -> str:
-        """Return a topic's full name, remapped.
+        """Expand and remap a topic's name.
 
         ``/x`` is full already, ``x`` is in the node's namespace, ``~/x`` is the node's own. Raise
         :class:`.RosNameError` for an invalid name.
@@ -94,7 +93,7 @@ def _check_full(full: str, given: str, what: str) -> None:
 
 
 def logger_name(node: str) -> str:
-    """Return the name of a node's logger, as rcl makes it of the node's full name."""
+    """Name a node's logger as rcl does, from the node's full name."""
     return node.strip("/").replace("/", ".")
 
 
@@ -145,7 +144,7 @@ class Graph(NamedTuple):
 
     @classmethod
     def of(cls, nodes: Iterable[str], endpoints: Iterable[Endpoint]) -> Graph:
-        """Return the graph of these nodes and endpoints.
+        """Make the graph of these nodes and endpoints.
 
         Like `ros2 node list`, it leaves out nodes whose name begins with an underscore, such as
         those of the ros2 command, but not their endpoints.
@@ -156,15 +155,15 @@ class Graph(NamedTuple):
         )
 
     def topics(self) -> dict[str, tuple[str, ...]]:
-        """Return each topic's types; more than one means that nodes disagree."""
+        """List each topic's types; more than one means that nodes disagree."""
         return self._types({Role.PUBLISHER, Role.SUBSCRIPTION})
 
     def services(self) -> dict[str, tuple[str, ...]]:
-        """Return the types of each service that has a server."""
+        """List the types of each service that has a server."""
         return self._types({Role.SERVER})
 
     def ends(self, name: str, role: Role) -> tuple[Endpoint, ...]:
-        """Return the endpoints of a topic or service in one role."""
+        """List the endpoints of a topic or service in one role."""
         return tuple(e for e in self.endpoints if e.name == name and e.role is role)
 
     def _types(self, roles: set[Role]) -> dict[str, tuple[str, ...]]:
@@ -176,7 +175,7 @@ class Graph(NamedTuple):
 
 
 def type_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
-    """Return why two endpoints of one name are incompatible, or None if they are not."""
+    """Explain why the types of two endpoints of one name differ; None if they are equal."""
     if ours.type_name != theirs.type_name:
         return f"{_who(theirs)} has type {theirs.type_name}, ours is {ours.type_name}"
     if None not in (ours.type_hash, theirs.type_hash) and ours.type_hash != theirs.type_hash:
@@ -188,7 +187,7 @@ def type_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
 
 
 def qos_conflict(ours: Endpoint, theirs: Endpoint) -> str | None:
-    """Return why a publisher offers less than a subscription requests, or None.
+    """Explain why a publisher offers less than a subscription requests; None if it does not.
 
     The words are those that rclcpp logs, which people search for; then who they are.
     """

@@ -1,7 +1,8 @@
 """A managed node's states and transitions, as rcl_lifecycle has them, and their services.
 
 A request leads to a transition state, in which the node does the work; how that ended leads on to
-a primary state. After an error it is first in ``errorprocessing``.
+a primary state. After an error it is first in ``errorprocessing``. :data:`TRANSITIONS` is the whole
+machine: the server takes rows of it, and lists them to clients.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class LifecycleState(IntEnum):
 
 
 class WorkOutcome(Enum):
-    """How the work of a transition state ended; the value is the label of the transition out."""
+    """The end of a transition state's work; the value is the label of the transition out."""
 
     SUCCESS = "transition_success"
     FAILURE = "transition_failure"
@@ -61,7 +62,7 @@ class LifecycleTransition(NamedTuple):
 def _ends(
     first: int, start: LifecycleState, success: LifecycleState, failure: LifecycleState
 ) -> tuple[LifecycleTransition, ...]:
-    """Return the transitions out of a transition state."""
+    """Make the three transitions out of a transition state."""
     error = LifecycleState.ERRORPROCESSING
     goals = (success, failure, failure if start is error else error)
     return tuple(
@@ -90,7 +91,7 @@ def _all() -> tuple[LifecycleTransition, ...]:
 
 
 TRANSITIONS = _all()
-"""All of them, in rcl_lifecycle's order."""
+"""All transitions, in rcl_lifecycle's order."""
 
 
 class LifecycleServer:

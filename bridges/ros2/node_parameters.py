@@ -1,12 +1,14 @@
-"""A node's parameters: what they are, what they may be, and why a value is refused.
+"""A node's parameters: their declarations and values, and why a value is refused; values from YAML.
 
 Each parameter is declared with a value and keeps its type, as in rclcpp without dynamic typing. The
-reasons are in rclcpp's words, which people search for.
+reasons are in rclcpp's words, which people search for. Several parameters are set together or not
+at all, so all of them are judged before the first is assigned. Values from outside are kept until
+their parameter is declared: a node that declares late starts with them, too.
 
-Parameters from YAML, read as rcl_yaml_param_parser reads them.
-
-A file has a mapping for each node, by its full name or by namespaces that contain it, and in that,
-below ``ros__parameters``, its parameters; ``*`` stands for one name and ``**`` for any number.
+YAML is read as rcl_yaml_param_parser reads it, which is not YAML 1.2: ``on`` is true, ``010`` is
+octal, ``nan`` a number. So scalars are taken as text and their types decided here. A file has a
+mapping for each node, by its full name or by namespaces that contain it, and in that, below
+``ros__parameters``, its parameters; ``*`` stands for one name and ``**`` for any number.
 """
 
 from __future__ import annotations
@@ -59,7 +61,7 @@ _SEVERAL = {
 
 
 def type_of(value: Value) -> ParameterType:
-    """Return a value's type; an empty tuple counts as bytes, as in rclpy."""
+    """Determine the type of a value; an empty tuple counts as bytes, as in rclpy."""
     if isinstance(value, tuple):
         return _SEVERAL[type(value[0])] if value else ParameterType.BYTE_ARRAY
     return _SINGLE[type(value)]
@@ -116,11 +118,11 @@ class NodeParameters:
             self.assign(name, value)
 
     def values(self) -> dict[str, Any]:
-        """Return a copy of all values by name."""
+        """Copy all values, by name."""
         return dict(self._values)
 
     def refusal(self, *wanted: tuple[str, Value]) -> str | None:
-        """Return why these values, by name, cannot be set together, or None if they can.
+        """Explain why these values, by name, cannot be set together; None if they can.
 
         Of several reasons it is the one that rclcpp finds first.
         """
@@ -176,7 +178,7 @@ _SPECIAL = re.compile(r"([+-]?)(?:\.(?:nan|NaN|NAN|inf|Inf|INF)|(?i:nan|inf|infi
 
 
 def fits(pattern: str, node: str) -> bool:
-    """Return whether a node's full name fits a pattern."""
+    """Check if a node's full name fits a pattern."""
     parts = (
         {"**": r"(/[^/]+)*", "*": "/[^/]+"}.get(part, "/" + re.escape(part))
         for part in pattern.strip("/").split("/")
@@ -185,7 +187,7 @@ def fits(pattern: str, node: str) -> bool:
 
 
 def read_parameters(file: Path) -> list[tuple[str, str, Value]]:
-    """Return the node pattern, name and value of each parameter in a file.
+    """Read the node pattern, name and value of each parameter in a file.
 
     Raise :class:`.RosArgumentError` with the file, and the line where there is one.
     """
@@ -198,7 +200,7 @@ def read_parameters(file: Path) -> list[tuple[str, str, Value]]:
 
 
 def read_value(text: str, where: str) -> Value:
-    """Return the value of a parameter in YAML; ``where`` names it in an error."""
+    """Parse a parameter's value in YAML; ``where`` names it in a :class:`.RosArgumentError`."""
     root = _compose(text, where)
     return "" if root is None else _value(root, where)
 
@@ -276,12 +278,12 @@ def _scalar(node: Any, where: str) -> bool | int | float | str:
 
 
 def _is_tagged_text(node: Any) -> bool:
-    """Return whether a value has the tag ``!!str``, and not only looks like text to YAML."""
+    """Check if a value has the tag ``!!str``, and does not only look like text to YAML."""
     return (node.ctag.handle, node.ctag.suffix) == ("!!", "str")
 
 
 def _integer(text: str) -> int | float | str:
-    """Return what strtoll reads with base 0: octal after a zero; beyond 64 bits it is a float."""
+    """Read a number as strtoll with base 0: octal after a zero; beyond 64 bits it is a float."""
     digits = text.lstrip("+-")
     octal = len(digits) > 1 and digits[0] == "0" and digits[1] not in "xX"
     try:

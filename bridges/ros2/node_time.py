@@ -1,6 +1,6 @@
 """A node's time: the host's or, where ``use_sim_time`` is set, that of /clock, as rclcpp's.
 
-Time stamps of ROS messages.
+ROS messages have times of seconds and nanoseconds; here a time is a number of nanoseconds.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ _SECOND = 1_000_000_000
 
 
 def from_ns(ns: int) -> Time:
-    """Return a time of so many nanoseconds since the epoch."""
+    """Make a message of nanoseconds since 1970."""
     return Time(*divmod(ns, _SECOND))
 
 
 def to_ns(time: Time) -> int:
-    """Return the nanoseconds since the epoch."""
+    """Turn a message into nanoseconds since 1970."""
     return time.sec * _SECOND + time.nanosec
 
 
@@ -35,10 +35,10 @@ CLOCK_QOS = Qos(ReliabilityPolicy.BEST_EFFORT, depth=1)
 
 
 class NodeTime:
-    """What a node calls now, in nanoseconds since 1970 or since a simulation began.
+    """The clock of a node, in nanoseconds since 1970 or since a simulation began.
 
-    With a simulated time it is the newest one of /clock, 0 before the first, and ``set_ns`` is
-    called with each.
+    A simulated time is the newest one of /clock, 0 before the first, and ``set_ns`` is called with
+    each.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class NodeTime:
         self._simulated_ns = 0
 
     def simulate(self, simulated: bool) -> None:
-        """Follow /clock, or the host's time."""
+        """Follow /clock from now on, or the host's time."""
         if simulated and self._clock is None:
             of = self._types.message(CLOCK_TYPE)
             qos = overridden(CLOCK_QOS, self._parameters, CLOCK, "subscription")
@@ -67,11 +67,11 @@ class NodeTime:
 
     @property
     def simulated(self) -> bool:
-        """Whether it is that of /clock."""
+        """True if the time is that of /clock."""
         return self._clock is not None
 
     def now_ns(self) -> int:
-        """Return the time."""
+        """Return the node's time in nanoseconds."""
         return time.time_ns() if self._clock is None else self._simulated_ns
 
     def _tick(self, arrival: SerializedMessage[Any]) -> None:

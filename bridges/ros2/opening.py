@@ -1,12 +1,7 @@
-"""Opens a transport by its name; what it needs is imported when it is opened.
+"""Opens a transport by its name, or a Zenoh router in this process, in place of rmw_zenohd.
 
-Keep freed memory for the next message.
-
-glibc returns large blocks to the system when they are freed. Each copy of a large message, such as
-an image or a cloud of points, then finds its memory empty, page by page, which takes several times
-as long as the copying.
-
-A Zenoh router in this process, in place of rmw_zenohd.
+A transport's library is imported when it is opened. Another transport is a module that implements
+:mod:`.transport`, its name in :data:`.defaults.TRANSPORTS` and a branch of :func:`open_transport`.
 """
 
 from __future__ import annotations
@@ -19,7 +14,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from llfsm.bridges.ros2.defaults import TRANSPORTS, choose_transport
-from llfsm.bridges.ros2.errors import RouterError, TransportUnavailableError
+from llfsm.bridges.ros2.errors import TransportUnavailableError
 from llfsm.bridges.ros2.transport import Notice, Transport, log_notice
 from llfsm.whiteboard.mirror.settings import PORT, endpoint_problem
 
@@ -84,7 +79,10 @@ _LARGEST = 32 << 20  # the most that glibc accepts
 def keep_freed_memory() -> None:
     """Let this process keep up to 64 MB of freed memory; without glibc, do nothing.
 
-    For programs that relay messages. A library leaves it to the program that uses it.
+    For programs that relay messages; a library leaves it to the program that uses it. glibc returns
+    large blocks to the system when they are freed. Each copy of a large message, such as an image
+    or a cloud of points, then finds its memory empty, page by page, which takes several times as
+    long as the copying.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
@@ -96,7 +94,7 @@ _LOOPBACK = re.compile(r"tcp/(localhost|127\.0\.0\.1|\[::1\]):(\d+)")
 
 
 def loopback(port: int = PORT) -> list[str]:
-    """Return the endpoints that only this host reaches, on IPv6 too if it has that."""
+    """List the endpoints that only this host reaches, on IPv6 too if it has that."""
     endpoints = [f"tcp/127.0.0.1:{port}"]
     try:
         with socket.socket(socket.AF_INET6) as probe:
@@ -107,13 +105,13 @@ def loopback(port: int = PORT) -> list[str]:
 
 
 def loopback_address(endpoint: str) -> tuple[str, int] | None:
-    """Return the host and port of an endpoint that only this host reaches, else None."""
+    """Split an endpoint that only this host reaches into host and port; None for others."""
     match = _LOOPBACK.fullmatch(endpoint)
     return match and (match[1].strip("[]"), int(match[2]))
 
 
 def serves(address: tuple[str, int]) -> bool:
-    """Return whether something accepts TCP connections at a host and port."""
+    """Check if a program accepts TCP connections at a host and port."""
     try:
         with socket.create_connection(address, timeout=1.0):
             return True
@@ -124,11 +122,11 @@ def serves(address: tuple[str, int]) -> bool:
 def open_router(listen: Sequence[str]) -> zenoh.Session:
     """Start a router in this process; it ends when the session is closed.
 
-    Raise :class:`.RouterError` if it cannot listen on one of the endpoints, and
-    :class:`.TransportUnavailableError` if Zenoh is not installed.
+    Raise :class:`.TransportUnavailableError` if it cannot listen on one of the endpoints, or if
+    Zenoh is not installed.
     """
     for problem in filter(None, map(endpoint_problem, listen)):
-        raise RouterError(f"no router: {problem}")
+        raise TransportUnavailableError(f"no router: {problem}")
     with explaining_missing():
         from llfsm.bridges.ros2.zenoh_transport.transport import open_with
     settings = {
@@ -140,11 +138,13 @@ def open_router(listen: Sequence[str]) -> zenoh.Session:
     try:
         return open_with(settings)
     except TransportUnavailableError as error:
-        raise RouterError(f"no router on {', '.join(listen)}: {error}{_hint(listen)}") from error
+        raise TransportUnavailableError(
+            f"no router on {', '.join(listen)}: {error}{_hint(listen)}"
+        ) from error
 
 
 def _hint(listen: Sequence[str]) -> str:
-    """Return what may occupy an endpoint; the default port is that of two programs of ours."""
+    """Name a program that may occupy an endpoint: the default port is that of two of ours."""
     taken = [e for e in listen if (address := loopback_address(e)) and serves(address)]
     if not taken:
         return ""

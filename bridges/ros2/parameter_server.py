@@ -1,4 +1,4 @@
-"""A node's parameters on a transport: the services of rcl_interfaces, and /parameter_events.
+"""The services for a node's parameters, those of rcl_interfaces, and /parameter_events.
 
 As in rclcpp, a request for several parameters returns nothing if one of them is unknown.
 """
@@ -32,7 +32,7 @@ _FIELDS = {kind: f"{kind.name.lower()}_value" for kind in ParameterType if kind}
 
 
 class ParameterServer:
-    """Serves a node's parameters; requests are handled through ``put``, on one thread."""
+    """Serves a node's parameters to others; requests are handled through ``put``, on one thread."""
 
     def __init__(
         self,
@@ -108,7 +108,7 @@ class ParameterServer:
         return {"result": self._set_all(request.parameters)}
 
     def _set_all(self, wanted: Sequence[Any]) -> Message:
-        """Set all of these or none, and return the outcome."""
+        """Set all of these parameters or none; return the outcome."""
         if not wanted:
             return self._outcome(successful=False, reason=_NOTHING)
         values = [(one.name, _from_message(one.value)) for one in wanted]
@@ -161,7 +161,7 @@ class ParameterServer:
 def _answering(
     of: RosService, respond: Callable[[Any], dict[str, Any]]
 ) -> Callable[[ServiceRequest[Any, Any]], None]:
-    """Return a handler that answers with the fields that ``respond`` returns."""
+    """Make a handler that answers with the fields that ``respond`` returns."""
     response = of.response.message
     return lambda request: request.answer(response(**respond(request.message)))
 
@@ -173,7 +173,7 @@ def _from_message(value: Any) -> Value:
 
 
 def _listed(name: str, prefixes: tuple[str, ...], depth: int) -> bool:
-    """Return whether a listing to that depth (0: any) names a parameter.
+    """Check if a listing to that depth (0: any) names a parameter.
 
     The depth is counted from the prefix, or from the root where no prefix is given.
     """

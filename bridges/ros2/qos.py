@@ -1,9 +1,8 @@
 """Quality of service: what publishers offer and subscriptions request.
 
-The names and numbers are those of ROS 2 (rmw/types.h). Durations are nanoseconds; 0 is none, as
-ROS 2's infinite one.
-
-A node's parameters ``qos_overrides.<topic>.<publisher|subscription>.<policy>``, as rclcpp's.
+The names and numbers are those of ROS 2 (rmw/types.h), the rule that decides whether an offer is
+enough is DDS's. Durations are nanoseconds; 0 is none, as ROS 2's infinite one. The parameters
+``qos_overrides.<topic>.<publisher|subscription>.<policy>`` of a node are rclcpp's.
 """
 
 from __future__ import annotations
@@ -16,28 +15,28 @@ from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter
 
 
 class ReliabilityPolicy(IntEnum):
-    """Whether messages may be lost on the way."""
+    """Reliable, or messages may be lost on the way."""
 
     RELIABLE = 1
     BEST_EFFORT = 2
 
 
 class DurabilityPolicy(IntEnum):
-    """Whether a late subscription gets messages that were published before."""
+    """Late subscriptions get messages that were published before, or they do not."""
 
     TRANSIENT_LOCAL = 1
     VOLATILE = 2
 
 
 class HistoryPolicy(IntEnum):
-    """Whether the newest messages are kept, or all."""
+    """The newest messages are kept, or all."""
 
     KEEP_LAST = 1
     KEEP_ALL = 2
 
 
 class LivelinessPolicy(IntEnum):
-    """Who asserts that a publisher is alive: its process, its node, or the publisher itself.
+    """The process, the node or the publisher itself asserts that a publisher is alive.
 
     ROS 2 has deprecated assertion by the node. It is known here for the sake of older peers' ends.
     """
@@ -71,14 +70,14 @@ class Qos(NamedTuple):
     """The longest time between two signs of life."""
 
     def refusal(self, offered: Qos) -> str | None:
-        """Return why a subscription with this profile refuses an offered one, or None.
+        """Explain why a subscription with this profile refuses an offered one; None if it does not.
 
         The rule is DDS's: an offer must be at least as strong as the request.
         """
         return "; ".join(reason for _, reason in self.refused(offered)) or None
 
     def refused(self, offered: Qos) -> list[tuple[str, str]]:
-        """Return rmw's name of each policy of an offer that is refused, and the reason."""
+        """List the policies of an offer that are refused, by rmw's name, with the reason."""
         found = []
         if self.reliability < offered.reliability:
             found.append(("RELIABILITY", "asks for reliable, best effort is offered"))
@@ -129,7 +128,7 @@ _USUAL = ("depth", "durability", "history", "reliability")
 def overridden(
     qos: Qos, parameters: NodeParameters, topic: str, end: str, *, every: bool = False
 ) -> Qos:
-    """Declare the policies of a node's end of a topic, and return the profile with overrides.
+    """Declare the policies of a node's end of a topic; return the profile with overrides.
 
     ``end`` is ``publisher`` or ``subscription``, ``topic`` a full name. The usual four policies are
     declared, or ``every`` one that the end has; times are in nanoseconds, 0 is none. The parameters
@@ -158,7 +157,7 @@ def _plain(qos: Qos, name: str) -> int | str:
 
 
 def _changed(name: str, value: Any, prefix: str) -> tuple[str, Any]:
-    """Return the field of a profile for a parameter, and its value."""
+    """Turn a parameter into the field of a profile and its value."""
     if name in _KINDS:
         known = {one.name.lower(): one for one in _KINDS[name] if one is not _DEPRECATED}
         if value not in known:

@@ -78,7 +78,7 @@ class _Override(NamedTuple):
 
 
 class RosArguments(NamedTuple):
-    """What the arguments of ROS say; as it stands, nothing."""
+    """The arguments of ROS, parsed; as it stands, none were given."""
 
     remaps: tuple[_Remap, ...] = ()
     overrides: tuple[_Override, ...] = ()
@@ -91,7 +91,7 @@ class RosArguments(NamedTuple):
     """Whether nodes print their log."""
 
     def names(self, node: str, namespace: str = "/", *, only_one: bool = True) -> Names:
-        """Return the names that a node uses, remapped.
+        """Remap a node, and return the names that it uses.
 
         ``only_one``: the process has no other node, so that ``__node`` without a NODE is meant for
         it. Raise :class:`.RosArgumentError` if a name of a rule is invalid.
@@ -115,7 +115,7 @@ class RosArguments(NamedTuple):
         return [rule for rule in self.remaps if rule.node in ("", node)]
 
     def log_level(self, node: str) -> int:
-        """Return the level of a node's log, by its full name, as of `logging`.
+        """Find the level of a node's log, by its full name, as of `logging`.
 
         It is that of the node's logger or of the nearest above it, else that of all, else INFO.
         """
@@ -126,7 +126,7 @@ class RosArguments(NamedTuple):
         return levels.get(logger, logging.INFO)
 
     def parameters(self, node: str) -> dict[str, Value]:
-        """Return the values that the parameters of a node get, by its full name."""
+        """Collect the values that the parameters of a node get, by its full name."""
         patterns = [
             each for each in dict.fromkeys(o.node for o in self.overrides) if fits(each, node)
         ]
@@ -139,7 +139,7 @@ class RosArguments(NamedTuple):
 
 
 def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
-    """Return a program's own arguments, and those of ROS.
+    """Split a program's arguments into its own and those of ROS.
 
     Raise :class:`.RosArgumentError` for a wrong one, or a file that cannot be used.
     """

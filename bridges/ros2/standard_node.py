@@ -1,8 +1,7 @@
-"""A node's log on /rosout, which ROS's tools read.
+"""The parts of every node, as rclcpp has them: parameters, a time, type descriptions, a log.
 
-What rclcpp gives every node: parameters, a time, type descriptions, a log.
-
-A node's service ``~/get_type_description``, which describes types to tools (REP 2011).
+A node's service ``~/get_type_description`` describes types to tools (REP 2011), its log is on
+/rosout, which ROS's tools read.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ class ConsoleFormat(logging.Formatter):
         self._name = name
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return a record's line."""
+        """Format a record as a line."""
         severity = _SEVERITY.get(record.levelno, record.levelname)
         return f"[{severity}] [{record.created:.9f}] [{self._name}]: {record.getMessage()}"
 
@@ -140,7 +139,7 @@ class TypeDescriptionServer:
         )
 
     def _name_of(self, name: str, wanted: str) -> str:
-        """Return the name of the type that is meant; raise :class:`.RosTypeError` if none is."""
+        """Find the type that a request means; raise :class:`.RosTypeError` if there is none."""
         found = self._types.used_with_hash(wanted)
         if found is not None:
             return found
@@ -165,7 +164,7 @@ _DESCRIBE = "start_type_description_service"
 
 
 class Equipment(NamedTuple):
-    """What a node has from :func:`equip` and uses itself."""
+    """The parts that :func:`equip` adds to a node and that the node uses itself."""
 
     log: Rosout
     time: NodeTime
@@ -178,7 +177,7 @@ def equip(
     put: Put,
     set_ns: Callable[[int], None] | None = None,
 ) -> Equipment:
-    """Serve a node's parameters, its own and those of every node, and descriptions of its types.
+    """Give a node the parts of every node: parameters, a time, descriptions of its types, a log.
 
     Requests are handled through ``put``. A node whose work follows /clock has ``set_ns`` called
     with each of its times, and cannot leave it. Raise :class:`.ParameterOverrideError`.

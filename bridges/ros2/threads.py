@@ -1,10 +1,9 @@
-"""Waits for a transport's threads when the interpreter ends.
+"""Threads on which actions run: a thread with a timer, a queue for another thread.
 
-They are daemon threads: a process that forgets to close a transport still ends. But a daemon thread
-that is inside Zenoh when the interpreter ends aborts the process; releasing the last reference to
-one of Zenoh's objects is enough. So threads that are about to end are joined last.
-
-A thread that runs a transport's actions soon or after a delay.
+A transport's threads are daemon threads: a process that forgets to close a transport still ends.
+But a daemon thread that is inside Zenoh when the interpreter ends aborts the process; releasing the
+last reference to one of Zenoh's objects is enough. So threads that are about to end are joined
+last.
 """
 
 from __future__ import annotations
@@ -71,7 +70,7 @@ class CallQueue:
 
 
 class TimerThread:
-    """Runs actions one after the other on a thread of its own.
+    """Runs actions one after the other on a thread of its own, soon or after a delay.
 
     The middleware's own threads must not block. So futures get their results here, where callbacks
     that users attach may block. An action that fails is logged.

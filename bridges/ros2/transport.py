@@ -1,11 +1,11 @@
 """The transport: the interface to ROS 2 that a bridge uses, whatever middleware carries it.
 
-    Transport            access to one ROS domain
-    └── Node        a node on its graph
-        ├── Publisher       publish(message)
-        ├── TopicSubscription    callback(arrival)
-        ├── Client          call(request) -> future
-        └── Server          handler(request), which may be answered later
+    Transport                     access to one ROS domain
+    └── Node                      a node on its graph
+        ├── Publisher             publish(message)
+        ├── TopicSubscription     callback(arrival)
+        ├── Client                call(request) -> future
+        └── Server                handler(request), which may be answered later
 
 What holds on every transport:
 
@@ -18,13 +18,9 @@ What holds on every transport:
   a message that cannot be decoded, an incompatible type) is passed as a :class:`Notice` to the
   function that the transport was opened with, once for each kind of fault on a topic.
 * **Closing** an entity takes it off the graph before ``close`` returns; a node closes its
-  entities, a transport its nodes.
+  entities, a transport its nodes. Each is closed once, after the objects it owns.
 
-Names may be relative (``cmd_vel``), private (``~/pose``) or full; see :mod:`.ros_names`.
-
-Objects that are closed once, after the objects they own.
-
-Notices: events of a transport outside any call, each fault reported once.
+Names may be relative (``cmd_vel``), private (``~/pose``) or full; see :class:`.Names`.
 """
 
 from __future__ import annotations
@@ -83,7 +79,7 @@ class Closable(ABC):
 
     @property
     def closed(self) -> bool:
-        """Whether closing has begun."""
+        """True once closing has begun."""
         return self._closed
 
     def close(self) -> None:
@@ -183,12 +179,12 @@ class SerializedBytes(SerializedMessage[M]):
 
     @property
     def data(self) -> bytes:
-        """What was published."""
+        """The bytes that were published."""
         return self._data
 
     @property
     def info(self) -> MessageInfo:
-        """By whom and when."""
+        """Its publisher, sequence number and time."""
         return self._info
 
     def decode(self) -> M:
@@ -231,7 +227,7 @@ class TopicSubscription(Closable):
     name: str
     """The topic's full name."""
     broken: int = 0
-    """As of a publisher."""
+    """As :attr:`Publisher.broken`."""
 
 
 Req = TypeVar("Req", bound=Message)
@@ -247,7 +243,7 @@ class Client(Closable, Generic[Req, Res]):
     @property
     @abstractmethod
     def ready(self) -> bool:
-        """Whether a server with our type is known; a new server may not be known yet."""
+        """True if a server with our type is known; a new server may not be known yet."""
 
     @abstractmethod
     def call(self, request: Req, *, timeout: float) -> Future[Res]:
@@ -346,7 +342,7 @@ class Node(Closable):
         """
 
     def _end(self, role: Role, name: str, of: RosMessage[Any] | RosService, qos: Qos) -> Endpoint:
-        """Describe an endpoint of this node."""
+        """Describe an endpoint of this node, with its full name."""
         self._check_open()
         topics = role in (Role.PUBLISHER, Role.SUBSCRIPTION)
         full = self._names.full(name) if topics else self._names.full_service(name)
@@ -365,7 +361,7 @@ class Transport(Closable):
     @property
     @abstractmethod
     def up(self) -> bool:
-        """Whether the connection to ROS exists; see :attr:`NoticeKind.DOWN`."""
+        """True while the connection to ROS exists; see :attr:`NoticeKind.DOWN`."""
 
     @abstractmethod
     def node(

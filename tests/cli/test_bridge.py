@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from llfsm.bridges.ros2.bridging.link import BridgeLink
-from llfsm.cli.bridge.running import Counts
+from llfsm.cli.bridge.ros2 import Counts
 from llfsm.cli.root import main
 from llfsm.whiteboard import Slot, Whiteboard
 from llfsm.whiteboard.messages.geometry_msgs import Twist

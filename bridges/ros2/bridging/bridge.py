@@ -1,8 +1,7 @@
-"""A node's health on /diagnostics, once a second, as diagnostic_updater publishes it.
+"""A running bridge: the links of a plan between a board and a transport, and their health.
 
-A running bridge: the links of a plan between a board and a transport.
-
-The health of a bridge's links, and of the machines on its whiteboard.
+The health of the links, and of the machines on the whiteboard, is on /diagnostics once a second, as
+diagnostic_updater publishes it.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ _PERIOD_S = 1.0
 
 
 class HealthLevel(IntEnum):
-    """How well something is, numbered as in diagnostic_msgs/msg/DiagnosticStatus."""
+    """The levels of diagnostic_msgs/msg/DiagnosticStatus, numbered as there."""
 
     OK = 0
     WARN = 1
@@ -141,7 +140,7 @@ class BridgeHealth:
         self._ringlets: dict[str, int] = {}
 
     def report(self) -> list[Health]:
-        """Return the health of each link and of each machine."""
+        """Measure the health of each link and of each machine."""
         now = self._now()
         seconds, self._then = max(now - self._then, 1e-9), now
         links = (self._of_link(link, seconds) for link in self._links)
@@ -414,7 +413,7 @@ class Bridge:
 
 
 def _arrivals(relays: Sequence[RelayPlan]) -> dict[str, LatestArrival[Any]]:
-    """Return what is shared by the relays of each slot that passes messages from topic to topic.
+    """Make the place of the latest arrival for each slot that relays pass from topic to topic.
 
     All relays of a slot have one type. Those in both directions share nothing: of what comes from
     ROS, they send nothing back.
@@ -425,7 +424,7 @@ def _arrivals(relays: Sequence[RelayPlan]) -> dict[str, LatestArrival[Any]]:
 
 
 def _overridden(relay: RelayPlan, parameters: NodeParameters) -> RelayPlan:
-    """Return the relay with the QoS that parameters of the node give its ends."""
+    """Give a relay's ends the QoS that parameters of the node name."""
     topic, to_ros, from_ros = relay.topic, relay.to_ros, relay.from_ros
     if to_ros is not None:
         to_ros = overridden(to_ros, parameters, topic, "publisher", every=True)

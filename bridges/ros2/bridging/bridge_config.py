@@ -1,33 +1,27 @@
-"""What a bridge's configuration may contain, in a TOML file or as flags; one that ships.
+"""The configuration of a bridge as data, in a TOML file or as flags; one that ships.
 
-Where a message has a key.
-
-``keyed_by = "transforms.child_frame_id"`` is a path of fields to a text or a whole number. If a
-field on the way is a sequence, each of its items is a message for the slot of its key; otherwise
-the whole message is.
+A relay with ``keyed_by = "transforms.child_frame_id"`` has a slot for each key. That is a path of
+fields to a text or a whole number. If a field on the way is a sequence, each of its items is a
+message for the slot of its key; otherwise the whole message is.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 from msgspec import inspect as mi
 
-from llfsm.bridges.ros2.errors import AtLossError, CdrError, KeyPathError
-from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
-from llfsm.bridges.ros2.types import RosMessage
-from llfsm.whiteboard import Message, Slot
-from llfsm.whiteboard.message_text import parse_message
+from llfsm.bridges.ros2.errors import KeyPathError
+from llfsm.whiteboard import Message
 
 
 class KeyPath:
-    """Where the keys of a message are; ``part`` is the class of the messages of the slots."""
+    """The place of the keys in a message; ``part`` is the class of the messages of the slots."""
 
     def __init__(self, path: str, message: type[Message]) -> None:
-        """Raise :class:`.KeyPathError`."""
+        """Resolve a path in a class; raise :class:`.KeyPathError` if it does not lead to a key."""
         self.part: Any = message
         self._to_parts: list[str] | None = None
         """The fields on the way to a sequence, if there is one."""
@@ -97,34 +91,6 @@ class RelayConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True)
     at_loss: dict[str, Any] | None = None
     """The message to post when the process that posted the latest one dies; to ROS only."""
 
-    def qos(self, usual_depth: int) -> Qos:
-        """Return the profile of an end of the topic."""
-        return Qos(
-            ReliabilityPolicy[self.reliability.upper()],
-            DurabilityPolicy[self.durability.upper()],
-            depth=self.depth or usual_depth,
-            deadline_ns=_ns(self.deadline),
-            lifespan_ns=_ns(self.lifespan),
-            liveliness=LivelinessPolicy[self.liveliness.upper()],
-            lease_ns=_ns(self.lease),
-        )
-
-    def loss(self, slot: Slot[Any], of: RosMessage[Any]) -> Message | None:
-        """Return ``at_loss`` as a message of the slot, if it is given.
-
-        Raise :class:`.AtLossError` and :class:`.MessageFieldError`.
-        """
-        if self.at_loss is None:
-            return None
-        if self.direction == "from_ros":
-            raise AtLossError("`at_loss` is for relays to ROS")
-        message = parse_message(slot, json.dumps(self.at_loss))
-        try:
-            of.encode(message)
-        except CdrError as error:
-            raise AtLossError(f"`at_loss` is not a {of.name}: {error}") from error
-        return message
-
 
 class ServiceConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """A ROS service that is called or answered through slots."""
@@ -177,12 +143,8 @@ class BridgeConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
     turtle_position: PositionConfig | None = None
 
 
-def _ns(seconds: float | None) -> int:
-    return round((seconds or 0) * 1e9)
-
-
 def turtlesim_config(turtles: Sequence[str]) -> BridgeConfig:
-    """Return the configuration with which machines drive turtles of turtlesim_node.
+    """Make the configuration with which machines drive turtles of turtlesim_node.
 
     ``turtles`` are their names, at least one; ``turtle_position`` reports the first.
     """

@@ -1,12 +1,14 @@
 """Resolves a configuration to slots, topics and types, or lists its errors and their places.
 
-Cycles: messages that relays would pass on for ever.
-
-The configuration that machines need themselves: a topic for each slot that they use.
+All errors are found at once: each value is resolved under its place in the configuration, an error
+is noted there, and what depends on a value that is missing is left out. Relations between relays
+are checked last. A cycle of relays would pass a message on for ever; one relay in both directions
+is none, as it does not take back what it has brought.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,60 +31,18 @@ from llfsm.bridges.ros2.bridging.service_slots import (
     service_slots,
 )
 from llfsm.bridges.ros2.bridging.turtle_position import NODE, SERVICE, TYPE
-from llfsm.bridges.ros2.errors import KeyPathError, RosNameError, RosTypeError
+from llfsm.bridges.ros2.errors import CdrError, KeyPathError, RosNameError, RosTypeError
 from llfsm.bridges.ros2.graph import Names
-from llfsm.bridges.ros2.qos import Qos
+from llfsm.bridges.ros2.qos import DurabilityPolicy, LivelinessPolicy, Qos, ReliabilityPolicy
 from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.bridges.ros2.types import RosMessage, RosService, TypeLibrary
 from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.whiteboard import Message, Slot, SlotTypeError, WhiteboardError
 from llfsm.whiteboard.board import SlotInfo
+from llfsm.whiteboard.message_text import parse_message
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST
 from llfsm.whiteboard.messages.turtlesim import Pose
 from llfsm.whiteboard.schema import fingerprint
-
-
-class RelayEdge(NamedTuple):
-    """A relay in one of its directions."""
-
-    relay: int
-    """Its index in the configuration."""
-    source: str
-    target: str
-
-
-class _Stop(NamedTuple):
-    """A message at a place, with the relay that brought it, which does not take it back."""
-
-    place: str
-    relay: int
-
-
-def find_cycle(edges: Iterable[RelayEdge]) -> tuple[int, list[str]] | None:
-    """Return a relay and the places of a cycle that it is part of, or None."""
-    edges = list(edges)
-    harmless: set[_Stop] = set()
-    for first in edges:
-        found = _follow(edges, [_Stop(first.target, first.relay)], harmless)
-        if found:
-            return found[0].relay, [stop.place for stop in found]
-    return None
-
-
-def _follow(edges: list[RelayEdge], way: list[_Stop], harmless: set[_Stop]) -> list[_Stop] | None:
-    here = way[-1]
-    if here in harmless:
-        return None
-    if here in way[:-1]:
-        return way[way.index(here) :]
-    for edge in edges:
-        if edge.source == here.place and edge.relay != here.relay:
-            found = _follow(edges, [*way, _Stop(edge.target, edge.relay)], harmless)
-            if found:
-                return found
-    harmless.add(here)
-    return None
-
 
 _Where = tuple[str | int, ...]
 _KEYED_DEPTH = 100  # as tf2's listeners: many publishers send at once
@@ -141,7 +101,7 @@ class PositionPlan(NamedTuple):
 
 
 class BridgePlan(NamedTuple):
-    """Everything that a bridge connects."""
+    """The slots, topics, services and actions that a bridge connects."""
 
     node: Names
     arguments: RosArguments
@@ -152,9 +112,51 @@ class BridgePlan(NamedTuple):
     actions: list[ActionPlan]
     position: PositionPlan | None
     warnings: list[ConfigurationError]
-    """What is possible, but loses messages."""
+    """Possible, but messages are lost."""
     notes: list[ConfigurationError]
-    """What was chosen where the configuration names nothing."""
+    """Choices where the configuration names nothing."""
+
+
+class RelayEdge(NamedTuple):
+    """A relay in one of its directions."""
+
+    relay: int
+    """Its index in the configuration."""
+    source: str
+    target: str
+
+
+class _Stop(NamedTuple):
+    """A message at a place, with the relay that brought it, which does not take it back."""
+
+    place: str
+    relay: int
+
+
+def find_cycle(edges: Iterable[RelayEdge]) -> tuple[int, list[str]] | None:
+    """Find a cycle of relays; return a relay of it and its places, or None."""
+    edges = list(edges)
+    harmless: set[_Stop] = set()
+    for first in edges:
+        found = _follow(edges, [_Stop(first.target, first.relay)], harmless)
+        if found:
+            return found[0].relay, [stop.place for stop in found]
+    return None
+
+
+def _follow(edges: list[RelayEdge], way: list[_Stop], harmless: set[_Stop]) -> list[_Stop] | None:
+    here = way[-1]
+    if here in harmless:
+        return None
+    if here in way[:-1]:
+        return way[way.index(here) :]
+    for edge in edges:
+        if edge.source == here.place and edge.relay != here.relay:
+            found = _follow(edges, [*way, _Stop(edge.target, edge.relay)], harmless)
+            if found:
+                return found
+    harmless.add(here)
+    return None
 
 
 def make_plan(
@@ -163,7 +165,7 @@ def make_plan(
     slots: list[SlotInfo],
     arguments: RosArguments = RosArguments(),  # noqa: B008 (immutable)
 ) -> tuple[BridgePlan, list[ConfigurationError]]:
-    """Return the plan and the errors of a configuration; without errors the plan is complete.
+    """Make the plan of a configuration, and list its errors; without any the plan is complete.
 
     ``folder`` is where relative ``types`` are searched, ``slots`` those on the board. The errors
     have a ``where`` in the configuration. ``arguments`` remap the node and the topics. Raise
@@ -255,7 +257,7 @@ class _Planner:
         if topic is None or of is None or slot is None:
             return None
         with self._at(*where, "at_loss"):
-            at_loss = config.loss(slot, of)
+            at_loss = _loss(config, slot, of)
         other = self._topic_types.setdefault(topic, of.name)
         if other != of.name:
             self._fault(f"the topic {topic} has type {other} in another relay", *where, "type")
@@ -266,8 +268,8 @@ class _Planner:
             name,
             topic,
             of,
-            None if config.direction == "from_ros" else config.qos(10),
-            None if config.direction == "to_ros" else config.qos(_KEYED_DEPTH if keys else 1),
+            None if config.direction == "from_ros" else _qos(config, 10),
+            None if config.direction == "to_ros" else _qos(config, _KEYED_DEPTH if keys else 1),
             1 / config.rate if config.rate else 0.0,
             keys,
             at_loss,
@@ -327,9 +329,10 @@ class _Planner:
         return None
 
     def _claim(self, slot: Slot[Any], *, keyed: bool = False) -> Slot[Any]:
-        """Return the slot that all uses share; raise if the board or a use has another type.
+        """Claim a slot for a use, and return the one that all uses share.
 
-        A slot with ``keyed`` stands for those that have its name before theirs.
+        Raise if the board or another use has it with another type. With ``keyed`` it stands for the
+        slots that have its name before theirs.
         """
         for name, info in self._on_board.items():
             meant = name.startswith(f"{slot.name}/") if keyed else name == slot.name
@@ -361,7 +364,7 @@ class _Planner:
             self._notes.append(ConfigurationError(text, (*where, "type")))
 
     def _check_pairs(self, relays: Mapping[int, RelayPlan]) -> None:
-        """Find relays that repeat or reverse others."""
+        """Report relays that repeat or reverse others."""
         done: dict[tuple[str, str], set[bool]] = {}
         for i, relay in relays.items():
             way = {to for to, qos in ((True, relay.to_ros), (False, relay.from_ros)) if qos}
@@ -400,7 +403,7 @@ class _Planner:
         servers: Mapping[int, ServicePlan],
         position: PositionPlan | None,
     ) -> None:
-        """Find slots that two services share, and services that are served twice."""
+        """Report slots that two services share, and services that are served twice."""
         pairs = {REQUEST.name} if position else set()
         served = set()
         if position:
@@ -417,7 +420,7 @@ class _Planner:
                     served.add(plan.service)
 
     def _check_actions(self, actions: Mapping[int, ActionPlan]) -> None:
-        """Find slots that two actions share, and actions that are served twice."""
+        """Report slots that two actions share, and actions that are served twice."""
         used: set[str] = set()
         served: set[str] = set()
         for i, plan in actions.items():
@@ -429,3 +432,34 @@ class _Planner:
                 if plan.action in served:
                     self._fault(f"{plan.action} is already served", "action", i, "action")
                 served.add(plan.action)
+
+
+def _qos(config: RelayConfig, usual_depth: int) -> Qos:
+    """Make the profile of an end of a relay's topic."""
+    return Qos(
+        ReliabilityPolicy[config.reliability.upper()],
+        DurabilityPolicy[config.durability.upper()],
+        depth=config.depth or usual_depth,
+        deadline_ns=_ns(config.deadline),
+        lifespan_ns=_ns(config.lifespan),
+        liveliness=LivelinessPolicy[config.liveliness.upper()],
+        lease_ns=_ns(config.lease),
+    )
+
+
+def _ns(seconds: float | None) -> int:
+    return round((seconds or 0) * 1e9)
+
+
+def _loss(config: RelayConfig, slot: Slot[Any], of: RosMessage[Any]) -> Message | None:
+    """Parse a relay's ``at_loss`` as a message of its slot, if it is given."""
+    if config.at_loss is None:
+        return None
+    if config.direction == "from_ros":
+        raise RosTypeError("`at_loss` is for relays to ROS")
+    message = parse_message(slot, json.dumps(config.at_loss))
+    try:
+        of.encode(message)
+    except CdrError as error:
+        raise RosTypeError(f"`at_loss` is not a {of.name}: {error}") from error
+    return message

@@ -1,4 +1,4 @@
-"""A link between the board and ROS: what it has passed on so far, and what went wrong in it."""
+"""A link between the board and ROS: its counts of messages, and its faults."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class BridgeLink:
 
     @property
     def broken(self) -> int:
-        """How often a deadline or a sign of life was missed, where the middleware reports it."""
+        """Missed deadlines and signs of life, where the middleware reports them."""
         return 0 if self.end is None else self.end.broken
 
     @property
@@ -82,6 +82,6 @@ class LinkFaults:
         self.report(link, text, type(error).__name__)
 
     def report(self, link: BridgeLink, text: str, kind: str) -> None:
-        """Report something of a link, the first time for this kind."""
+        """Report a fault of a link, the first time for this kind."""
         text = f"slot {link.slot}: {text}"
         self._notifier.once(NoticeKind.BAD_MESSAGE, link.name, text, about=f"{link} {kind}")

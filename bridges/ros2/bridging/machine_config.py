@@ -28,7 +28,7 @@ _DRIVE = "/cmd_vel"
 def machine_config(
     machines: Iterable[tuple[type[Machine], Mapping[str, str]]], node: str = _NODE
 ) -> BridgeConfig:
-    """Return the configuration that connects machines with the topics of their slots' names.
+    """Make the configuration that connects machines with the topics of their slots' names.
 
     With each class come the slots that replace others, by name. What a machine reads comes from
     ROS, what one posts goes there, if the slot's type is a message type of ROS and its name can be
@@ -52,7 +52,7 @@ def machine_config(
 
 
 def plan_for(*machines: type[Machine], node: str = _NODE) -> BridgePlan:
-    """Return the plan that connects machines with the topics of their slots' names.
+    """Make the plan that connects machines with the topics of their slots' names.
 
     Raise :class:`.ConfigurationError` for a wrong ``node``.
     """
@@ -65,7 +65,7 @@ def plan_for(*machines: type[Machine], node: str = _NODE) -> BridgePlan:
 def used_slots(
     machines: Iterable[tuple[type[Machine], Mapping[str, str]]],
 ) -> tuple[dict[str, Slot[Any]], dict[str, Slot[Any]]]:
-    """Return the slots that machines read, and those that they post to, by name.
+    """List the slots that machines read, and those that they post to, by name.
 
     With each class come the slots that replace others, by name.
     """

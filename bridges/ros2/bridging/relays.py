@@ -6,17 +6,17 @@ two Zenoh processes. One thread that polls all slots every 200 us would add 200 
 core while nothing changes; the threads take 0.5 %. Polling is better only if all slots change at
 the same instant: 22 us of CPU a message instead of 43, as no interpreter lock changes hands.
 
-Recognises the messages that a relay of both directions has sent itself.
-
-What a relay sends when the process is lost that has posted its slot's latest message.
-
-Any process can be lost, also one without a machine's last will. As a will, the message is posted
-on the slot, by a compare-and-swap in place of the latest one: it never replaces the message of
-another process, one of several bridges posts it, and everybody sees it, not only ROS.
-
-What can be set of a relay while it runs: its rate, and whether it relays at all.
-
-Topic to one slot for each key: what many publishers of one topic send does not get lost.
+* **No echo.** What a relay of both directions has sent comes back to it from both sides. It knows
+  its messages on the board by their count, those in ROS by their publisher: an equal message from
+  anybody else is a new one and is relayed (:class:`EchoFilter`).
+* **Nothing is decoded twice, most of it never.** What is dropped was not decoded, and what goes
+  from topic to slot to topic is sent as it came (:class:`LatestArrival`).
+* **Loss of a commander.** Any process can be lost, also one without a machine's last will. As a
+  will, ``at_loss`` is posted on the slot, by a compare-and-swap in place of the latest message: it
+  never replaces the message of another process, one of several bridges posts it, and everybody sees
+  it, not only ROS (:class:`LossWatch`).
+* **A slot for each key**, where many publishers share a topic: with one slot, the newest message of
+  one would hide those of the others (:class:`KeyedFromRos`).
 """
 
 from __future__ import annotations
@@ -48,11 +48,10 @@ _MOST = 1000
 
 
 class EchoFilter(Generic[M]):
-    """Remembers what one relay has sent in each direction.
+    """Recognises the messages that a relay of both directions has sent itself.
 
-    On the board a message is identified by its count in the slot, in ROS by its publisher: an equal
-    message from another publisher is a new one. Where a transport does not report publishers, the
-    messages themselves are compared: each one published cancels one that arrives within a second.
+    Where a transport does not report publishers, the messages themselves are compared: each one
+    published cancels one that arrives within a second.
     """
 
     def __init__(
@@ -69,13 +68,13 @@ class EchoFilter(Generic[M]):
         self._published: deque[tuple[float, bytes]] = deque(maxlen=_MOST)
 
     def add(self, slot: BoundSlot[M], message: M) -> int:
-        """Add a message from ROS to the slot, and return its count."""
+        """Add a message from ROS to the slot; return its count."""
         with self._lock:  # else it is relayed before its count is known
             self._added = slot.add(message)
             return self._added
 
     def is_news(self, count: int) -> bool:
-        """Return whether ROS does not have the message of this count, nor a newer one."""
+        """Check that ROS has neither the message of this count nor a newer one."""
         with self._lock:
             return count > self._added
 
@@ -86,7 +85,7 @@ class EchoFilter(Generic[M]):
                 self._published.append((self._now(), self._encode(message)))
 
     def is_ours(self, arrival: SerializedMessage[M]) -> bool:
-        """Return whether a received message was published here.
+        """Check if a received message was published here.
 
         Raise :class:`.CdrError` if it has to be decoded and cannot be.
         """
@@ -185,7 +184,7 @@ class RelaySettings:
         self.enabled = True
 
     def set_rate(self, rate: float) -> None:
-        """Let so many messages pass a second; 0: all."""
+        """Let at most ``rate`` messages pass a second; 0: all."""
         self.period = 1 / rate if rate else 0.0
 
     def set_enabled(self, enabled: bool) -> None:
@@ -196,7 +195,7 @@ class RelaySettings:
 def declare_settings(
     relays: Sequence[RelayPlan], parameters: NodeParameters
 ) -> list[RelaySettings]:
-    """Declare ``relays.TOPIC.rate`` and ``.enabled``; return what they set, for each relay.
+    """Declare ``relays.TOPIC.rate`` and ``.enabled``; return the settings of each relay.
 
     Where several slots are relayed to one topic, it is ``TOPIC.SLOT``. Raise
     :class:`.ParameterOverrideError`.
@@ -226,26 +225,23 @@ def declare_settings(
 
 
 class LatestArrival(Generic[M]):
-    """The latest message that relays of a bridge have added to a slot, as it came from ROS.
-
-    What is relayed from topic to slot to topic is then neither read, decoded nor encoded again.
-    """
+    """The latest message that relays of a bridge have added to a slot, as it came from ROS."""
 
     def __init__(self) -> None:
         self._latest: tuple[int, SerializedMessage[M]] | None = None
 
     def keep(self, count: int, arrival: SerializedMessage[M]) -> None:
-        """Keep what has just become the slot's message number ``count``."""
+        """Keep the arrival that has just become the slot's message number ``count``."""
         self._latest = count, arrival
 
     def get(self, count: int) -> SerializedMessage[M] | None:
-        """Return what became the message number ``count``, or None if that is not known."""
+        """Return the arrival that became the message number ``count``; None if it is not known."""
         latest = self._latest
         return latest[1] if latest is not None and latest[0] == count else None
 
 
 class _Taken(NamedTuple, Generic[M]):
-    """What a relay is to add: how to decode it, and as what it came, if it is a whole message."""
+    """A message to add: its decoder, and the arrival that it was, if that is the whole message."""
 
     decode: Callable[[], M]
     arrival: SerializedMessage[M] | None

@@ -1,11 +1,8 @@
-"""A service's messages in slots: requests with a number, answers also with a failure.
+"""Services and actions in slots: their messages with a number, and the slots' capacities.
 
 A caller posts a request with a number above all earlier ones, and pulls until there is an answer
-with that number. A slot holds one message, so independent callers need slots of their own.
-
-The capacity that a slot needs for a type, and what is lost with a smaller one.
-
-An action's goals in slots, one at a time: the machine's own, or those that it serves.
+with that number; an answer may be a failure. A slot holds one message, so independent callers need
+slots of their own. An action has one goal at a time: the machine's own, or one that it serves.
 
 | slot | a client's | a server's |
 |---|---|---|
@@ -14,6 +11,9 @@ An action's goals in slots, one at a time: the machine's own, or those that it s
 | ``status`` | bridge to machine: each change | machine to bridge: accepted, or refused |
 | ``feedback`` | bridge to machine | machine to bridge |
 | ``result`` | bridge to machine, before the final status | machine to bridge: ends the goal |
+
+A slot's capacity is fixed when it is made, but most ROS types have no longest message. Then it is
+what sensors of the type usually need, and the plan warns where messages are likely to be lost.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _REST = 4096  # bytes for what a sensor's message has beside its data
 
 
 class _Usual(NamedTuple):
-    """What sensors of a type without a longest message usually send."""
+    """The usual messages of sensors, of a type without a longest message."""
 
     least: int
     """Bytes of a small message: with a smaller slot, expect to lose all of them."""
@@ -66,7 +66,7 @@ _USUAL["geometry_msgs/msg/TransformStamped"] = _Usual(
 
 
 def capacity_for(cls: type[Message]) -> int:
-    """Return the bytes of a type's longest message.
+    """Choose the capacity of a new slot: the bytes of the type's longest message.
 
     If its texts or arrays are unbounded, it is what sensors of that type usually need, or 64 KiB.
     """
@@ -78,7 +78,7 @@ def capacity_for(cls: type[Message]) -> int:
 
 
 def capacity_note(slot: Slot[Message]) -> str | None:
-    """Return what fits in a new slot whose capacity is a sensor type's default, or None."""
+    """Describe the default capacity of a sensor type's slot; None for other capacities."""
     usual = _usual(slot.type)
     if usual is None or slot.capacity != usual.default:
         return None
@@ -86,7 +86,7 @@ def capacity_note(slot: Slot[Message]) -> str | None:
 
 
 def capacity_warning(slot: Slot[Message], capacity: int, *, chosen: bool) -> str | None:
-    """Return why messages of a slot with this capacity would be lost, or None.
+    """Explain why messages of a slot with this capacity would be lost; None if they would not.
 
     ``chosen``: the configuration or the board names the capacity, it is not the default.
     """
@@ -110,7 +110,7 @@ def _usual(cls: type[Message]) -> _Usual | None:
 
 
 def _has_bulk(node: mi.Type) -> bool:
-    """Return whether a type has bytes or numbers without a bound: data, not names."""
+    """Check if a type has bytes or numbers without a bound: data, not names."""
     match node:
         case mi.StructType():
             return any(_has_bulk(field.type) for field in node.fields)
@@ -157,28 +157,28 @@ class ServiceSlots:
         self.of = of
 
     def asked(self, number: int, request: Message) -> Message:
-        """Return a ROS request as a message of the slot."""
+        """Number a ROS request for the slot."""
         return self.request.type(number, *astuple(request))  # type: ignore[no-any-return]
 
     def answered(self, number: int, response: Message) -> Message:
-        """Return a ROS response as a message of the slot."""
+        """Number a ROS response for the slot."""
         return self.answer.type(number, *astuple(response))  # type: ignore[no-any-return]
 
     def failed(self, number: int, why: str) -> Message:
-        """Return the answer of a failure."""
+        """Make the answer that reports a failure."""
         return self.answer.type(number=number, failure=why)  # type: ignore[no-any-return]
 
     def ros_request(self, asked: Message) -> Message:
-        """Return the ROS request of a message in the slot."""
+        """Turn a message in the slot into a ROS request."""
         return self.of.request.message(*astuple(asked)[1:])  # type: ignore[no-any-return]
 
     def ros_response(self, answered: Message) -> Message:
-        """Return the ROS response of a message in the slot."""
+        """Turn a message in the slot into a ROS response."""
         return self.of.response.message(*astuple(answered)[1:-1])  # type: ignore[no-any-return]
 
 
 def service_slots(name: str, of: RosService, capacity: int | None = None) -> ServiceSlots:
-    """Return the slots ``name/request`` and ``name/answer`` of a service type.
+    """Make the slots ``name/request`` and ``name/answer`` of a service type.
 
     A field of the service with the name of one of ours gets an underscore. Raise
     :class:`.SlotNameError`.
@@ -192,7 +192,7 @@ def service_slots(name: str, of: RosService, capacity: int | None = None) -> Ser
 
 
 def numbered(of: RosMessage[Any], **last: Any) -> type[Message]:
-    """Return a class with a number, the fields of a type, and ``last`` with their defaults.
+    """Make a class with a number, the fields of a type, and ``last`` with their defaults.
 
     A field of the type with a name of ours gets an underscore.
     """
@@ -239,42 +239,42 @@ class ActionSlots:
 
     @property
     def all(self) -> tuple[Slot[Any], ...]:
-        """All five."""
+        """All five slots."""
         return self.goal, self.cancel, self.status, self.feedback, self.result
 
     def asked(self, number: int, goal: Message) -> Message:
-        """Return a ROS goal as a message of the slot."""
+        """Number a ROS goal for the slot."""
         return self.goal.type(number, *astuple(goal))  # type: ignore[no-any-return]
 
     def ros_goal(self, asked: Message) -> Message:
-        """Return the ROS goal of a message in the slot."""
+        """Turn a message in the slot into a ROS goal."""
         return self.of.goal.message(*astuple(asked)[1:])  # type: ignore[no-any-return]
 
     def slot_feedback(self, number: int, feedback: Message) -> Message:
-        """Return ROS feedback as a message of the slot."""
+        """Number ROS feedback for the slot."""
         return self.feedback.type(number, *astuple(feedback))  # type: ignore[no-any-return]
 
     def ros_feedback(self, message: Message) -> Message:
-        """Return the ROS feedback of a message in the slot."""
+        """Turn a message in the slot into ROS feedback."""
         return self.of.feedback.message(*astuple(message)[1:])  # type: ignore[no-any-return]
 
     def ended(self, number: int, status: GoalStatus, result: Message) -> Message:
-        """Return a ROS result as a message of the slot."""
+        """Number a ROS result for the slot."""
         return self.result.type(  # type: ignore[no-any-return]
             number, *astuple(result), status
         )
 
     def failed(self, number: int, status: GoalStatus, why: str) -> Message:
-        """Return the result of a goal that its server did not end."""
+        """Make the result of a goal that its server did not end."""
         return self.result.type(number=number, status=status, failure=why)  # type: ignore[no-any-return]
 
     def ros_result(self, ended: Message) -> Message:
-        """Return the ROS result of a message in the slot."""
+        """Turn a message in the slot into a ROS result."""
         return self.of.result.message(*astuple(ended)[1:-2])  # type: ignore[no-any-return]
 
 
 def action_slots(name: str, of: RosAction, capacity: int | None = None) -> ActionSlots:
-    """Return the slots ``name/goal``, ``name/cancel`` and so on of an action type.
+    """Make the slots ``name/goal``, ``name/cancel`` and so on of an action type.
 
     A field of the action with the name of one of ours gets an underscore. Raise
     :class:`.SlotNameError`.

@@ -1,19 +1,18 @@
-"""What both ends of an action in slots share: one thread, on which all that happens is handled.
+"""An action through slots: goals in a slot are sent to a server, or goals from ROS go to a slot.
 
-Whether a goal's machine is lost: its last will, which cancels goals, has been executed.
+Requests, slots, timers and calls happen on threads of their own. All of them are handed to one
+thread, that of the bridge's timer, so the state of a goal needs no lock, and what happens to it has
+an order.
 
-A guard posts a safe value only in place of a message of the process that has died. On the slot for
-cancellations a machine has posted none while it waits for its goal, so the bridge looks itself.
-
-Goals in a slot are sent to an action's server; what becomes of them goes to other slots.
-
-The newest goal counts: what becomes of those before it, which their server may have ended for it,
-is not reported. All that happens is handled on one thread, that of the bridge's timer.
-
-Goals of an action in ROS go to a slot; a machine there accepts, reports on and ends them.
-
-One goal at a time: while it is active, others are refused. All that happens is handled on one
-thread, that of the bridge's timer.
+* **One goal counts.** A client follows the newest; what becomes of those before it, which their
+  server may have ended for it, is not reported. A server has one, and refuses others meanwhile.
+* **No goal is left alone.** One that nobody can follow any more is canceled: its bridge ends, its
+  answer came too late, its machine is lost. A guard posts a safe value only in place of a message
+  of the process that has died. On the slot for cancellations a machine has posted none while it
+  waits for its goal, so the bridge looks itself whether its last will, which cancels goals, has
+  been executed (:class:`SenderWill`).
+* **No wait is endless.** Not every middleware ends the calls to a server that was killed, so a
+  client looks for it, and asks again for the result.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ from llfsm.whiteboard.messages.llfsm import WILLS, LastWill, will_slot
 
 
 class ActionPlace(NamedTuple):
-    """What an end of an action connects."""
+    """The parts that an end of an action connects."""
 
     board: Board
     slots: ActionSlots
@@ -64,7 +63,7 @@ class ActionPlace(NamedTuple):
 
 
 class SlotAction:
-    """An end of an action whose goals are in slots."""
+    """An end of an action whose goals are in slots, with all that both ends share."""
 
     def __init__(self, place: ActionPlace) -> None:
         self._slots = place.slots
@@ -80,7 +79,7 @@ class SlotAction:
             subscription.finish()
 
     def _take_from(self, slot: BoundSlot[Any], take: Callable[..., None], after: int) -> None:
-        """Call `take` with what comes on the slot."""
+        """Call `take` with each message that comes on the slot."""
         self._subscriptions.append(
             slot.subscribe(self._on_thread(take), after=after, on_error=self._unreadable)
         )
@@ -134,7 +133,7 @@ class SenderWill:
 
     @property
     def is_executed(self) -> bool:
-        """Whether the process has died, or was silent for so long that it counts as dead."""
+        """True if the process has died, or was silent for so long that it counts as dead."""
         return any(self._is_executed(will) for will in self._wills)
 
     def _is_executed(self, will: BoundSlot[LastWill]) -> bool:
@@ -429,7 +428,7 @@ class SlotActionServer(SlotAction):
 
     @staticmethod
     def _is_unfinished(goal: Any, standing: GoalStanding | None, result: Any) -> bool:
-        """Return whether the slots have a goal that a machine works on, or may begin."""
+        """Check if the slots have a goal that a machine works on, or may begin."""
         refused = standing is not None and standing.status is GoalStatus.REFUSED
         ends = [each.number for each in (result, standing if refused else None) if each is not None]
         return goal is not None and goal.number > max(ends, default=0)

@@ -1,6 +1,8 @@
-"""Requests of a ROS service go to a slot; an answer there is the response in ROS.
+"""A service through slots: requests in a slot are calls in ROS, or requests of ROS go to a slot.
 
-Requests in a slot become calls of a ROS service; responses go to the answer slot.
+A slot shows one request, so both ends work at one request at a time: a client's calls are made one
+after the other, a server's requests wait in a queue. What is on the slots when a bridge starts is
+from another bridge, and answered with a failure, so that nothing is done twice.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ class SlotClient:
 
 
 def unanswered(requests: BoundSlot[Any], answers: BoundSlot[Any]) -> int | None:
-    """Return the number of the request that waits for an answer, if any."""
+    """Find the request that waits for an answer; return its number or None."""
     request, answer = requests.get(), answers.get()
     if request is None or (answer is not None and answer.number >= request.number):
         return None

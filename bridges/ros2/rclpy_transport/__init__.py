@@ -1,8 +1,7 @@
 """ROS 2 through rclpy, where a ROS environment is sourced: any middleware that it has.
 
-api        the part of rclpy that is used, as types
-context    rclpy's context, the executor's thread, and the graph
-topics     publishers and subscriptions
-services   clients and servers
-transport  all of it as a transport
+api         the part of rclpy that is used, as types
+context     rclpy's context, the executor's thread, and the graph
+endpoints   publishers, subscriptions, clients and servers
+transport   all of it as a transport
 """

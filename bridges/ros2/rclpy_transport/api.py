@@ -31,7 +31,7 @@ class CallbackGroup(Protocol):
 
 
 class Taken(Protocol):
-    """What the executor takes from."""
+    """An entity from which the executor takes."""
 
     _executor_event: bool  # while it is about to take
     callback_group: CallbackGroup
@@ -121,7 +121,7 @@ class Executor(Protocol):
 
 
 class Rclpy(NamedTuple):
-    """What is called by name."""
+    """The functions, classes and errors of rclpy that are used, imported late."""
 
     new_context: Callable[[], Context]
     init: Callable[..., None]
@@ -150,7 +150,7 @@ class Rclpy(NamedTuple):
 
 
 def import_rclpy() -> Rclpy:
-    """Import what is used.
+    """Import the part of rclpy that is used.
 
     Raise ModuleNotFoundError if rclpy is not installed, and :class:`.TransportUnavailableError` if
     something it needs is missing.
@@ -204,7 +204,7 @@ _OF_ACTION = {
 
 
 def find_class(name: str) -> Any:
-    """Return rclpy's class of a type (``package/msg/Name``; likewise ``srv`` and ``action``).
+    """Import rclpy's class of a type (``package/msg/Name``; likewise ``srv`` and ``action``).
 
     Raise :class:`.TransportUnavailableError` if the sourced environment does not have it.
     """

@@ -1,4 +1,9 @@
-"""rclpy's context, the executor's thread, and the graph."""
+"""rclpy's context, the executor's thread, and the graph.
+
+All that rclpy does happens on one thread, which spins its executor; other threads queue tasks for
+it. rclpy reports no changes of the graph, so it is asked: once a second for incompatible endpoints,
+and 50 times a second while somebody waits.
+"""
 
 from __future__ import annotations
 
@@ -144,7 +149,7 @@ class RclpyContext:
         self.timer.close()
 
     def qos(self, qos: Qos) -> object:
-        """Return a profile of rclpy; the numbers are the same."""
+        """Make a profile of rclpy; the numbers are the same."""
         of, duration = self.rclpy.qos, self.rclpy.duration
         limits = {
             "deadline": qos.deadline_ns,
@@ -162,7 +167,7 @@ class RclpyContext:
         return profile
 
     def graph(self) -> Graph:
-        """Return the graph from rclpy."""
+        """Read the graph from rclpy."""
         with self._reader() as reader:
             names = reader.get_node_names_and_namespaces()
             return Graph.of(
@@ -171,7 +176,7 @@ class RclpyContext:
             )
 
     def wait(self, ready: Callable[[], bool], timeout: float) -> bool | None:
-        """Wait until ``ready()`` is true; return None if it is closed meanwhile."""
+        """Wait ``timeout`` seconds for ``ready()``; None: it was closed meanwhile."""
         period = 0.02
         for _ in range(int(timeout / period) + 1):
             if self._over.is_set():

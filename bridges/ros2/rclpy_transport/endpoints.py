@@ -1,9 +1,7 @@
-"""Publishers and subscriptions through rclpy, as bytes.
+"""Publishers, subscriptions, clients and servers through rclpy.
 
-Clients and servers through rclpy.
-
-It takes and gives requests and responses as messages of its own classes; through their bytes they
-become ours.
+Messages of topics pass as bytes, those of our codec. For services rclpy takes and gives messages of
+its own classes; through their bytes they become ours.
 """
 
 from __future__ import annotations
@@ -191,7 +189,7 @@ class RclpyClient(Client[Any, Any]):
 
     @property
     def ready(self) -> bool:
-        """Whether rclpy knows of a server."""
+        """True if rclpy knows a server."""
         with suppress(self._world.rclpy.destroyed):  # it is being closed
             return not self._closed and self._client.service_is_ready()
         return False

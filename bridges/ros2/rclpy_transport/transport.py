@@ -49,7 +49,7 @@ class RclpyTransport(Transport):
 
     @property
     def up(self) -> bool:
-        """Whether rclpy's context is not shut down."""
+        """True until rclpy's context is shut down."""
         return self._world.context.ok()
 
     def node(
@@ -61,7 +61,7 @@ class RclpyTransport(Transport):
             return _RclpyNode(self, self._world, Names(name, namespace, remap))
 
     def graph(self) -> Graph:
-        """Return the graph from rclpy."""
+        """Read the graph from rclpy."""
         self._check_open()
         return self._world.graph()
 

@@ -1,13 +1,13 @@
 """All frames as a tree, and the transform between any two of them.
 
 The semantics, the words of the errors and the arithmetic are those of tf2 (Jazzy): people search
-for these words, and a robot must not move otherwise than with tf2.
+for these words, and a robot must not move otherwise than with tf2. Rotations are quaternions (x, y,
+z, w), computed as tf2 does.
 
-Rotations as quaternions (x, y, z, w), computed as tf2 does.
-
-What is known of one frame: its transforms to its parent in the last seconds, as in tf2.
-
-Reads the slots of a relay that is keyed by frame into a buffer.
+Each frame keeps its transforms to its parent in the last seconds, sorted by time. A lookup goes up
+from both frames until the ways meet, and multiplies what it passes, interpolated at one time: the
+latest at which all of the way is known, if none is asked for. A frame may change its parent, so
+the way is found anew for each lookup.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation by `b`, then by `a`."""
+    """Multiply: the rotation by `b`, then by `a`."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -51,24 +51,24 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def inverse(q: Quaternion) -> Quaternion:
-    """Return the opposite rotation of a unit quaternion."""
+    """Invert the rotation of a unit quaternion."""
     x, y, z, w = q
     return -x, -y, -z, w
 
 
 def rotated(q: Quaternion, v: Vector) -> Vector:
-    """Return a vector rotated by a unit quaternion."""
+    """Rotate a vector by a unit quaternion."""
     x, y, z, _ = product(product(q, (*v, 0.0)), inverse(q))
     return x, y, z
 
 
 def total(a: Vector, b: Vector) -> Vector:
-    """Return the sum of two vectors."""
+    """Add two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def slerp(a: Quaternion, b: Quaternion, ratio: float) -> Quaternion:
-    """Return the rotation at `ratio`, from 0 to 1, of the shorter way from `a` to `b`."""
+    """Interpolate: the rotation at `ratio`, from 0 to 1, of the shorter way from `a` to `b`."""
     dot = sum(one * other for one, other in zip(a, b, strict=True))
     size = math.hypot(*a) * math.hypot(*b)
     angle = math.acos(min(abs(dot) / size, 1.0))
@@ -81,7 +81,7 @@ def slerp(a: Quaternion, b: Quaternion, ratio: float) -> Quaternion:
 
 
 def canonical(q: Quaternion) -> Quaternion:
-    """Return the unit quaternion of the same rotation that tf2 returns.
+    """Choose the unit quaternion of a rotation that tf2 returns.
 
     Of the two, it is the one whose w is positive, or whose largest other part is positive if the
     rotation is by 120 degrees or more: tf2 makes it from a matrix.
@@ -120,7 +120,7 @@ class StaticFrame:
         return True
 
     def at(self, stamp_ns: int) -> Transformation:
-        """Return the transform, which holds at any time."""
+        """Return the transform for any time."""
         assert self._only is not None
         return self._only._replace(stamp_ns=stamp_ns)
 
@@ -154,10 +154,9 @@ class FrameHistory:
         return True
 
     def at(self, stamp_ns: int) -> Transformation:
-        """Return the transform at a time between the oldest and the newest.
+        """Find or interpolate the transform at a time between the oldest and the newest.
 
-        Between two of one parent it is interpolated; between two parents it is the older one. Raise
-        :class:`.ExtrapolationError`.
+        Between two parents it is the older one. Raise :class:`.ExtrapolationError`.
         """
         stamps, known = self._stamps, self._known
         if stamp_ns == stamps[-1]:
@@ -194,7 +193,7 @@ def _between(before: Transformation, after: Transformation, stamp_ns: int) -> Tr
 
 
 def _text(ns: int) -> str:
-    """Return a time in seconds, as tf2 prints it."""
+    """Format a time in seconds, as tf2 prints it."""
     return f"{ns // 1_000_000_000 + 1e-9 * (ns % 1_000_000_000):.6f}"
 
 
@@ -244,11 +243,11 @@ class TransformBuffer:
         return True
 
     def lookup(self, target: str, source: str, at: Time = Time()) -> TransformStamped:  # noqa: B008 (immutable)
-        """Return the transform that takes coordinates in `source` to coordinates in `target`.
+        """Find the transform that takes coordinates in `source` to coordinates in `target`.
 
-        It is that at the time `at`, interpolated if necessary; time 0 is the latest one at which
-        all frames between the two are known. Raise :class:`.FrameNameError` for an empty name or a
-        slash before it, :class:`.FrameLookupError` for an unknown frame,
+        It is that at the time `at`, interpolated if necessary; its offset is in metres. Time 0 is
+        the latest one at which all frames between the two are known. Raise :class:`.FrameNameError`
+        for an empty name or a slash before it, :class:`.FrameLookupError` for an unknown frame,
         :class:`.ConnectivityError` for frames of different trees, and
         :class:`.ExtrapolationError` for a time before or after what is known.
         """
@@ -280,7 +279,7 @@ class TransformBuffer:
             raise FrameLookupError(f'"{name}" passed to {called} does not exist. ')
 
     def _between(self, target: str, source: str, at_ns: int) -> tuple[Vector, Quaternion]:
-        """Return the transform from `source` to `target`, by way of the frame above both."""
+        """Compose the transform from `source` to `target`, by way of the frame above both."""
         way = f", when looking up transform from frame [{source}] to frame [{target}]"
         up = _Way(source)
         unknown: ExtrapolationError | None = None
@@ -322,7 +321,7 @@ class TransformBuffer:
         raise _loop()
 
     def _latest_common_ns(self, target: str, source: str) -> int:
-        """Return the latest time at which all frames between two are known; 0 if none moves."""
+        """Find the latest time at which all frames between two are known; 0 if none moves."""
         above: list[tuple[int, str]] = []
         for latest in self._latest_upwards(source):
             above.append(latest)

@@ -1,4 +1,4 @@
-"""Where the values of a message are in CDR: its fields, their alignment, and formats for struct.
+"""The layout of a message in CDR: its fields, their alignment, and formats for struct.
 
 XCDR1, as ROS 2 uses it: a number of n bytes starts at a multiple of n, counted from the end of the
 four bytes of header. Offsets here count from the start of the data, header included.

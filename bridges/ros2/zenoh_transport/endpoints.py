@@ -1,23 +1,11 @@
-"""What publishers, subscriptions, clients and servers over Zenoh have in common.
+"""Publishers, subscriptions, clients and servers over Zenoh, and the attachment of each message.
 
-The attachment of each message: 33 bytes.
+A topic is a key: publishers put, subscriptions have a ring of the newest samples. A call is a query
+to all servers, of which the first reply counts; servers are queryables.
 
-Sequence number and time in ns as 64 bits little-endian, the number 16, and 16 bytes that identify
-the sender. A reply carries the sequence number and the sender of its request.
-
-Receives from Zenoh on threads of ours.
-
-Zenoh's own way of calling Python starts a thread that the interpreter waits for at its end: a
-process that forgets to close a transport would never end.
-
-The graph, from tokens that come and go.
-
-Publishers and subscriptions over Zenoh.
-
-Clients and servers over Zenoh.
-
-A call is a query to all servers, of which the first reply counts. Servers are queryables that
-answer with the number and the sender of the request.
+The attachment is 33 bytes: sequence number and time in ns as 64 bits little-endian, the number 16,
+and 16 bytes that identify the sender. A reply carries the sequence number and the sender of its
+request.
 """
 
 from __future__ import annotations
@@ -68,12 +56,12 @@ _LAYOUT = Struct(f"<qqB{GID_SIZE}s")
 
 
 def pack(sequence: int, time_ns: int, gid: bytes) -> bytes:
-    """Return an attachment."""
+    """Make an attachment."""
     return _LAYOUT.pack(sequence, time_ns, GID_SIZE, gid)
 
 
 def unpack(data: bytes) -> MessageInfo | None:
-    """Return the metadata in an attachment, or None if the bytes are not one."""
+    """Read the metadata in an attachment; None if the bytes are not one."""
     if len(data) != _LAYOUT.size:
         return None
     sequence, time_ns, size, gid = _LAYOUT.unpack(data)
@@ -81,7 +69,7 @@ def unpack(data: bytes) -> MessageInfo | None:
 
 
 class Connection(NamedTuple):
-    """What every endpoint of a transport uses."""
+    """A transport's session and threads, for its endpoints."""
 
     session: zenoh.Session
     discovery: Discovery
@@ -94,7 +82,7 @@ class Connection(NamedTuple):
 
 
 class ZenohEndpoint:
-    """An endpoint on the graph: its key, its token, its gid."""
+    """An endpoint as it is on the graph: its key, its token, its gid."""
 
     def __init__(
         self, connection: Connection, node_token: str, number: int, end: Endpoint, dds_type: str
@@ -230,7 +218,7 @@ class _Sample(SerializedMessage[M]):
 
 
 def _declare_publisher(endpoint: ZenohEndpoint, qos: Qos) -> Any:
-    """Return a publisher, of one of Zenoh's two kinds."""
+    """Declare a publisher of one of Zenoh's two kinds; late subscriptions need the advanced one."""
     reliable = qos.reliability is ReliabilityPolicy.RELIABLE
     congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
     reliability = zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT
@@ -251,7 +239,7 @@ def _declare_publisher(endpoint: ZenohEndpoint, qos: Qos) -> Any:
 
 
 def _declare_subscriber(endpoint: ZenohEndpoint, qos: Qos) -> Any:
-    """Return a subscriber, of one of Zenoh's two kinds, whose handler keeps the QoS depth."""
+    """Declare a subscriber of one of Zenoh's two kinds, whose handler keeps the QoS depth."""
     channel: zenoh.handlers.FifoChannel[Any] | zenoh.handlers.RingChannel[Any]
     if qos.history is HistoryPolicy.KEEP_ALL:
         channel = zenoh.handlers.FifoChannel(_ALL)
@@ -298,7 +286,7 @@ class ZenohClient(Client[Any, Any]):
 
     @property
     def ready(self) -> bool:
-        """Whether a server with our type can be asked."""
+        """True if a server with our type can be asked."""
         if self._closed:
             return False
         status: Any = self._querier.matching_status  # its stub says bool

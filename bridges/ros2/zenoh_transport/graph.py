@@ -8,6 +8,9 @@
 In a token a ``/`` inside a part is written ``%``, and so is an empty part. The qos is
 ``<reliability>:<durability>:<history>,<depth>:<deadline>:<lifespan>:<liveliness>``; what is left
 out is the default.
+
+A token exists as long as the session that declared it, so the graph needs no heartbeat of ours: it
+is the set of tokens at the moment. Each new one is compared with ours of the same name.
 """
 
 from __future__ import annotations
@@ -73,19 +76,19 @@ class Token(NamedTuple):
 
 
 def data_key(domain: int, name: str, dds_type: str, type_hash: str) -> str:
-    """Return the key under which a topic's messages are put, or a service is asked."""
+    """Make the key under which a topic's messages are put, or a service is asked."""
     return f"{domain}/{name.strip('/')}/{dds_type}/{type_hash}"
 
 
 def domain_tokens(domain: int) -> str:
-    """Return the key expression of all tokens of a domain."""
+    """Make the key expression of all tokens of a domain."""
     return f"{_ROOT}/{domain}/**"
 
 
 def node_token(
     domain: int, session: str, number: int, namespace: str, node: str, enclave: str = ""
 ) -> str:
-    """Return a node's token; ``number`` is its own within the session."""
+    """Make a node's token; ``number`` is its own within the session."""
     return "/".join(
         (
             _ROOT,
@@ -102,7 +105,7 @@ def node_token(
 
 
 def endpoint_token(node: str, number: int, end: Endpoint, dds_type: str) -> str:
-    """Return the token of an endpoint of the node whose token is ``node``."""
+    """Make the token of an endpoint of the node whose token is ``node``."""
     root, domain, session, node_number, _, _, *named = node.split("/")
     return "/".join(
         (
@@ -151,7 +154,7 @@ def _demangle(part: str) -> str:
 
 
 def _ros_type(dds_type: str) -> str:
-    """Return ``package/msg/Name`` of ``package::msg::dds_::Name_``, else what was given."""
+    """Turn ``package::msg::dds_::Name_`` into ``package/msg/Name``; leave other names."""
     package, *kind, name = dds_type.split("::")
     if len(kind) == 2 and kind[1] == "dds_" and name.endswith("_"):
         return f"{package}/{kind[0]}/{name[:-1]}"
@@ -217,7 +220,7 @@ T = TypeVar("T")
 
 
 def hand_over(do: Callable[[T], None], timer: TimerThread) -> zenoh.handlers.Callback[T]:
-    """Return a handler that calls ``do`` on another thread, so that Zenoh does not wait for it."""
+    """Make a handler that calls ``do`` on another thread, so that Zenoh does not wait for it."""
 
     def callback(thing: T) -> None:
         timer.call_soon(partial(do, thing))
@@ -226,7 +229,11 @@ def hand_over(do: Callable[[T], None], timer: TimerThread) -> zenoh.handlers.Cal
 
 
 def receive(take: Callable[[], T], do: Callable[[T], None], name: str) -> None:
-    """Call ``do`` with what ``take`` returns, on a new thread, until its channel is closed."""
+    """Call ``do`` with what ``take`` returns, on a new thread, until its channel is closed.
+
+    Zenoh's own way of calling Python starts a thread that the interpreter waits for at its end: a
+    process that forgets to close a transport would never end.
+    """
 
     def run() -> None:
         while True:
@@ -266,7 +273,7 @@ class Discovery:
             self._changed.notify_all()
 
     def graph(self) -> Graph:
-        """Return the graph as it is known now."""
+        """Return the graph as it is known now; it is kept until a token comes or goes."""
         with self._changed:
             if self._graph is None:
                 tokens = self._tokens.values()
@@ -276,7 +283,7 @@ class Discovery:
             return self._graph
 
     def wait(self, ready: Callable[[Graph], bool], timeout: float) -> bool | None:
-        """Wait until ``ready(graph)`` is true; return None if it is closed meanwhile."""
+        """Wait ``timeout`` seconds for ``ready(graph)``; None: it was closed meanwhile."""
         with self._changed:
             done = self._changed.wait_for(lambda: self._over or ready(self.graph()), timeout)
             return None if self._over else done
@@ -287,14 +294,14 @@ class Discovery:
             self._changed.notify_all()
 
     def why_unserved(self, service: str) -> str:
-        """Return why a call found no server with its type."""
+        """Explain that a call found no server with its type."""
         types = {end.type_name for end in self.named(service) if end.role is Role.SERVER}
         if types:
             return f"{service} is served, but with another type: {', '.join(sorted(types))}"
         return f"no server for {service}"
 
     def named(self, name: str) -> list[Endpoint]:
-        """Return the endpoints of one name."""
+        """List the endpoints of one name."""
         with self._changed:
             return list(_endpoints(self._by_name.get(name, {}).values()))
 

@@ -1,10 +1,8 @@
-"""Configures a Zenoh session that connects to those of rmw_zenoh.
+"""The transport on Zenoh: its session, configured as those of rmw_zenoh, and its nodes.
 
-It is a peer that connects to a router and discovers other peers through it, without multicast. The
-environment configures it as it does rmw_zenoh: ``ZENOH_SESSION_CONFIG_URI`` names a base file,
-``ZENOH_CONFIG_OVERRIDE`` is ``path=value;path=value``, values in JSON5.
-
-The transport on Zenoh.
+A session is a peer that connects to a router and discovers other peers through it, without
+multicast. The environment configures it as it does rmw_zenoh: ``ZENOH_SESSION_CONFIG_URI`` names a
+base file, ``ZENOH_CONFIG_OVERRIDE`` is ``path=value;path=value``, values in JSON5.
 """
 
 from __future__ import annotations
@@ -146,7 +144,7 @@ class ZenohTransport(Transport):
         """Open a session, with or without a router; without one it takes a second.
 
         ``domain`` defaults to ``ROS_DOMAIN_ID``, ``router`` (endpoints as ``tcp/localhost:7447``)
-        to the environment's (see :mod:`.session`). Raise :class:`.DomainIdError` and
+        to the environment's. Raise :class:`.DomainIdError` and
         :class:`.TransportUnavailableError`.
         """
         super().__init__()
@@ -174,7 +172,7 @@ class ZenohTransport(Transport):
 
     @property
     def up(self) -> bool:
-        """Whether it is connected to a router, or configured for none."""
+        """True if it is connected to a router, or configured for none."""
         return not self._router or bool(self._routers)
 
     def node(
@@ -195,7 +193,7 @@ class ZenohTransport(Transport):
             return _ZenohNode(self, names, token, self._connection, self._numbers)
 
     def graph(self) -> Graph:
-        """Return the graph that the tokens describe."""
+        """Return the graph that the tokens describe now."""
         return self._discovery.graph()
 
     def wait_graph(self, ready: Callable[[Graph], bool], timeout: float) -> bool:

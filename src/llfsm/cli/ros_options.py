@@ -39,7 +39,7 @@ class RosCommand(click.Command):
 
 
 def ros_arguments() -> RosArguments:
-    """Return the arguments of ROS that the current command has got."""
+    """Find the arguments of ROS that the current command was given."""
     from llfsm.bridges.ros2.ros_arguments import RosArguments
 
     found: RosArguments = click.get_current_context().meta.get(_META, RosArguments())
@@ -59,7 +59,7 @@ def require_ros(*names: str, ros: bool, by: str = "--ros") -> None:
 
 
 class BridgeOptions(NamedTuple):
-    """Which ROS graph and which whiteboard to connect, and how to run."""
+    """The options of commands that run a bridge: the ROS graph, the whiteboard, how to run."""
 
     node: str | None
     transport: str
@@ -106,7 +106,7 @@ def open_chosen(
 
 
 def ros_options(only: str = "") -> Callable[[Command], Command]:
-    """Return a decorator that adds the options of :func:`open_chosen`.
+    """Make a decorator that adds the options of :func:`open_chosen`.
 
     ``only`` is added to their help texts, as " (with --ros)".
     """
@@ -120,7 +120,7 @@ def ros_options(only: str = "") -> Callable[[Command], Command]:
 def router_option(
     only: str, note: str = "", default: str = "this host", *, multiple: bool = True
 ) -> Callable[[Command], Command]:
-    """Return a decorator that adds ``--router``; its help text ends with ``note``."""
+    """Make a decorator that adds ``--router``; its help text ends with ``note``."""
     return click.option(
         "--router",
         metavar="ENDPOINT",
@@ -133,7 +133,7 @@ def router_option(
 def domain_option(
     only: str, default: str = "$ROS_DOMAIN_ID, else 0"
 ) -> Callable[[Command], Command]:
-    """Return a decorator that adds ``--domain``."""
+    """Make a decorator that adds ``--domain``."""
     return click.option(
         "--domain",
         metavar="ID",
@@ -143,7 +143,7 @@ def domain_option(
 
 
 def transport_option(only: str) -> Callable[[Command], Command]:
-    """Return a decorator that adds ``--transport``."""
+    """Make a decorator that adds ``--transport``."""
     return click.option(
         "--transport",
         type=click.Choice(TRANSPORTS),

@@ -1,4 +1,4 @@
-"""A bridge's configuration, from a file and from flags, and where each part of it is from."""
+"""A bridge's configuration from a file and from flags; its faults have their line or flag."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class BadConfigurationError(click.ClickException):
 
 
 def slots_on(board: BoardPlace) -> list[SlotInfo]:
-    """Return the slots of a whiteboard; none if it does not exist."""
+    """List the slots of a whiteboard; none if it does not exist."""
     try:
         with board.open(create=False) as wb:
             return wb.slots()
@@ -35,7 +35,7 @@ def slots_on(board: BoardPlace) -> list[SlotInfo]:
 
 
 class Findings(NamedTuple):
-    """What was found in a configuration: a line for each, with its place."""
+    """Faults, warnings and notes of a configuration: a line for each, with its place."""
 
     faults: list[str]
     warnings: list[str]
@@ -49,7 +49,7 @@ class Configured(NamedTuple):
     file: Path | None = None
     flags: tuple[str, ...] = ()
     is_named: bool = False
-    """Whether a flag has given the node's name."""
+    """True if a flag has given the node's name."""
 
     @classmethod
     def read(cls, file: Path | None, flags: Sequence[tuple[str, RelayConfig]] = ()) -> Self:
@@ -62,13 +62,13 @@ class Configured(NamedTuple):
         return cls(replace(config, relay=relays), file, tuple(text for text, _ in flags))
 
     def named(self, node: str | None) -> Self:
-        """Return it with another name of the bridge's node, if `--node` gives one."""
+        """Give the bridge's node another name, if `--node` has one."""
         if node is None:
             return self
         return self._replace(config=replace(self.config, node=node), is_named=True)
 
     def plan(self, slots: list[SlotInfo], arguments: RosArguments) -> BridgePlan:
-        """Return the plan for a board with these slots, and print its warnings and notes.
+        """Make the plan for a board with these slots, and print its warnings and notes.
 
         Raise `BadConfigurationError`.
         """
@@ -85,7 +85,7 @@ class Configured(NamedTuple):
         slots: list[SlotInfo],
         arguments: RosArguments = RosArguments(),  # noqa: B008 (immutable)
     ) -> tuple[BridgePlan, Findings]:
-        """Return the plan, and what was found in the configuration."""
+        """Make the plan for a board with these slots, and list all faults and notes."""
         folder = Path() if self.file is None else self.file.parent
         plan, faults = make_plan(self.config, folder, slots, arguments)
         return plan, Findings(

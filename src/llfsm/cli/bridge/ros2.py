@@ -1,22 +1,41 @@
-"""``llfsm bridge ros2``: relays and services, from a file or from flags.
+"""``llfsm bridge ros2``, ``turtlesim`` and ``check``: run or check a bridge to ROS 2.
 
-``llfsm bridge turtlesim``: machines drive the turtles of a ROS 2 node.
-
-``llfsm bridge check``: the faults of a bridge's configuration.
+While it runs, the counts of its links are shown: on a terminal as a table, else as lines.
 """
 
 from __future__ import annotations
 
+import logging
 import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from llfsm.bridges.ros2.bridging.bridge import Bridge
 from llfsm.bridges.ros2.bridging.bridge_config import Direction, RelayConfig, turtlesim_config
-from llfsm.cli.bridge.configured import Configured, slots_on
-from llfsm.cli.bridge.running import run_bridge
-from llfsm.cli.options import BoardPlace, board_option
-from llfsm.cli.ros_options import BridgeOptions, RosCommand, bridge_options
+from llfsm.bridges.ros2.bridging.link import BridgeLink
+from llfsm.bridges.ros2.errors import DomainIdError, RosArgumentError
+from llfsm.bridges.ros2.ros_arguments import RosArguments
+from llfsm.cli.bridge.configured import BadConfigurationError, Configured, slots_on
+from llfsm.cli.console import ending_once, log_to_console, stop_for_good
+from llfsm.cli.options import BoardPlace, board_option, end_with_input
+from llfsm.cli.ros_options import (
+    BridgeOptions,
+    RosCommand,
+    bridge_options,
+    open_chosen,
+    ros_arguments,
+)
+from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
+from llfsm.runtime.presence.guard import GuardThread
+from llfsm.whiteboard import SlotTypeError, Whiteboard
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @click.command(cls=RosCommand)
@@ -125,3 +144,149 @@ def check(file: Path, board: BoardPlace) -> None:
         sys.exit(2)
     if not findings.warnings:
         click.echo("no findings")
+
+
+_FRAME_S = 0.25
+_LINES_S = 10.0
+_RATE_S = 1.0  # the shortest time over which a rate is measured
+
+
+class Count(NamedTuple):
+    """A link and its rate."""
+
+    link: BridgeLink
+    rate: float
+    """Messages a second, lately."""
+
+    def __str__(self) -> str:
+        link, age = self.link, self.link.age
+        ago = "" if age is None else f", the last {age:.1f} s ago"
+        failed = f", {link.failed} failed" if link.failed else ""
+        return f"{link}: {link.passed}, {self.rate:.1f}/s{ago}{failed}"
+
+
+class Counts:
+    """Counts of links; rates are those since the last `read` a second or more ago."""
+
+    def __init__(
+        self, links: Sequence[BridgeLink], now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._links = links
+        self._now = now
+        self._then = now()
+        self._passed = [0] * len(links)
+        self._rates = [0.0] * len(links)
+
+    def read(self) -> list[Count]:
+        """Read the current count of each link."""
+        now = self._now()
+        seconds = now - self._then
+        if seconds >= _RATE_S:
+            passed = [link.passed for link in self._links]
+            self._rates = [
+                (new - old) / seconds for new, old in zip(passed, self._passed, strict=True)
+            ]
+            self._then, self._passed = now, passed
+        return [Count(*pair) for pair in zip(self._links, self._rates, strict=True)]
+
+
+def show_until(over: Callable[[float], bool], links: Sequence[BridgeLink]) -> None:
+    """Show counts on standard output until ``over(seconds)``, which waits that long, is true.
+
+    On a terminal they are a table that is refreshed, else lines every 10 s and at the end.
+    """
+    counts = Counts(links)
+    if not sys.stdout.isatty():
+        while not over(_LINES_S):
+            _print(counts)
+        _print(counts)
+        return
+    from rich.live import Live
+
+    with Live(_table(counts), auto_refresh=False) as live:
+        for handler in logging.getLogger().handlers:
+            if isinstance(handler, logging.StreamHandler):
+                handler.setStream(sys.stderr)  # which Live has redirected above the table
+        while not over(_FRAME_S):
+            live.update(_table(counts), refresh=True)
+
+
+def _print(counts: Counts) -> None:
+    for count in counts.read():
+        click.echo(str(count))
+
+
+def _table(counts: Counts) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for title in ("slot", "", "ROS", "type"):
+        table.add_column(title, overflow="fold")
+    for title in ("passed", "per s", "age", "failed"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for link, rate in counts.read():
+        age = "" if link.age is None else f"{link.age:.1f} s"
+        failed = str(link.failed) if link.failed else ""
+        numbers = (str(link.passed), f"{rate:.1f}", age, failed)
+        table.add_row(link.slot, link.arrow, link.name, link.type_name, *numbers)
+    return table
+
+
+_POLL_S = 0.25  # between two looks whether the whiteboard still exists
+_MEET_S = 1.0  # for the robot's nodes to find the bridge's: a safe value must not be too early
+
+
+def run_bridge(configured: Configured, options: BridgeOptions) -> None:
+    """Run a bridge until SIGINT, SIGTERM or the removal of its whiteboard.
+
+    After the first signal it still relays for a while, for machines that post a stop at their end.
+    Once it relays, a second signal changes nothing.
+    """
+    arguments = ros_arguments()
+    log_to_console(logging.INFO, is_on=arguments.stdout)
+    try:
+        asked, named = StopRequest(), configured.named(options.node)
+        ending_once(lambda: _run(named, options, arguments, asked), asked.is_made)
+    except (DomainIdError, RosArgumentError, SlotTypeError) as error:
+        raise BadConfigurationError(str(error)) from error
+
+
+def _run(
+    configured: Configured, options: BridgeOptions, arguments: RosArguments, asked: StopRequest
+) -> None:
+    with stop_on_signals(lambda _: asked.make()), ExitStack() as stack:
+        plan = configured.plan(slots_on(options.board), arguments)
+        logging.getLogger().setLevel(arguments.log_level(plan.node.full_node))
+        transport = stack.enter_context(
+            open_chosen(options.transport, options.domain, options.router, arguments.enclave)
+        )
+        board = stack.enter_context(options.board.open())
+        if options.remove_board:
+            stack.callback(board.remove)
+        bridge = Bridge(plan, board, transport)
+        stack.callback(bridge.close)
+        if arguments.rosout:
+            logging.getLogger().addHandler(bridge.log)
+            stack.callback(logging.getLogger().removeHandler, bridge.log)
+        stack.enter_context(GuardThread(*options.board, after_s=_MEET_S))
+        if options.until_eof:
+            end_with_input()
+        stop_for_good(asked.make)
+        where = f"ROS domain {transport.domain}, whiteboard {board.name}"
+        click.echo(f"bridge: {plan.node.full_node} in {where}", err=True)
+        _stay(bridge, board, asked, options.quiet)
+        bridge.linger()
+
+
+def _stay(bridge: Bridge, board: Whiteboard, asked: StopRequest, quiet: bool) -> None:
+    def over(seconds: float) -> bool:
+        until = time.monotonic() + seconds
+        while board.alive and not asked.is_made() and time.monotonic() < until:
+            asked.wait(min(seconds, _POLL_S))
+        return asked.is_made() or not board.alive
+
+    if quiet:
+        while not over(_POLL_S):
+            pass
+    else:
+        show_until(over, bridge.links)
