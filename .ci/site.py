@@ -44,7 +44,7 @@ API = (
     "llfsm.bridges.ros2.types",
     "llfsm.bridges.ros2.transforms",
     "llfsm.bridges.ros2.bridging",
-    "llfsm.bridges.ros2.bridging.bridge_plan",
+    "llfsm.bridges.ros2.bridging.machine_config",
     "llfsm.bridges.ros2.bridging.ros_environment",
     "llfsm.bridges.ros2.opening",
     "llfsm.bridges.ros2.errors",

@@ -7,13 +7,15 @@ A transport's library is imported when it is opened. Another transport is a modu
 from __future__ import annotations
 
 import ctypes
+import importlib.util
+import os
 import re
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from llfsm.bridges.ros2.defaults import TRANSPORTS, choose_transport
+from llfsm.bridges.ros2.defaults import TRANSPORTS
 from llfsm.bridges.ros2.errors import TransportUnavailableError
 from llfsm.bridges.ros2.transport import Notice, Transport, log_notice
 from llfsm.whiteboard.mirror.settings import PORT, endpoint_problem
@@ -49,6 +51,24 @@ def open_transport(
             return ZenohTransport(domain, router=router or None, enclave=enclave, notify=notify)
     known = ", ".join(TRANSPORTS)
     raise TransportUnavailableError(f"unknown transport {name!r}: not one of {known}")
+
+
+def choose_transport(name: str, *, router: bool) -> str:
+    """Choose ``rclpy`` or ``zenoh`` for ``auto``; return any other name as it is.
+
+    It is rclpy where that can be imported, as its nodes may use any middleware; but Zenoh if a
+    ``router`` is named, because rclpy has its own configuration.
+    """
+    if name != "auto":
+        return name
+    return "zenoh" if router or importlib.util.find_spec("rclpy") is None else "rclpy"
+
+
+def needs_router(name: str, *, router: bool) -> bool:
+    """Check if nodes on a transport find each other through a Zenoh router."""
+    if choose_transport(name, router=router) == "zenoh":
+        return True
+    return os.environ.get("RMW_IMPLEMENTATION") == "rmw_zenoh_cpp"
 
 
 _EXTRA = "install it with: pip install 'llfsm[ros]'"

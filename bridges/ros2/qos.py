@@ -64,7 +64,7 @@ class Qos(NamedTuple):
     deadline_ns: int = 0
     """The longest time between two messages."""
     lifespan_ns: int = 0
-    """How long a message is valid after its publication; offered only."""
+    """The time for which a message is valid after its publication; offered only."""
     liveliness: LivelinessPolicy = LivelinessPolicy.AUTOMATIC
     lease_ns: int = 0
     """The longest time between two signs of life."""

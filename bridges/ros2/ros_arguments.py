@@ -86,9 +86,9 @@ class RosArguments(NamedTuple):
     """Loggers and their levels, as of `logging`; the empty name is all that have none."""
     enclave: str = ""
     rosout: bool = True
-    """Whether nodes publish their log."""
+    """True if nodes publish their log."""
     stdout: bool = True
-    """Whether nodes print their log."""
+    """True if nodes print their log."""
 
     def names(self, node: str, namespace: str = "/", *, only_one: bool = True) -> Names:
         """Remap a node, and return the names that it uses.

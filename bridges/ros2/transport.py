@@ -26,6 +26,7 @@ Names may be relative (``cmd_vel``), private (``~/pose``) or full; see :class:`.
 from __future__ import annotations
 
 import logging
+import os
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -34,7 +35,8 @@ from contextlib import ExitStack
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
 
-from llfsm.bridges.ros2.errors import CdrError, TransportClosedError
+from llfsm.bridges.ros2.defaults import DOMAINS
+from llfsm.bridges.ros2.errors import CdrError, DomainIdError, TransportClosedError
 from llfsm.bridges.ros2.graph import (
     NO_REMAPPING,
     Endpoint,
@@ -200,7 +202,7 @@ class Publisher(Closable, Generic[M]):
     gid: bytes
     """The :attr:`MessageInfo.gid` of its messages; empty where that is not known."""
     broken: int = 0
-    """How often the middleware has reported :attr:`NoticeKind.QOS_BROKEN`. Over Zenoh, as with
+    """The times that the middleware has reported :attr:`NoticeKind.QOS_BROKEN`. Over Zenoh, as with
     rmw_zenoh_cpp, it does not."""
 
     @abstractmethod
@@ -355,8 +357,11 @@ class Node(Closable):
 class Transport(Closable):
     """Access to one ROS domain."""
 
-    domain: int
-    """The ROS domain id."""
+    def __init__(self, domain: int | None) -> None:
+        """Belong to a domain, by default ``ROS_DOMAIN_ID``; raise :class:`.DomainIdError`."""
+        super().__init__()
+        self.domain = default_domain() if domain is None else check_domain(domain)
+        """The ROS domain id, from 0 to 232."""
 
     @property
     @abstractmethod
@@ -449,3 +454,21 @@ class Notifier:
         ):
             if conflict:
                 self.once(kind, ours.name, conflict, about=conflict)
+
+
+def check_domain(domain: int) -> int:
+    """Check a ROS domain id, and return it; raise :class:`.DomainIdError` if it is not 0 to 232."""
+    if domain not in DOMAINS:
+        raise DomainIdError(f"the ROS domain id {domain} is not in 0 to {DOMAINS[-1]}")
+    return domain
+
+
+def default_domain() -> int:
+    """Read ``ROS_DOMAIN_ID``, 0 if it is not set; raise :class:`.DomainIdError`."""
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    try:
+        return check_domain(int(text or "0"))
+    except ValueError as error:
+        raise DomainIdError(
+            f"ROS_DOMAIN_ID={text!r} is not a number from 0 to {DOMAINS[-1]}"
+        ) from error

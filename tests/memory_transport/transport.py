@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from llfsm.bridges.ros2.defaults import check_domain
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
 from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
 from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
@@ -40,8 +39,7 @@ class MemoryTransport(Transport):
         notify: Callable[[Notice], None] = log_notice,
     ) -> None:
         """Open it; raise :class:`.DomainIdError`."""
-        super().__init__()
-        self.domain = check_domain(domain)
+        super().__init__(domain)
         self._site = Site(world, domain, Notifier(notify), TimerThread("ros2 answers"))
         world.open(self._site.notifier)
 

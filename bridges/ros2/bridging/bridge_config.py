@@ -132,7 +132,7 @@ class BridgeConfig(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
     node: str = "llfsm_bridge"
     """The bridge's node name, optionally with a namespace."""
     types: tuple[str, ...] = ()
-    """Where definitions are searched first: packages, folders of packages, or files."""
+    """Places that are searched first for definitions: packages, folders of packages, or files."""
     relay: tuple[RelayConfig, ...] = ()
     client: tuple[ServiceConfig, ...] = ()
     """Services called by requests in a slot."""

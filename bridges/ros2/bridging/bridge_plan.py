@@ -67,7 +67,7 @@ class RelayPlan(NamedTuple):
     keys: KeyPath | None = None
     """If given, there is a slot of that type for each key, and ``slot`` names their prefix."""
     at_loss: Message | None = None
-    """What to post on the slot when the process dies that has posted its latest message."""
+    """The message to post on the slot when the process dies that posted the latest one."""
 
 
 class ServicePlan(NamedTuple):

@@ -43,7 +43,7 @@ class _Usual(NamedTuple):
     default: int
     """Bytes that a new slot gets."""
     example: str
-    """What fits in the default."""
+    """Messages that fit in the default."""
 
 
 _USUAL = {

@@ -55,7 +55,7 @@ class ActionPlace(NamedTuple):
     """The action's name, as the node resolves it."""
     types: TypeLibrary
     timeout: float
-    """How many seconds an answer may take, and a server be away."""
+    """Seconds that an answer may take, and a server be away."""
     link: BridgeLink
     faults: LinkFaults
     timer: TimerThread

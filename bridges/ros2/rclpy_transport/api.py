@@ -129,13 +129,13 @@ class Rclpy(NamedTuple):
     new_node: Callable[..., NodeApi]
     new_executor: Callable[..., Executor]
     shut_down: type[Exception]
-    """What ``spin_once`` raises when the context is shut down by other code."""
+    """Raised by ``spin_once`` when other code has shut down the context."""
     destroyed: type[Exception]
-    """What using an entity raises that is destroyed."""
+    """Raised by the use of an entity that is destroyed."""
     unknown_node: type[Exception]
-    """What asking about a node raises that has gone."""
+    """Raised by questions about a node that has gone."""
     failure: type[Exception]
-    """What is raised when the middleware fails."""
+    """Raised when the middleware fails."""
     parameter: Callable[..., Any]
     qos: Any
     """The module ``rclpy.qos``."""
@@ -144,7 +144,7 @@ class Rclpy(NamedTuple):
     """The callbacks for events of publishers; by default there are some that log."""
     subscription_events: Callable[..., Any]
     unsupported_event: type[Exception]
-    """What creating an end raises whose events the middleware does not report."""
+    """Raised when an end is created whose events the middleware does not report."""
     serialize: Callable[[Any], bytes]
     deserialize: Callable[[bytes, Any], Any]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from llfsm.bridges.ros2.defaults import check_domain, default_domain
 from llfsm.bridges.ros2.errors import TransportClosedError
 from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
 from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
@@ -43,8 +42,7 @@ class RclpyTransport(Transport):
         notify: Callable[[Notice], None] = log_notice,
     ) -> None:
         """Open it; ``domain`` defaults to ``ROS_DOMAIN_ID``. Raise :class:`.DomainIdError`."""
-        super().__init__()
-        self.domain = default_domain() if domain is None else check_domain(domain)
+        super().__init__(domain)
         self._world = RclpyContext(self.domain, enclave, Notifier(notify))
 
     @property

@@ -43,7 +43,7 @@ class GeneratedFunction:
     def __init__(self, names: dict[str, Any]) -> None:
         self.lines: list[str] = []
         self.count = 0
-        """How many variables have got a name."""
+        """Variables named so far."""
         self._names = names  # the globals of the compiled code
 
     def new(self) -> str:

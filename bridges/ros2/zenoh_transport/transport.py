@@ -17,7 +17,7 @@ from typing import Any
 
 import zenoh
 
-from llfsm.bridges.ros2.defaults import ROUTER, check_domain, default_domain
+from llfsm.bridges.ros2.defaults import ROUTER
 from llfsm.bridges.ros2.errors import TransportClosedError, TransportUnavailableError
 from llfsm.bridges.ros2.graph import NO_REMAPPING, Graph, Names, Role
 from llfsm.bridges.ros2.qos import SERVICE, TOPIC, Qos
@@ -147,8 +147,7 @@ class ZenohTransport(Transport):
         to the environment's. Raise :class:`.DomainIdError` and
         :class:`.TransportUnavailableError`.
         """
-        super().__init__()
-        self.domain = default_domain() if domain is None else check_domain(domain)
+        super().__init__(domain)
         self._enclave = enclave
         self._notifier = Notifier(notify)
         self._session, self._router = open_node_session(router)

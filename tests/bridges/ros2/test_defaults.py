@@ -6,8 +6,9 @@ import importlib.util
 
 import pytest
 
-from llfsm.bridges.ros2.defaults import check_domain, choose_transport, default_domain, needs_router
 from llfsm.bridges.ros2.errors import DomainIdError
+from llfsm.bridges.ros2.opening import choose_transport, needs_router
+from llfsm.bridges.ros2.transport import check_domain, default_domain
 
 
 @pytest.mark.parametrize(

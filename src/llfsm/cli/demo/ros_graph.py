@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import click
 
-from llfsm.bridges.ros2.defaults import ROUTER, TRANSPORTS, default_domain, needs_router
-from llfsm.bridges.ros2.opening import loopback_address, serves
+from llfsm.bridges.ros2.defaults import ROUTER, TRANSPORTS
+from llfsm.bridges.ros2.opening import loopback_address, needs_router, serves
+from llfsm.bridges.ros2.transport import default_domain
 from llfsm.cli.demo.processes import Processes
 from llfsm.cli.options import BoardPlace
 from llfsm.cli.ros_options import (
