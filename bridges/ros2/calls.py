@@ -51,6 +51,14 @@ def through(
     return lambda request: put(partial(work, request))
 
 
+def answering(
+    of: RosService, respond: Callable[[Any], dict[str, Any]]
+) -> Callable[[ServiceRequest[Any, Any]], None]:
+    """Make a server's handler that answers with the fields that ``respond`` returns."""
+    response = of.response.message
+    return lambda request: request.answer(response(**respond(request.message)))
+
+
 class PendingCalls:
     """A client's open calls. Of the methods that take a call, the first one called ends it."""
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from enum import Enum, IntEnum
 from typing import Any, NamedTuple
 
-from llfsm.bridges.ros2.calls import through
+from llfsm.bridges.ros2.calls import answering, through
 from llfsm.bridges.ros2.threads import Put
 from llfsm.bridges.ros2.transport import Node, ServiceRequest
 from llfsm.bridges.ros2.types import TypeLibrary
@@ -128,7 +128,7 @@ class LifecycleServer:
             ("get_transition_graph", transitions, self._graph),
         ):
             of = types.service(f"lifecycle_msgs/srv/{type_name}")
-            node.server(f"~/{name}", of, _answering(of.response.message, answer))
+            node.server(f"~/{name}", of, answering(of, answer))
 
     def change(
         self, wanted: int | str, work: Callable[[LifecycleState], WorkOutcome] | None = None
@@ -175,16 +175,16 @@ class LifecycleServer:
         wanted = request.message.transition
         request.answer(self._changed(success=self.change(wanted.label or wanted.id)))
 
-    def _current(self) -> dict[str, Any]:
+    def _current(self, _: Any) -> dict[str, Any]:
         return {"current_state": self._of(self.state)}
 
-    def _states(self) -> dict[str, Any]:
+    def _states(self, _: Any) -> dict[str, Any]:
         return {"available_states": tuple(map(self._of, LifecycleState))}
 
-    def _available(self) -> dict[str, Any]:
+    def _available(self, _: Any) -> dict[str, Any]:
         return self._described(self._ways())
 
-    def _graph(self) -> dict[str, Any]:
+    def _graph(self, _: Any) -> dict[str, Any]:
         return self._described(TRANSITIONS)
 
     def _described(self, ways: Iterable[LifecycleTransition]) -> dict[str, Any]:
@@ -198,9 +198,3 @@ class LifecycleServer:
 
     def _of(self, state: LifecycleState) -> Any:
         return self._state(int(state), state.label)
-
-
-def _answering(
-    response: type[Any], fields: Callable[[], dict[str, Any]]
-) -> Callable[[ServiceRequest[Any, Any]], None]:
-    return lambda request: request.answer(response(**fields()))

@@ -9,13 +9,13 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from llfsm.bridges.ros2.calls import through
+from llfsm.bridges.ros2.calls import answering, through
 from llfsm.bridges.ros2.node_parameters import NodeParameters, ParameterType, Value, type_of
 from llfsm.bridges.ros2.node_time import from_ns
 from llfsm.bridges.ros2.qos import Qos
 from llfsm.bridges.ros2.threads import Put
-from llfsm.bridges.ros2.transport import Node, ServiceRequest
-from llfsm.bridges.ros2.types import RosService, TypeLibrary
+from llfsm.bridges.ros2.transport import Node
+from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.whiteboard import Message
 
 PARAMETER_EVENTS = "/parameter_events"
@@ -70,7 +70,7 @@ class ParameterServer:
             ("set_parameters_atomically", "SetParametersAtomically", self._set_atomically),
         ):
             of = types.service(f"rcl_interfaces/srv/{type_name}")
-            handler = through(put, _answering(of, respond))
+            handler = through(put, answering(of, respond))
             node.server(f"~/{name}", of, handler, PARAMETER_QOS)
         self._publish_event(new_parameters=parameters.values().items())
 
@@ -156,14 +156,6 @@ class ParameterServer:
             read_only=declared.read_only,
             **ranges,
         )
-
-
-def _answering(
-    of: RosService, respond: Callable[[Any], dict[str, Any]]
-) -> Callable[[ServiceRequest[Any, Any]], None]:
-    """Make a handler that answers with the fields that ``respond`` returns."""
-    response = of.response.message
-    return lambda request: request.answer(response(**respond(request.message)))
 
 
 def _from_message(value: Any) -> Value:

@@ -20,6 +20,8 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from weakref import WeakSet
 
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
 _LIMIT_S = 5.0  # an action of a user's may block for ever
 
 _ending: WeakSet[Thread] = WeakSet()  # a thread is in `threading`'s list until it has really ended
@@ -36,8 +38,6 @@ def join_at_exit(thread: Thread) -> None:
     """Wait for a thread when the interpreter ends, after all transports are closed."""
     _ending.add(thread)
 
-
-_LOG = logging.getLogger("llfsm.bridges.ros2")
 
 Put = Callable[[Callable[[], object]], None]
 """Queues an action for the thread that owns the state it changes."""

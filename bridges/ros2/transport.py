@@ -52,6 +52,11 @@ from llfsm.whiteboard.message import M, Message
 if TYPE_CHECKING:
     from llfsm.bridges.ros2.types import RosMessage, RosService
 
+Req = TypeVar("Req", bound=Message)
+Res = TypeVar("Res", bound=Message)
+T = TypeVar("T")
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
 
 class Closable(ABC):
     """An object that any thread may close at any time, more than once.
@@ -232,10 +237,6 @@ class TopicSubscription(Closable):
     """As :attr:`Publisher.broken`."""
 
 
-Req = TypeVar("Req", bound=Message)
-Res = TypeVar("Res", bound=Message)
-
-
 class Client(Closable, Generic[Req, Res]):
     """Calls a service."""
 
@@ -387,11 +388,6 @@ class Transport(Closable):
 
         Raise :class:`.TransportClosedError` if the transport is closed while waiting.
         """
-
-
-T = TypeVar("T")
-
-_LOG = logging.getLogger("llfsm.bridges.ros2")
 
 
 def log_notice(notice: Notice) -> None:

@@ -52,6 +52,8 @@ from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.messages.std_msgs import Header
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER
 
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
 _PERIOD_S = 1.0
 
 
@@ -192,8 +194,6 @@ def _of_machine(machine: RemoteMachine, rate: float) -> Health:
         },
     )
 
-
-_LOG = logging.getLogger("llfsm.bridges.ros2")
 
 _LOOK_S = 0.05  # nothing reports that a process has ended
 

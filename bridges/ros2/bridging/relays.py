@@ -43,6 +43,8 @@ from llfsm.whiteboard.liveness import writer_lives
 from llfsm.whiteboard.message import M
 from llfsm.whiteboard.subscription import Subscription
 
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
 _RETURN_S = 1.0  # within which a published message comes back, if at all
 _MOST = 1000
 
@@ -104,8 +106,6 @@ class EchoFilter(Generic[M]):
                     return True
         return False
 
-
-_LOG = logging.getLogger("llfsm.bridges.ros2")
 
 _LOOK_S = 0.05  # between two looks, of which the second must find the same
 _MEET_S = 1.0  # for the robot's nodes to find the bridge's: the message must not be too early

@@ -141,8 +141,8 @@ def _longest(node: mi.Type) -> int | None:
             return None
 
 
-class ServiceSlots:
-    """The two slots of a service, and its messages from ROS to them and back.
+class ServiceSlots(NamedTuple):
+    """The two slots of a service.
 
     Attributes:
         request: its messages have ``number`` and the fields of the service's request.
@@ -151,30 +151,23 @@ class ServiceSlots:
 
     """
 
-    def __init__(self, request: Slot[Any], answer: Slot[Any], of: RosService) -> None:
-        self.request = request
-        self.answer = answer
-        self.of = of
-
-    def asked(self, number: int, request: Message) -> Message:
-        """Number a ROS request for the slot."""
-        return self.request.type(number, *astuple(request))  # type: ignore[no-any-return]
-
-    def answered(self, number: int, response: Message) -> Message:
-        """Number a ROS response for the slot."""
-        return self.answer.type(number, *astuple(response))  # type: ignore[no-any-return]
+    request: Slot[Any]
+    answer: Slot[Any]
+    of: RosService
 
     def failed(self, number: int, why: str) -> Message:
         """Make the answer that reports a failure."""
         return self.answer.type(number=number, failure=why)  # type: ignore[no-any-return]
 
-    def ros_request(self, asked: Message) -> Message:
-        """Turn a message in the slot into a ROS request."""
-        return self.of.request.message(*astuple(asked)[1:])  # type: ignore[no-any-return]
 
-    def ros_response(self, answered: Message) -> Message:
-        """Turn a message in the slot into a ROS response."""
-        return self.of.response.message(*astuple(answered)[1:-1])  # type: ignore[no-any-return]
+def into_slot(slot: Slot[Any], number: int, message: Message, *last: Any) -> Message:
+    """Number a message of ROS for a slot; ``last`` are values of the slot's own behind it."""
+    return slot.type(number, *astuple(message), *last)  # type: ignore[no-any-return]
+
+
+def from_slot(of: RosMessage[Any], message: Message) -> Any:
+    """Take the message of ROS out of one in a slot."""
+    return of.message(*astuple(message)[1 : 1 + len(of.message.__struct_fields__)])
 
 
 def service_slots(name: str, of: RosService, capacity: int | None = None) -> ServiceSlots:
@@ -214,7 +207,7 @@ def numbered(of: RosMessage[Any], **last: Any) -> type[Message]:
 
 
 class ActionSlots:
-    """The slots of an action, and its messages from ROS to them and back.
+    """The slots of an action.
 
     Attributes:
         goal: its messages have ``number`` and the fields of the action's goal.
@@ -242,35 +235,9 @@ class ActionSlots:
         """All five slots."""
         return self.goal, self.cancel, self.status, self.feedback, self.result
 
-    def asked(self, number: int, goal: Message) -> Message:
-        """Number a ROS goal for the slot."""
-        return self.goal.type(number, *astuple(goal))  # type: ignore[no-any-return]
-
-    def ros_goal(self, asked: Message) -> Message:
-        """Turn a message in the slot into a ROS goal."""
-        return self.of.goal.message(*astuple(asked)[1:])  # type: ignore[no-any-return]
-
-    def slot_feedback(self, number: int, feedback: Message) -> Message:
-        """Number ROS feedback for the slot."""
-        return self.feedback.type(number, *astuple(feedback))  # type: ignore[no-any-return]
-
-    def ros_feedback(self, message: Message) -> Message:
-        """Turn a message in the slot into ROS feedback."""
-        return self.of.feedback.message(*astuple(message)[1:])  # type: ignore[no-any-return]
-
-    def ended(self, number: int, status: GoalStatus, result: Message) -> Message:
-        """Number a ROS result for the slot."""
-        return self.result.type(  # type: ignore[no-any-return]
-            number, *astuple(result), status
-        )
-
     def failed(self, number: int, status: GoalStatus, why: str) -> Message:
         """Make the result of a goal that its server did not end."""
         return self.result.type(number=number, status=status, failure=why)  # type: ignore[no-any-return]
-
-    def ros_result(self, ended: Message) -> Message:
-        """Turn a message in the slot into a ROS result."""
-        return self.of.result.message(*astuple(ended)[1:-2])  # type: ignore[no-any-return]
 
 
 def action_slots(name: str, of: RosAction, capacity: int | None = None) -> ActionSlots:

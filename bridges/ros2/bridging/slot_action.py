@@ -27,7 +27,7 @@ from uuid import uuid4
 
 from llfsm.bridges.ros2.actions import ActionClient, ActionServer, ServerGoal
 from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.service_slots import ActionSlots
+from llfsm.bridges.ros2.bridging.service_slots import ActionSlots, from_slot, into_slot
 from llfsm.bridges.ros2.bridging.slot_service import unanswered
 from llfsm.bridges.ros2.errors import CallTimeoutError, CdrError, Ros2Error, TransportClosedError
 from llfsm.bridges.ros2.threads import TimerThread
@@ -219,7 +219,7 @@ class SlotActionClient(SlotAction):
         will = SenderWill(self._board, sample, self._slots.cancel.name)
         goal = self._goal = _Goal(sample.message.number, will)
         try:
-            message = self._slots.ros_goal(sample.message)
+            message = from_slot(self._slots.of.goal, sample.message)
             call = self._client.send_goal(goal.key, message, self._timeout)
         except (CdrError, TransportClosedError) as error:
             self._refuse(goal, str(error))
@@ -273,7 +273,7 @@ class SlotActionClient(SlotAction):
     def _take_feedback(self, key: bytes, feedback: Message) -> None:
         goal = self._goal
         if goal is not None and not goal.is_over and goal.key == key:
-            self._add(self._feedback, self._slots.slot_feedback(goal.number, feedback))
+            self._add(self._feedback, into_slot(self._slots.feedback, goal.number, feedback))
 
     def _take_result(self, goal: _Goal, call: Future[Any]) -> None:
         error = call.exception()
@@ -317,7 +317,7 @@ class SlotActionClient(SlotAction):
             self._results,
             self._slots.failed(goal.number, status, why)
             if result is None
-            else self._slots.ended(goal.number, status, result),
+            else into_slot(self._slots.result, goal.number, result, status),
         )
         self._add(self._standings, GoalStanding(goal.number, status, why))
 
@@ -440,7 +440,7 @@ class SlotActionServer(SlotAction):
             return False
         self._number += 1
         served = _Served(self._number, goal)
-        if not self._add(self._goals, self._slots.asked(self._number, goal.message)):
+        if not self._add(self._goals, into_slot(self._slots.goal, self._number, goal.message)):
             return False
         self._served = served
         self._timer.call_later(self._timeout, partial(self._too_late, served))
@@ -479,7 +479,7 @@ class SlotActionServer(SlotAction):
     def _take_feedback(self, sample: Sample[Any]) -> None:
         served = self._meant(sample.message.number)
         if served is not None and served.is_decided:
-            served.goal.publish_feedback(self._slots.ros_feedback(sample.message))
+            served.goal.publish_feedback(from_slot(self._slots.of.feedback, sample.message))
 
     def _take_result(self, sample: Sample[Any]) -> None:
         served = self._meant(sample.message.number)
@@ -496,7 +496,7 @@ class SlotActionServer(SlotAction):
             text = f"a goal that is {served.goal.status.name} cannot end as {status.name}: aborted"
             self._faults.report(self._link, text, "status")
             status = GoalStatus.ABORTED
-        result = self._slots.ros_result(sample.message)
+        result = from_slot(self._slots.of.result, sample.message)
         try:
             self._slots.of.result.encode(result)
         except CdrError as error:

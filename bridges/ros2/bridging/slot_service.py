@@ -13,7 +13,7 @@ from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from llfsm.bridges.ros2.bridging.link import BridgeLink, LinkFaults
-from llfsm.bridges.ros2.bridging.service_slots import ServiceSlots
+from llfsm.bridges.ros2.bridging.service_slots import ServiceSlots, from_slot, into_slot
 from llfsm.bridges.ros2.errors import CdrError, Ros2Error
 from llfsm.bridges.ros2.transport import Client, ServiceRequest
 from llfsm.whiteboard import Board, BoundSlot, Sample
@@ -66,9 +66,9 @@ class SlotClient:
             self._faults.report(self._link, text, "lost")
         number = sample.message.number
         try:
-            request = self._slots.ros_request(sample.message)
+            request = from_slot(self._slots.of.request, sample.message)
             call = self._client.call(request, timeout=self._timeout)
-            self._answers.add(self._slots.answered(number, call.result()))
+            self._answers.add(into_slot(self._slots.answer, number, call.result()))
         except (Ros2Error, WhiteboardError) as error:
             self._fail(number, str(error))
         else:
@@ -153,7 +153,7 @@ class SlotServer:
                 if isinstance(answer, str):
                     self._fail(request, answer)
                 else:
-                    request.answer(self._slots.ros_response(answer))
+                    request.answer(from_slot(self._slots.of.response, answer))
                     self._link.count()
             except (CdrError, WhiteboardError) as error:
                 self._faults.count(self._link, error)
@@ -164,7 +164,7 @@ class SlotServer:
         answers = Cursor(self._answers, after=self._answers.count)
         self._number += 1
         if time.monotonic() < until:
-            self._requests.add(self._slots.asked(self._number, request.message))
+            self._requests.add(into_slot(self._slots.request, self._number, request.message))
         while (left := until - time.monotonic()) > 0:
             if self._over.is_set():
                 return "the bridge has ended"

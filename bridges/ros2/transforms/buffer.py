@@ -31,6 +31,8 @@ from llfsm.whiteboard.messages.geometry_msgs import Quaternion as RosQuaternion
 from llfsm.whiteboard.messages.geometry_msgs import Transform, TransformStamped, Vector3
 from llfsm.whiteboard.messages.std_msgs import Header
 
+_LOG = logging.getLogger("llfsm.bridges.ros2")
+
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
@@ -196,8 +198,6 @@ def _text(ns: int) -> str:
     """Format a time in seconds, as tf2 prints it."""
     return f"{ns // 1_000_000_000 + 1e-9 * (ns % 1_000_000_000):.6f}"
 
-
-_LOG = logging.getLogger("llfsm.bridges.ros2")
 
 _DEEPEST = 1000  # frames above another one; more is a loop
 

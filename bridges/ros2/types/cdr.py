@@ -40,11 +40,14 @@ from llfsm.bridges.ros2.types.primitives import PRIMITIVES
 class GeneratedFunction:
     """The lines of a function that is compiled, and its globals."""
 
-    def __init__(self, names: dict[str, Any]) -> None:
+    def __init__(self, names: dict[str, Any], functions: dict[RecordType, str], at: At) -> None:
         self.lines: list[str] = []
         self.count = 0
         """Variables named so far."""
         self._names = names  # the globals of the compiled code
+        self._functions = functions  # those made for messages in sequences
+        self._at = at  # the offset reached, as far as it is known
+        self._batch: list[Item] = []  # values of the next struct
 
     def new(self) -> str:
         """Name a new variable."""
@@ -124,13 +127,10 @@ class _EncodingFunction(GeneratedFunction):
     def __init__(
         self, names: dict[str, Any], functions: dict[RecordType, str], offset: list[str], at: At
     ) -> None:
-        super().__init__(names)
+        super().__init__(names, functions, at)
         self.chunks: list[str] = []  # not yet put
         self.puts = False  # whether chunks go to a list, as those of a loop must
-        self._functions = functions  # those made for messages in sequences
-        self._offset = offset  # the terms of the offset that is reached
-        self._at = at
-        self._batch: list[Item] = []
+        self._offset = offset  # the terms of the offset reached
         self._values: list[str] = []
 
     @property
@@ -372,13 +372,10 @@ class _DecodingFunction(GeneratedFunction):
         distance: int,
         at: At,
     ) -> None:
-        super().__init__(names)
-        self._functions = functions  # those made for messages in sequences
+        super().__init__(names, functions, at)
         self._order = order
         self._base = base  # the variable with the last offset worked out
         self._distance = distance  # from there
-        self._at = at
-        self._batch: list[Item] = []
         self._targets: list[str] = []
 
     @property

@@ -35,6 +35,8 @@ from llfsm.bridges.ros2.qos import (
 from llfsm.bridges.ros2.threads import TimerThread, join_at_exit
 from llfsm.bridges.ros2.transport import Notifier
 
+T = TypeVar("T")
+
 E = TypeVar("E", bound=IntEnum)
 
 _ROOT = "@ros2_lv"
@@ -214,9 +216,6 @@ def _parse_duration(parts: list[str]) -> int:
 
 def _number(text: str, default: int) -> int:
     return int(text or "0") or default  # 0 is "system default"
-
-
-T = TypeVar("T")
 
 
 def hand_over(do: Callable[[T], None], timer: TimerThread) -> zenoh.handlers.Callback[T]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from llfsm.bridges.ros2.bridging.service_slots import service_slots
+from llfsm.bridges.ros2.bridging.service_slots import from_slot, into_slot, service_slots
 from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.messages.turtle_sensor_poster import ANSWER, REQUEST
@@ -34,10 +34,10 @@ def test_any_service_goes_to_slots_and_back(types, name):
     of = types.service(name)
     slots = service_slots("s", of)
     request, response = of.request.message(), of.response.message()
-    asked, answered = slots.asked(3, request), slots.answered(4, response)
+    asked, answered = into_slot(slots.request, 3, request), into_slot(slots.answer, 4, response)
     assert (asked.number, answered.number, answered.failure) == (3, 4, "")
-    assert slots.ros_request(asked) == request
-    assert slots.ros_response(answered) == response
+    assert from_slot(slots.of.request, asked) == request
+    assert from_slot(slots.of.response, answered) == response
     board = Whiteboard.local()
     assert board.add_message(slots.request, asked) == 1
     assert board.add_message(slots.answer, slots.failed(5, "no")) == 1
@@ -54,6 +54,6 @@ def test_fields_that_are_called_like_ours_step_aside(tmp_path):
     assert slots.request.type.__struct_fields__ == ("number", "number_", "failure_")
     assert slots.answer.type.__struct_fields__ == ("number", "failure_", "number_", "failure")
     request = of.request.message(number=5, failure="x")
-    assert slots.ros_request(slots.asked(1, request)) == request
+    assert from_slot(slots.of.request, into_slot(slots.request, 1, request)) == request
     response = of.response.message(number=5, failure="x")
-    assert slots.ros_response(slots.answered(1, response)) == response
+    assert from_slot(slots.of.response, into_slot(slots.answer, 1, response)) == response
