@@ -133,7 +133,8 @@ class PendingRequests:
         notifier: Notifier,
     ) -> None:
         self._name = name
-        self._of = of
+        self._decode = of.request.decode
+        self._encode = of.response.encode
         self._handler = handler
         self._notifier = notifier
         self._open: weakref.WeakSet[_Request] = weakref.WeakSet()
@@ -145,12 +146,12 @@ class PendingRequests:
         try:
             if info is None:
                 raise CdrError("a request without the attachment of ROS 2")
-            message = self._of.request.decode(data)
+            message = self._decode(data)
         except CdrError as error:
             self._notifier.bad_message(self._name, error)
             back.fail(str(error))
             return
-        request = _Request(self._name, message, info, self._of.response, back)
+        request = _Request(self._name, message, info, self._encode, back)
         with self._lock:
             if self._closed:
                 back.fail("the server is closed")
@@ -177,18 +178,18 @@ class _Request(ServiceRequest[Any, Any]):
         service: str,
         message: Any,
         info: MessageInfo,
-        response: RosMessage[Any],
+        encode: Callable[[Any], bytes],
         back: Responder,
     ) -> None:
         self.message = message
         self.info = info
         self._service = service
-        self._response = response
+        self._encode = encode
         self._back: Responder | None = back
         self._taking = threading.Lock()
 
     def answer(self, response: Any) -> None:
-        data = self._response.encode(response)
+        data = self._encode(response)
         self._take_back().answer(data)
 
     def fail(self, reason: str) -> None:

@@ -177,12 +177,12 @@ class SerializedMessage(ABC, Generic[M]):
 class SerializedBytes(SerializedMessage[M]):
     """A received message whose bytes were copied from the middleware."""
 
-    __slots__ = ("_data", "_info", "_of")
+    __slots__ = ("_data", "_decode", "_info")
 
-    def __init__(self, data: bytes, info: MessageInfo, of: RosMessage[M]) -> None:
+    def __init__(self, data: bytes, info: MessageInfo, decode: Callable[[bytes], M]) -> None:
         self._data = data
         self._info = info
-        self._of = of
+        self._decode = decode
 
     @property
     def data(self) -> bytes:
@@ -195,8 +195,8 @@ class SerializedBytes(SerializedMessage[M]):
         return self._info
 
     def decode(self) -> M:
-        """Return the message."""
-        return self._of.decode(self._data)
+        """Return the message; raise :class:`.CdrError`."""
+        return self._decode(self._data)
 
 
 class Publisher(Closable, Generic[M]):

@@ -85,7 +85,7 @@ class MemorySubscription(TopicSubscription, Member):
         self._qos = qos
 
         def receive(arrived: tuple[bytes, MessageInfo]) -> None:
-            site.notifier.deliver(self.name, callback, SerializedBytes(*arrived, of))
+            site.notifier.deliver(self.name, callback, SerializedBytes(*arrived, of.decode))
 
         limit = qos.depth if qos.history is HistoryPolicy.KEEP_LAST else None
         self._inbox = Inbox(receive, limit, self.name)

@@ -104,12 +104,14 @@ class RclpySubscription(TopicSubscription):
         self._node = node
         self._end = end
 
+        decode = of.decode
+
         def take(data: bytes, info: dict[str, Any]) -> None:
             if not self._closed:
                 arrived = MessageInfo(
                     info["source_timestamp"], info["publication_sequence_number"] or 0, b""
                 )
-                world.notifier.deliver(self.name, callback, SerializedBytes(data, arrived, of))
+                world.notifier.deliver(self.name, callback, SerializedBytes(data, arrived, decode))
 
         def create(events: Any) -> object:
             return node.create_subscription(
@@ -182,7 +184,7 @@ class RclpyClient(Client[Any, Any]):
         self.name = name
         self._world = world
         self._node = node
-        self._of = of
+        self._encode = of.request.encode
         self._class = found
         self._calls = PendingCalls(name, of.response, world.notifier)
         self._client = node.create_client(self._class, name, qos_profile=_profile(world, qos))
@@ -197,7 +199,7 @@ class RclpyClient(Client[Any, Any]):
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
         """Send the request; a server that is not known now gets none."""
         rclpy, timer = self._world.rclpy, self._world.timer
-        sent = rclpy.deserialize(self._of.request.encode(request), self._class.Request)
+        sent = rclpy.deserialize(self._encode(request), self._class.Request)
         with self._lifetime:
             self._check_open()
             call = self._calls.begin()

@@ -1,7 +1,8 @@
 """Any ROS type: its Message class, its codec, its hash.
 
-Each is made when it is first asked for, and kept. A codec is compiled when its direction is first
-used: most of the types that a bridge knows it only publishes, or only receives.
+Each is made when it is first asked for, and kept. Most of the types that a bridge knows it only
+publishes, or only receives: so each direction of a codec is compiled by who asks for it, which
+endpoints do when they are created and not at their first message.
 """
 
 from __future__ import annotations

@@ -170,11 +170,11 @@ class ZenohSubscription(TopicSubscription):
         self.name = endpoint.name
         self._endpoint = endpoint
         self._subscriber = _declare_subscriber(endpoint, qos)
-        deliver = endpoint.connection.notifier.deliver
+        deliver, decode = endpoint.connection.notifier.deliver, of.decode
 
         def take(sample: zenoh.Sample) -> None:
             if not self._closed:
-                deliver(self.name, callback, _Sample(sample, of, endpoint))
+                deliver(self.name, callback, _Sample(sample, decode, endpoint))
 
         receive(self._subscriber.handler.recv, take, endpoint.name)
         endpoint.show()
@@ -187,11 +187,13 @@ class ZenohSubscription(TopicSubscription):
 class _Sample(SerializedMessage[M]):
     """A Zenoh sample: nothing of it is copied before it is asked for."""
 
-    __slots__ = ("_endpoint", "_of", "_sample")
+    __slots__ = ("_decode", "_endpoint", "_sample")
 
-    def __init__(self, sample: zenoh.Sample, of: RosMessage[M], endpoint: ZenohEndpoint) -> None:
+    def __init__(
+        self, sample: zenoh.Sample, decode: Callable[[bytes], M], endpoint: ZenohEndpoint
+    ) -> None:
         self._sample = sample
-        self._of = of
+        self._decode = decode
         self._endpoint = endpoint
 
     @property
@@ -214,7 +216,7 @@ class _Sample(SerializedMessage[M]):
         return info
 
     def decode(self) -> M:
-        return self._of.decode(self._sample.payload.to_bytes())
+        return self._decode(self._sample.payload.to_bytes())
 
 
 def _declare_publisher(endpoint: ZenohEndpoint, qos: Qos) -> Any:
@@ -269,7 +271,7 @@ class ZenohClient(Client[Any, Any]):
         super().__init__(owner)
         self.name = endpoint.name
         self._endpoint = endpoint
-        self._of = of
+        self._encode = of.request.encode
         self._call_soon = endpoint.connection.answers.call_soon
         self._sequence = itertools.count(1)
         self._calls = PendingCalls(endpoint.name, of.response, endpoint.connection.notifier)
@@ -294,7 +296,7 @@ class ZenohClient(Client[Any, Any]):
 
     def call(self, request: Any, *, timeout: float) -> Future[Any]:
         """Send a query; Zenoh enforces the timeout."""
-        data = self._of.request.encode(request)
+        data = self._encode(request)
         with self._lifetime:
             self._check_open()
             call = self._calls.begin()

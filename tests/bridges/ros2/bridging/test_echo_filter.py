@@ -31,7 +31,7 @@ class Nameless:
 
 
 def arrival(number, value):
-    return SerializedBytes(number.encode(Int64(value)), MessageInfo(0, 0, b""), number)
+    return SerializedBytes(number.encode(Int64(value)), MessageInfo(0, 0, b""), number.decode)
 
 
 def test_where_ros_does_not_tell_publishers_each_published_message_takes_one_back(number):

@@ -106,7 +106,9 @@ def test_bytes_that_are_no_message_are_counted(board, types, reported):
     link = BridgeLink("tf/*", "<-", "/tf", TYPE)
     keys, timer = KeyPath(TF["keyed_by"], types.message(TYPE).message), TimerThread("test")
     relay = KeyedFromRos(board, of("tf"), keys, link, LinkFaults(reported), timer, RelaySettings())
-    relay.arrived(SerializedBytes(b"\0\1\0\0\1", MessageInfo(0, 0, b""), types.message(TYPE)))
+    relay.arrived(
+        SerializedBytes(b"\0\1\0\0\1", MessageInfo(0, 0, b""), types.message(TYPE).decode)
+    )
     timer.close()
     assert (link.passed, link.failed, len(reported)) == (0, 1, 1)
 

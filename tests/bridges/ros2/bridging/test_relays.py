@@ -197,7 +197,7 @@ def test_at_a_rate_only_what_is_added_is_decoded(board, number):
     Counted.decoded = 0
     stamps = []
     for value in range(1000):
-        relay.arrived(Counted(number.encode(Int64(value)), MessageInfo(0, 0, b""), number))
+        relay.arrived(Counted(number.encode(Int64(value)), MessageInfo(0, 0, b""), number.decode))
         sample = board[N].sample()
         if not stamps or sample.stamp_ns != stamps[-1]:
             stamps.append(sample.stamp_ns)
@@ -257,7 +257,7 @@ def test_from_topic_to_topic_the_bytes_are_those_that_came(board, start, peer, n
     talker = node.publisher("in", number)
     swapped = bytes.fromhex("00000000 0000000000000005")  # big-endian, as no encoder of ours writes
     for sent in (swapped, swapped + bytes(3)):
-        talker.forward(SerializedBytes(sent, MessageInfo(0, 0, b""), number))
+        talker.forward(SerializedBytes(sent, MessageInfo(0, 0, b""), number.decode))
         got.wait(lambda got, sent=sent: got[-1:] == [sent])
         assert board.get_message(N) == Int64(5)
     board.add_message(N, Int64(6))
@@ -286,7 +286,7 @@ def test_bytes_that_are_no_message_are_reported_once_and_the_next_is_added(board
     each = link()
     relay = FromRos(board[N], each, LinkFaults(reported), TimerThread("test"))
     for data in (b"", b"\0\1\0\0\1", number.encode(Int64(5))):
-        relay.arrived(SerializedBytes(data, MessageInfo(0, 0, b""), number))
+        relay.arrived(SerializedBytes(data, MessageInfo(0, 0, b""), number.decode))
     assert board.get_message(N) == Int64(5)
     assert (each.passed, each.failed) == (1, 2)
     assert len(reported) == 1
