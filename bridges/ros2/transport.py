@@ -168,7 +168,7 @@ class SerializedMessage(ABC, Generic[M]):
 
     @abstractmethod
     def decode(self) -> M:
-        """Return the message; raise :class:`.CdrError` if the bytes do not decode.
+        """Decode the message; raise :class:`.CdrError` if the bytes are none.
 
         A callback need not catch that error: the transport reports it.
         """
@@ -195,7 +195,7 @@ class SerializedBytes(SerializedMessage[M]):
         return self._info
 
     def decode(self) -> M:
-        """Return the message; raise :class:`.CdrError`."""
+        """Decode the message; raise :class:`.CdrError`."""
         return self._decode(self._data)
 
 

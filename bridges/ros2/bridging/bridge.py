@@ -245,7 +245,7 @@ class Bridge:
             raise
 
     def close(self) -> None:
-        """End all links, after publishing what is on the slots by now."""
+        """End all links, after publishing the messages that are on the slots by now."""
         for worker in self._workers:
             worker.finish()
         for worker in self._workers:

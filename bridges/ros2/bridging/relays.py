@@ -140,11 +140,11 @@ class LossWatch(Generic[M]):
         timer.call_later(_MEET_S, self._look)
 
     def finish(self) -> None:
-        """Ask for the end."""
+        """Stop watching."""
         self._is_over = True
 
     def close(self) -> None:
-        """Do nothing: the next look is the end."""
+        """Do nothing: the next look is the last."""
 
     def _look(self) -> None:
         if self._is_over:
@@ -310,12 +310,12 @@ class ToRos(Generic[M]):
         )
 
     def finish(self) -> None:
-        """Ask for the end after publishing what is on the slot by now."""
+        """Stop after publishing the message that is on the slot by now."""
         self._over.set()
         self._subscription.finish()
 
     def close(self) -> None:
-        """Wait for the end, and publish what machines added after their board was removed.
+        """Wait for that, and publish what machines added after their board was removed.
 
         The removal has ended the subscription, but it has also asked the machines to stop.
         """
@@ -458,7 +458,7 @@ class FromRos(Generic[M]):
 
 
 class KeyedFromRos:
-    """Adds what is received to the slots ``PREFIX/KEY``; :meth:`arrived` is a callback.
+    """Adds received messages to the slots ``PREFIX/KEY``; :meth:`arrived` is a callback.
 
     A slash before a key, as before a frame's name, is removed. The settings, such as the rate, are
     those of each slot.

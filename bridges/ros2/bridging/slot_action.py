@@ -74,7 +74,7 @@ class SlotAction:
         self._subscriptions: list[Any] = []
 
     def finish(self) -> None:
-        """Ask for the end, after what is on the slots by now."""
+        """Stop after the messages that are on the slots by now."""
         for subscription in self._subscriptions:
             subscription.finish()
 
@@ -201,7 +201,7 @@ class SlotActionClient(SlotAction):
         self._take_from(cancels, self._take_cancel, cancels.count)
 
     def close(self) -> None:
-        """Cancel the active goal, and wait for the end."""
+        """Cancel the active goal, and wait up to a second for the answer."""
         self._take_no_more()
         cancelled: Future[Any] = Future()
         self._timer.call_soon(partial(self._end_all, cancelled))
@@ -418,7 +418,7 @@ class SlotActionServer(SlotAction):
         )
 
     def close(self) -> None:
-        """Abort the goal that there is, and wait for the end."""
+        """Abort the goal that there is, and wait up to a second until it has ended."""
         self._take_no_more()
         over = threading.Event()
         self._timer.call_soon(partial(self._give_up, "the bridge has ended"))

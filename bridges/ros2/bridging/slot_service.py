@@ -51,11 +51,11 @@ class SlotClient:
         self._subscription = requests.subscribe(self._call, after=self._seen, on_error=self._failed)
 
     def finish(self) -> None:
-        """Ask for the end."""
+        """Stop after the request that is on the slot by now."""
         self._subscription.finish()
 
     def close(self) -> None:
-        """Wait for the end; an open call ends with its client."""
+        """Wait for that; an open call ends with its client."""
         self._client.close()
         self._subscription.close()
 
@@ -137,12 +137,12 @@ class SlotServer:
             self._fail(request, f"{_MOST} requests are waiting already")
 
     def finish(self) -> None:
-        """Ask for the end; open requests fail."""
+        """Serve no more; open requests fail."""
         self._over.set()
         self._waiting.put(None)
 
     def close(self) -> None:
-        """Wait for the end."""
+        """Wait until they have failed."""
         self._thread.join()
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""The service ``turtle_position``, in ROS and in slots: where a turtle is.
+"""The service ``turtle_position``, in ROS and in slots: the place of a turtle.
 
 turtlesim has no such service. Before the first pose a call in ROS gets no response, and a request
 on the board gets the reason.
@@ -69,11 +69,11 @@ class PositionServer:
             self._in_ros.count()
 
     def finish(self) -> None:
-        """Ask for the end."""
+        """Stop after the request that is on the slot by now."""
         self._subscription.finish()
 
     def close(self) -> None:
-        """Wait for the end."""
+        """Wait for that."""
         self._subscription.close()
 
     def _latest(self) -> Pose | str:

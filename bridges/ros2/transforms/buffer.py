@@ -422,7 +422,7 @@ class TransformListener:
         self._prefixes = {f"{moving}/": False, f"{static}/": True}
 
     def pull(self) -> None:
-        """Add what is new in the slots to the buffer.
+        """Add the new transforms in the slots to the buffer.
 
         Raise :class:`.SlotTypeError` for a slot of such a name with another type, and
         :class:`.BoardClosedError`.

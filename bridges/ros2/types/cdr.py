@@ -292,7 +292,7 @@ class _EncodingFunction(GeneratedFunction):
 
 
 def _checked(kind: FieldType, value: str) -> str:
-    """Check a value where struct would take what is wrong; return the expression."""
+    """Make the expression of a value, checked where struct would take wrong ones."""
     if kind.is_bytes:
         return f"exact({value}, {kind.size})"
     return f"write_{kind.base}({value})" if PRIMITIVES[kind.base].write else value
