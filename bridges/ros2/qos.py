@@ -69,15 +69,11 @@ class Qos(NamedTuple):
     lease_ns: int = 0
     """The longest time between two signs of life."""
 
-    def refusal(self, offered: Qos) -> str | None:
-        """Explain why a subscription with this profile refuses an offered one; None if it does not.
+    def refused(self, offered: Qos) -> list[tuple[str, str]]:
+        """List the policies of an offer that a subscription refuses, by rmw's name, with the reason.
 
         The rule is DDS's: an offer must be at least as strong as the request.
         """
-        return "; ".join(reason for _, reason in self.refused(offered)) or None
-
-    def refused(self, offered: Qos) -> list[tuple[str, str]]:
-        """List the policies of an offer that are refused, by rmw's name, with the reason."""
         found = []
         if self.reliability < offered.reliability:
             found.append(("RELIABILITY", "asks for reliable, best effort is offered"))

@@ -98,7 +98,7 @@ class MemorySubscription(TopicSubscription, Member):
 
     def take(self, offered: Qos, data: bytes, info: MessageInfo) -> None:
         """Queue a message, if what its publisher offers is enough."""
-        if self._qos.refusal(offered) is None:
+        if not self._qos.refused(offered):
             self._inbox.put((data, info))
 
     def _close(self) -> None:

@@ -309,7 +309,7 @@ class _Planner:
             with self._at(*where, "slots" if config.slots else "action"):
                 name = config.slots or config.action.lstrip("/")
                 slots = action_slots(name, of, config.capacity)
-                for slot in slots.all:
+                for slot in slots[:5]:  # all but the type
                     self._claim(slot)
                     self._check_capacity(slot, config.capacity, where)
         if action is None or slots is None:

@@ -206,8 +206,8 @@ def numbered(of: RosMessage[Any], **last: Any) -> type[Message]:
     return new_class(name, (Message,), {"type_name": of.name}, lambda n: n.update(namespace))
 
 
-class ActionSlots:
-    """The slots of an action.
+class ActionSlots(NamedTuple):
+    """The five slots of an action.
 
     Attributes:
         goal: its messages have ``number`` and the fields of the action's goal.
@@ -219,21 +219,12 @@ class ActionSlots:
 
     """
 
-    def __init__(self, name: str, of: RosAction, capacity: int | None) -> None:
-        def slot(what: str, cls: type[Any]) -> Slot[Any]:
-            return Slot(f"{name}/{what}", cls, capacity or capacity_for(cls))
-
-        self.of = of
-        self.goal = slot("goal", numbered(of.goal))
-        self.cancel: Slot[CancelGoal] = Slot(f"{name}/cancel", CancelGoal)
-        self.status: Slot[GoalStanding] = Slot(f"{name}/status", GoalStanding)
-        self.feedback = slot("feedback", numbered(of.feedback))
-        self.result = slot("result", numbered(of.result, status=GoalStatus.UNKNOWN, failure=""))
-
-    @property
-    def all(self) -> tuple[Slot[Any], ...]:
-        """All five slots."""
-        return self.goal, self.cancel, self.status, self.feedback, self.result
+    goal: Slot[Any]
+    cancel: Slot[CancelGoal]
+    status: Slot[GoalStanding]
+    feedback: Slot[Any]
+    result: Slot[Any]
+    of: RosAction
 
     def failed(self, number: int, status: GoalStatus, why: str) -> Message:
         """Make the result of a goal that its server did not end."""
@@ -246,4 +237,15 @@ def action_slots(name: str, of: RosAction, capacity: int | None = None) -> Actio
     A field of the action with the name of one of ours gets an underscore. Raise
     :class:`.SlotNameError`.
     """
-    return ActionSlots(name, of, capacity)
+
+    def slot(what: str, cls: type[Any]) -> Slot[Any]:
+        return Slot(f"{name}/{what}", cls, capacity or capacity_for(cls))
+
+    return ActionSlots(
+        slot("goal", numbered(of.goal)),
+        Slot(f"{name}/cancel", CancelGoal),
+        Slot(f"{name}/status", GoalStanding),
+        slot("feedback", numbered(of.feedback)),
+        slot("result", numbered(of.result, status=GoalStatus.UNKNOWN, failure="")),
+        of,
+    )
