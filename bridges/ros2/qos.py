@@ -70,7 +70,7 @@ class Qos(NamedTuple):
     """The longest time between two signs of life."""
 
     def refused(self, offered: Qos) -> list[tuple[str, str]]:
-        """List the policies of an offer that a subscription refuses, by rmw's name, with the reason.
+        """List the policies of an offer that are refused, by rmw's name, with the reason.
 
         The rule is DDS's: an offer must be at least as strong as the request.
         """
