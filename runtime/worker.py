@@ -23,6 +23,7 @@ import struct
 import subprocess
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import IO, Any, Final, Self
@@ -42,21 +43,21 @@ class WorkerError(LlfsmError):
     """A worker has ended, or was ended because its code did not return."""
 
 
-class Link:
-    """One end of a connection.
+class Link(ABC):
+    """One end of a connection to another process."""
 
-    `read` takes a number and returns at most so many bytes, none at the end; `write` sends all.
-    """
+    @abstractmethod
+    def _read(self, size: int) -> bytes:
+        """Wait for at most so many bytes; return none at the end."""
 
-    def __init__(self, read: Callable[[int], bytes], write: Callable[[bytes], object]):
-        self._read = read
-        self._write = write
+    @abstractmethod
+    def _write(self, data: bytes) -> None:
+        """Send all of these bytes."""
 
     def send(self, message: object) -> None:
         """Send a message; raise `LinkClosedError`."""
-        data = pickle.dumps(message)
         try:
-            self._write(_SIZE.pack(len(data)) + data)
+            self._write(framed(message))
         except OSError as error:
             raise LinkClosedError from error
 
@@ -80,6 +81,12 @@ class Link:
                 raise LinkClosedError
             data += part
         return bytes(data)
+
+
+def framed(message: object) -> bytes:
+    """Return a message as it is sent."""
+    data = pickle.dumps(message)
+    return _SIZE.pack(len(data)) + data
 
 
 def call(target: object, name: str, *arguments: Any) -> Any:
@@ -113,7 +120,7 @@ class Worker:
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._link = _piped(self._process.stdout, self._process.stdin)
+        self._link = _Pipes(self._process.stdout, self._process.stdin)
         self._is_late = False
         self.has_ended = False
         """True once the process was killed or found to have ended."""
@@ -178,12 +185,17 @@ class Worker:
         self.kill()
 
 
-def _piped(reader: IO[bytes], writer: IO[bytes]) -> Link:
-    def write(data: bytes) -> None:
-        writer.write(data)
-        writer.flush()
+class _Pipes(Link):
+    def __init__(self, reader: IO[bytes], writer: IO[bytes]):
+        self._reader = reader
+        self._writer = writer
 
-    return Link(reader.read, write)
+    def _read(self, size: int) -> bytes:
+        return self._reader.read(size)
+
+    def _write(self, data: bytes) -> None:
+        self._writer.write(data)
+        self._writer.flush()
 
 
 def _serve() -> None:
@@ -191,7 +203,7 @@ def _serve() -> None:
     reader, writer = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
-    link = _piped(reader, writer)
+    link = _Pipes(reader, writer)
     asked: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
 
     def read() -> None:

@@ -338,7 +338,7 @@ _BEAT_MS: Final = SILENT_S * 1e3 / 2
 _MOST_BEATS: Final = 1_000
 
 
-def record_replay(
+def record_script(
     file: Path,
     members: Iterable[Loading],
     script: Sequence[Step],

@@ -248,7 +248,7 @@ def _steps(
         new = {}
 
 
-class BagRun:
+class BagRerun:
     """Run machines on a script, once, and compare what they post to the slots `posts` with a bag.
 
     The messages of each slot are compared in their order. Their times are not, and a message that

@@ -120,7 +120,7 @@ class _Clock(ManualClock):
         self._on_sleep()
 
 
-class Memory:
+class RecordedInputs:
     """A journal's segments; `segment` is the one in which the machines are."""
 
     def __init__(self, entries: Iterable[Entry], ends: Container[str]):
@@ -173,10 +173,10 @@ class Memory:
         return int(posts[0]["count"]) if posts else count
 
 
-class RecalledEnvironment(BoardEnvironment):
+class RecordedEnvironment(BoardEnvironment):
     """An environment in which machines learn what `memory` holds; they post to `whiteboard`."""
 
-    def __init__(self, whiteboard: Board, memory: Memory):
+    def __init__(self, whiteboard: Board, memory: RecordedInputs):
         super().__init__(whiteboard, memory.clock)
         self._memory = memory
         self._latest: dict[tuple[str, str], object] = {}  # also if a sensor is connected again
@@ -217,7 +217,7 @@ class RecalledEnvironment(BoardEnvironment):
         start_count: int | None = None,
     ) -> AgedRead:
         """Return what returns what the sensor found then, and the ages."""
-        return _RecalledAgedRead(self.read(machine, name, sensor, slot), self._memory)
+        return _RecordedAgedRead(self.read(machine, name, sensor, slot), self._memory)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return a function that posts and returns the count that the message got then."""
@@ -234,20 +234,20 @@ class RecalledEnvironment(BoardEnvironment):
         for key in [key for key in self._latest if key[0] == machine]:
             del self._latest[key]
 
-    def elsewhere(self, name: str, known: Iterable[str]) -> _RecalledMachine:
+    def elsewhere(self, name: str, known: Iterable[str]) -> _RecordedMachine:
         """Return a machine of another process, if it was there then."""
         if not self._memory.knows():
             self._memory.answer()
             raise UnknownMachineError(name, known)
-        return _RecalledMachine(self._memory)
+        return _RecordedMachine(self._memory)
 
 
-class _RecalledAgedRead:
+class _RecordedAgedRead:
     """A reader that returns the messages and ages of then."""
 
     start_count = 0
 
-    def __init__(self, read: Read, memory: Memory):
+    def __init__(self, read: Read, memory: RecordedInputs):
         self._read = read
         self._memory = memory
 
@@ -260,10 +260,10 @@ class _RecalledAgedRead:
         return self._memory.age_ns()
 
 
-class _RecalledMachine:
+class _RecordedMachine:
     """A machine of another process, which answers what it answered then."""
 
-    def __init__(self, memory: Memory):
+    def __init__(self, memory: RecordedInputs):
         self._memory = memory
 
     @property
@@ -369,10 +369,10 @@ class Rerun:
     ):
         self._how: Comparison = how
         self._machines: list[str] = []  # that were there from the beginning
-        self._memory = Memory(self._noting_machines(entries), COMPARISONS[how])
+        self._memory = RecordedInputs(self._noting_machines(entries), COMPARISONS[how])
         self._journal = Journal(lambda _: None)
         self._journal.add = lambda entry: self._take(as_entry(entry))
-        recalled = RecalledEnvironment(Whiteboard.local(), self._memory)
+        recalled = RecordedEnvironment(Whiteboard.local(), self._memory)
         self.environment = JournalledEnvironment(recalled, self._journal)
         self._source = source
         first = self._memory.segment.event

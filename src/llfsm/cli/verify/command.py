@@ -323,10 +323,10 @@ def _write(
                 click.echo(f"{file}: not written, as {shown}", err=True)
         return
     if recording is not None:
-        from llfsm.bridges.recording.recorders import record_replay
+        from llfsm.bridges.recording.recorders import record_script
 
         first, way = ways[0]
-        record_replay(
+        record_script(
             recording,
             space.members,
             script_of(way, space.slots),
