@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import msgspec
 from mcap.records import Attachment, Channel, Schema
 
-from llfsm.bridges.recording.bags import CDR, BagTopics, as_mcap, in_chunks, split_by_key
+from llfsm.bridges.recording.bags import CDR, BagTopics, open_indexed
 from llfsm.bridges.recording.errors import RecordingFileError
-from llfsm.bridges.recording.mcap_file import Index, McapFile, MessageRecord
+from llfsm.bridges.recording.mcap_file import Index, MessageRecord
 from llfsm.bridges.recording.writer import (
     ABOUT,
     ARRANGEMENT,
@@ -100,8 +100,7 @@ class Recording:
         self.slots: dict[str, RecordedSlot] = {}
         self.journals: list[RecordedJournal] = []
         self._topics = topics or BagTopics()
-        whole = in_chunks(McapFile(as_mcap(path, self)), self)
-        self._file = split_by_key(whole, self._topics.keyed, self)
+        self._file = open_indexed(path, self._topics.keyed, self)
         self._index = Index(self._file)
         about = [each.metadata for each in self._file.metadata if each.name == ABOUT]
         self.about: Mapping[str, str] = about[0] if about else self._about_bag()
