@@ -12,8 +12,8 @@ and what is before the next chunk's `_since` is in order, whatever comes.
 
 Memory is bounded here and nowhere else, by the constants below: of a chunk's size, as what is
 compressed may claim anything, of its messages, and of the chunks that are kept. What grows with
-the file is a few hundred bytes for each of its chunks. Whatever is read is checked: damaged parts are
-left out with a warning, and the file counts as incomplete.
+the file is a few hundred bytes for each of its chunks. Whatever is read is checked: damaged parts
+are left out with a warning, and the file counts as incomplete.
 
 This is the one module that uses what the mcap library does not document: it has no way to read a
 chunk by its place, or what is left of a damaged file. It assumes

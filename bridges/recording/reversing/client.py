@@ -1,4 +1,4 @@
-"""Who asks the machines of a recording: it finds the process in which a question is answered.
+"""Questions to the machines of a recording, each to the process in which it is answered.
 
 The machines run in a fork of a checkpoint. A question that concerns their moment is answered there.
 One that needs another moment is answered with a :class:`.Redirect`: the client has the nearest
@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Protocol, Self
 
-from llfsm.bridges.recording.errors import MachinesGoneError, MomentError
+from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.reversing.checkpoints import Checkpoint, Checkpoints
 from llfsm.bridges.recording.reversing.processes import SocketLink
 from llfsm.bridges.recording.reversing.reverse_debugger import (
@@ -216,10 +216,10 @@ class ForkingClient:
             if isinstance(found, int) and found:
                 return self._jump(self._jump_to(found, "back"), then)
             if self._was_interrupted or not isinstance(found, int):
-                raise MomentError("the search was interrupted")
+                raise RecordingError("the search was interrupted")
             end = searched.begun_at
             since = end + 1
-        raise MomentError(NO_BREAKPOINT)
+        raise RecordingError(NO_BREAKPOINT)
 
     def _jump(self, jump: Jump, then: Asked) -> Any:
         running, found, at = self._run_to(jump, then)
@@ -299,7 +299,7 @@ class ForkingClient:
         self._leave(running)
         if running is self._current:
             self._current = None
-        raise MachinesGoneError(
+        raise RecordingError(
             "the process in which the machines ran has ended: they are where they were before"
         )
 

@@ -1,4 +1,4 @@
-"""Why machines of a recording are where they are, by rerunning them in a thread."""
+"""Explain the states of a recording's machines: they are rerun, and asked from a thread."""
 
 from __future__ import annotations
 

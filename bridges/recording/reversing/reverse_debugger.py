@@ -25,7 +25,7 @@ from operator import attrgetter
 from types import FunctionType
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
-from llfsm.bridges.recording.errors import MomentError
+from llfsm.bridges.recording.errors import RecordingError
 from llfsm.runtime.debugging.debugger import Debugger, Goal, Step
 from llfsm.runtime.debugging.section_pdb import SectionPdb
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
@@ -88,7 +88,7 @@ class RerunDebugger(Debugger):
 
     @property
     def behind_ns(self) -> int:
-        """How far the machines' clock is behind the recording's."""
+        """Nanoseconds by which the machines' clock is behind the recording's."""
         return self._rerun.behind_ns
 
     @property
@@ -279,13 +279,13 @@ class ReverseDebugger:
     # Forwards
 
     def step(self, until: Step, machine: str | None = None) -> str:
-        """Make a step; raise `MomentError` at the end."""
+        """Make a step; raise `RecordingError` at the end."""
         self._require_more()
         self.debugger.step(until, machine)
         return self.wait()
 
     def proceed(self) -> str:
-        """Go on to a breakpoint, or to the end; raise `MomentError` if it is reached already."""
+        """Go on to a breakpoint, or to the end; raise `RecordingError` if it is reached already."""
         self._require_more()
         self.debugger.proceed()
         return self.wait()
@@ -293,8 +293,8 @@ class ReverseDebugger:
     def open_pdb(self, place: SectionPlace) -> str:
         """Go on until that section runs, open a pdb in it, and pause after it.
 
-        A breakpoint before that ends the search for it. Raise `MomentError` for a section without
-        code, and at the end.
+        A breakpoint before that ends the search for it. Raise `RecordingError` for a section
+        without code, and at the end.
         """
         self._require_more()
         if place.section:
@@ -322,7 +322,7 @@ class ReverseDebugger:
         """Go back to where a step like this could have ended.
 
         With "leave", that is before the turn in which the machine came to its state. Raise
-        `MomentError` if there is no such moment.
+        `RecordingError` if there is no such moment.
         """
         name, state, now = machine or self.machine, "", self.debugger.moment
         match until:
@@ -340,20 +340,20 @@ class ReverseDebugger:
                 "transition": "no transition has fired before this moment",
                 "leave": f"{name} has been in {state} from the beginning",
             }
-            raise MomentError(what.get(until, "the recording begins here"))
+            raise RecordingError(what.get(until, "the recording begins here"))
         return self._go_to(Jump(f"back: {until}", moment, moment))
 
     def back_to_breakpoint(self) -> str:
         """Go back to the last hit of a breakpoint before this moment.
 
-        Raise `MomentError` if there is none.
+        Raise `RecordingError` if there is none.
         """
         why, now = self.debugger.paused or "back", self.debugger.moment
         is_after_end = bool(self.end)
         self._go_to(Jump(why, now, now))  # looking for those that are passed
         passed = self.debugger.last_hit(is_after_end=is_after_end)
         if not passed:
-            raise MomentError(NO_BREAKPOINT)
+            raise RecordingError(NO_BREAKPOINT)
         return self._go_to(Jump("back", passed, passed))
 
     # The machines' thread
@@ -411,7 +411,7 @@ class ReverseDebugger:
 
     def _require_more(self) -> None:
         if self.end:
-            raise MomentError(f"{self.end}; go back, or to an earlier time")
+            raise RecordingError(f"{self.end}; go back, or to an earlier time")
 
     def _require_code(self, place: SectionPlace) -> None:
         cls = self.library.get(place.machine) or type(self.arrangement.machine(place.machine))
@@ -421,7 +421,7 @@ class ReverseDebugger:
                 for state in cls.table.states
                 for section in state.sections
             ]
-            raise MomentError(
+            raise RecordingError(
                 f"{place.machine} has no code {place.state}.{place.section}; "
                 f"it has: {', '.join(known) or 'none'}"
             )

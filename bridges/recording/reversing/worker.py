@@ -55,7 +55,7 @@ _YIELD_S: Final = 0.0002
 
 
 class Moment(NamedTuple):
-    """Where the machines of a process are."""
+    """The place of machines in a recording."""
 
     number: int
     """The number of the turn that is to come; 0 before anything is arranged."""
@@ -110,7 +110,7 @@ class ForwardDebugger(ReverseDebugger):
         self.over = True
 
     def wait(self) -> str:
-        """Return why the machines are paused; "" at the end. Raise the error that ended them."""
+        """Report why the machines are paused; "" at the end. Raise the error that ended them."""
         if self.over:
             if self._error is not None:
                 raise self._error

@@ -17,7 +17,7 @@ import msgspec
 from msgspec.structs import replace
 
 from llfsm.bridges.recording.bags import BagTopics
-from llfsm.bridges.recording.errors import NoEventsError, RecordingFileError
+from llfsm.bridges.recording.errors import RecordingError, RecordingFileError
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
 from llfsm.bridges.recording.recorders import record_script
 from llfsm.bridges.recording.replay import BagRerun, bag_script
@@ -121,7 +121,7 @@ def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
     plans = []
     for journal in journals:
         if "plan" not in journal.about:
-            raise NoEventsError(
+            raise RecordingError(
                 f"{file} has no plan of its machines: "
                 f"rerun it from Python, with llfsm.bridges.recording.rerun"
             )

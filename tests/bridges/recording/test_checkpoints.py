@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from llfsm.bridges.recording.errors import MachinesGoneError
+from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.rerun import Rerun
 from llfsm.bridges.recording.reversing import checkpoints, worker
 from llfsm.bridges.recording.reversing import client as client_module
@@ -189,7 +189,7 @@ def test_machines_whose_process_has_ended_are_where_they_were(run: Run) -> None:
         do(client, "goto", 0.2)
         there = client.ask("sight")
         os.kill(client.ask("process"), signal.SIGKILL)
-        with pytest.raises(MachinesGoneError, match="they are where they were"):
+        with pytest.raises(RecordingError, match="they are where they were"):
             client.ask("do", "goto", 1e9, then=("sight",))
         assert client.ask("sight")[1:] == there[1:]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from llfsm.bridges.recording.errors import MomentError, OtherMachinesError
+from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.rerun import Rerun
 from llfsm.bridges.recording.reversing.reverse_debugger import ReverseDebugger, SectionPlace
 from llfsm.runtime import BreakpointError
@@ -96,7 +96,7 @@ def test_each_moment_is_the_same_from_both_sides(reverse: ReverseDebugger, run: 
         while reverse.debugger.moment > expected[0]:
             reverse.back("turn")
         assert sight(reverse) == expected
-    with pytest.raises(MomentError, match="the recording begins here"):
+    with pytest.raises(RecordingError, match="the recording begins here"):
         reverse.back("turn")
     assert sight(reverse) == seen[0]
 
@@ -117,7 +117,7 @@ def test_a_step_back_is_to_where_a_step_could_have_ended(
             assert reverse.back(until) == f"back: {until}"
             assert reverse.debugger.moment == earlier[-1]
         else:
-            with pytest.raises(MomentError):
+            with pytest.raises(RecordingError):
                 reverse.back(until)
             assert reverse.debugger.moment == start, "it stays where it was"
 
@@ -144,7 +144,7 @@ def test_a_machine_goes_back_to_before_it_came_to_its_state(reverse: ReverseDebu
     reverse.step("turn")
     assert reverse.arrangement.standing("Follower").state == standing.state
     reverse.goto(0)
-    with pytest.raises(MomentError, match="Follower has been in low from the beginning"):
+    with pytest.raises(RecordingError, match="Follower has been in low from the beginning"):
         reverse.back("leave", "Follower")
     assert reverse.debugger.moment == 1 < before
 
@@ -158,7 +158,7 @@ def test_breakpoints_are_reached_from_both_sides(reverse: ReverseDebugger) -> No
     assert len(hits) > 3
     assert "not act as recorded" not in reverse.end
     back = []
-    with suppress(MomentError):
+    with suppress(RecordingError):
         while reverse.back_to_breakpoint().startswith("breakpoint "):
             back.append(reverse.debugger.moment)
     assert back == hits[::-1]
@@ -193,7 +193,7 @@ def test_a_message_is_kept_when_its_sensor_is_connected_again(reverse: ReverseDe
 def test_there_is_nothing_after_the_end(reverse: ReverseDebugger) -> None:
     assert not reverse.proceed()
     for step in (reverse.proceed, lambda: reverse.step("turn")):
-        with pytest.raises(MomentError, match=r"the recording ends here, at .*; go back"):
+        with pytest.raises(RecordingError, match=r"the recording ends here, at .*; go back"):
             step()
 
 
@@ -223,7 +223,7 @@ def test_code_that_has_changed_is_followed_up_to_where_it_differs(run: Run) -> N
 def test_other_machines_are_refused(run: Run) -> None:
     with (
         debugging(run, [Follower]) as reverse,
-        pytest.raises(OtherMachinesError, match="Keeper, Follower, not Follower"),
+        pytest.raises(RecordingError, match="Keeper, Follower, not Follower"),
     ):
         reverse.wait()
 
@@ -263,7 +263,7 @@ def test_a_failure_that_others_outlive_is_gone_back_to() -> None:
         assert reverse.arrangement.machine("Failing").command == Number(11)
         (cause,) = why_of(reverse.arrangement, "Failing", reverse.debugger.now_ns).before
         assert (cause.value, cause.seen) == (False, "False")
-        with pytest.raises(MomentError, match="no breakpoint is reached before"):
+        with pytest.raises(RecordingError, match="no breakpoint is reached before"):
             reverse.back_to_breakpoint()
 
 
@@ -278,7 +278,7 @@ def test_a_failure_that_others_outlive_is_gone_back_to() -> None:
     ],
 )
 def test_a_pdb_needs_code(reverse: ReverseDebugger, place: SectionPlace, problem: str) -> None:
-    with pytest.raises(MomentError, match=problem):
+    with pytest.raises(RecordingError, match=problem):
         reverse.open_pdb(place)
     assert reverse.debugger.moment == 1
 
