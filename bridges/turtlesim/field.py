@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 from uuid import uuid4
 
 from llfsm.bridges.turtlesim.canvas import SIZE, Rgb
-from llfsm.bridges.turtlesim.errors import PictureFormatError
+from llfsm.bridges.turtlesim.errors import TurtlesimError
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import FIELD, METER, Turtle
 from llfsm.runtime.drawing.png import write_png
@@ -54,21 +54,21 @@ _COATS: Final = (
 
 
 def draw(simulator: Simulator, path: str | os.PathLike[str], caption: str = "") -> tuple[Path, ...]:
-    """Draw the field into `path`, or without an ending into .svg and .png; return what it wrote.
+    """Draw the field into `path`, or without an ending into .svg and .png; return the files.
 
-    Missing folders are created. Files are replaced atomically. Raise `PictureFormatError` for an
+    Missing folders are created. Files are replaced atomically. Raise `TurtlesimError` for an
     ending that is neither .svg nor .png, `DrawingError` for a PNG without Pillow, and `OSError` if
     a file cannot be written.
     """
     path = Path(path)
     if not path.name:
-        raise PictureFormatError(f"cannot draw {path}: it names a folder, not a file")
+        raise TurtlesimError(f"cannot draw {path}: it names a folder, not a file")
     if not path.suffix:
         paths: tuple[Path, ...] = (path.with_suffix(".svg"), path.with_suffix(".png"))
     elif path.suffix.lower() in _WRITERS:
         paths = (path,)
     else:
-        raise PictureFormatError(
+        raise TurtlesimError(
             f"cannot draw {path}: its ending is {path.suffix!r}, and must be .svg or .png, "
             "or left out for both"
         )
@@ -90,7 +90,7 @@ def _replace(path: Path, content: bytes) -> None:
 
 
 def field_picture(simulator: Simulator, caption: str = "") -> Picture:
-    """Return the field as a picture, with a caption below it if there is one."""
+    """Make a picture of the field, with a caption below it if there is one."""
     background = simulator.parameters.background
     shapes: list[Shape] = [
         Line(stroke.points, stroke.pen.color.hex, stroke.pen.width)
@@ -126,7 +126,7 @@ def _name(turtle: Turtle, rim: str) -> Shape:
 
 
 def _position(turtle: Turtle) -> tuple[float, float]:
-    """Return where a turtle is; one just spawned outside is where its first step will put it."""
+    """Return the place of a turtle; if just spawned outside, where its first step will put it."""
     x, y = turtle.pose.x, FIELD - turtle.pose.y
     return min(max(x, 0.0), FIELD) * METER, min(max(y, 0.0), FIELD) * METER
 
