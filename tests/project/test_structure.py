@@ -32,7 +32,7 @@ READS_PRIVATE = {  # tests that read private attributes, and why
 }
 
 WITHIN_A_PACKAGE = {  # public errors without the root of all: no caller of the package gets them
-    "LinkClosedError": "recording: another process is asked, or this one ends",
+    "LinkClosedError": "runtime: another process is asked, or this one ends",
     "MissingError": "debugging: an expression has no value, and is shown without",
     "RelearnError": "verification: the exploration starts again",
     "TimeUpError": "verification: what is not known by then is undecided",
