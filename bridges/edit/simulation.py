@@ -92,11 +92,11 @@ class SimulatedMachine:
 
     @property
     def is_over(self) -> bool:
-        """Whether no round is left: the machine has accepted or failed."""
+        """True if no round is left: the machine has accepted or failed."""
         return bool(self._error) or self._arrangement.finished
 
     def sensors(self) -> list[dict[str, Any]]:
-        """Return what the machine reads: names, slots, their schemas, and values as arrays."""
+        """Describe the machine's sensors: names, slots, their schemas, and values as arrays."""
         found: list[dict[str, Any]] = []
         for name, sensor in self._sensors.items():
             slot, value = sensor.slot, sensor.default
@@ -107,16 +107,16 @@ class SimulatedMachine:
         return found
 
     def opening(self) -> dict[str, Any]:
-        """Return what a page shows of a simulation that has not begun."""
+        """Describe the machine and its sensors, for a simulation that has not begun."""
         return {"sensors": self.sensors(), "simulation": self.describe()}
 
     def perform(self, name: str, *arguments: Any) -> dict[str, Any]:
-        """Call another method; return what a page shows then."""
+        """Call another method; describe the machine after it."""
         getattr(self, name)(*arguments)
         return {"simulation": self.describe()}
 
     def describe(self) -> dict[str, Any]:
-        """Return where the machine stands, as the page shows it."""
+        """Describe the place of the machine, as the page shows it."""
         text, machine = ValueText(_LONGEST_TEXT).text, self._machine
         variables = type(machine).table.variables
         read = {name: self._board[slot].get() for name, slot in self._slots.items()}
@@ -298,7 +298,7 @@ class PostSimulated(msgspec.Struct, tag="post"):
 
 
 class SaveSimulation(msgspec.Struct, tag="save"):
-    """Return what was done as a test."""
+    """Save all that was done as a test; its text is the answer."""
 
     id: int
 

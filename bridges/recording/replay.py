@@ -215,34 +215,26 @@ def bag_script(
         held = recording.slots[name].slot
         if held.fingerprint != reads[name].fingerprint:
             raise RecordingError(f"{recording.path}: {reads[name].clash(held.schema)}")
-    return list(_steps(recording, reads, fed, idle_ms, period_ms))
-
-
-def _steps(
-    recording: Recording,
-    reads: Mapping[str, Slot[Any]],
-    fed: Sequence[str],
-    idle_ms: float,
-    period_ms: float | None,
-) -> Iterator[Step]:
-    begin_ns, end_ns = recording.span_ns
+    now_ns, end_ns = recording.span_ns
     rest_ns = round((period_ms or idle_ms) * 1e6)
     most_rounds = _MOST_ROUNDS if period_ms is None else 1
+    script: list[Step] = []
     new: dict[Slot[Any], Any] = {}
-    now_ns = begin_ns
     for slot, recorded in recording.messages(fed):
         while now_ns + rest_ns < recorded.seen_ns:
             now_ns += rest_ns
-            yield Step(rest_ns / 1e6, new, most_rounds=most_rounds)
+            script.append(Step(rest_ns / 1e6, new, most_rounds=most_rounds))
             new = {}
         new[reads[slot.slot.name]] = recording.message(slot, recorded)
         if period_ms is None:
-            yield Step((recorded.seen_ns - now_ns) / 1e6, new, most_rounds=most_rounds)
+            wait_ms = (recorded.seen_ns - now_ns) / 1e6
+            script.append(Step(wait_ms, new, most_rounds=most_rounds))
             new, now_ns = {}, recorded.seen_ns
     while new or now_ns < end_ns:  # what is left of it, in which machines may still post
         now_ns += rest_ns
-        yield Step(rest_ns / 1e6, new, most_rounds=most_rounds)
+        script.append(Step(rest_ns / 1e6, new, most_rounds=most_rounds))
         new = {}
+    return script
 
 
 class BagRerun:

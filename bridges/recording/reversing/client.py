@@ -21,9 +21,10 @@ import os
 import signal
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Self
 
 from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.reversing.checkpoints import Checkpoint, Checkpoints
@@ -52,48 +53,8 @@ if TYPE_CHECKING:
 _SUBREAPER: Final = 36  # PR_SET_CHILD_SUBREAPER, of <linux/prctl.h>
 
 
-class Client(Protocol):
-    """Asks an object beside a `ReverseDebugger`, wherever the machines are."""
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        ...
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        ...
-
-    def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
-        """Call a method of the object; return its result, or raise here what it raises.
-
-        A method that lets machines go on may not return where they are in another process: then
-        the answer is that of `then`, once they are paused again.
-        """
-        ...
-
-    def close(self) -> None:
-        """End the machines."""
-        ...
-
-
-def start_client(
-    make: Callable[[], Rerun],
-    library: Mapping[str, type[Machine]],
-    begin_ns: int,
-    serve: Serve,
-    read_line: Callable[[], str] = lambda: "",
-) -> Client:
-    """Debug a recording as `ReverseDebugger` does, and ask the object that `serve` makes of one.
-
-    `read_line` is as for `ForkingClient`.
-    """
-    if sys.platform == "linux":
-        return ForkingClient(make, library, begin_ns, serve, read_line)
-    return LocalClient(make, library, begin_ns, serve)
-
-
-class LocalClient:
-    """Ask an object in this process, in which the machines run, too."""
+class Client(ABC):
+    """Asks the object that `serve` makes of a `ReverseDebugger`, wherever the machines are."""
 
     def __init__(
         self,
@@ -104,13 +65,43 @@ class LocalClient:
     ):
         self._arguments = make, library, begin_ns
         self._serve = serve
-        self._debugger: ReverseDebugger | None = None  # from the first question on
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @abstractmethod
+    def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
+        """Call a method of the object; return its result, or raise here what it raises.
+
+        A method that lets machines go on may not return where they are in another process: then
+        the answer is that of `then`, once they are paused again.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the machines; closing twice is fine."""
+
+
+def start_client(
+    make: Callable[[], Rerun],
+    library: Mapping[str, type[Machine]],
+    begin_ns: int,
+    serve: Serve,
+    read_line: Callable[[], str] = lambda: "",
+) -> Client:
+    """Start the client for this system; the arguments are as for `ForkingClient`."""
+    if sys.platform == "linux":
+        return ForkingClient(make, library, begin_ns, serve, read_line)
+    return LocalClient(make, library, begin_ns, serve)
+
+
+class LocalClient(Client):
+    """Ask an object in this process, in which the machines run, too."""
+
+    _debugger: ReverseDebugger | None = None  # from the first question on
 
     def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
         """Call a method; it returns when the machines are paused, so `then` is not needed."""
@@ -136,7 +127,7 @@ class _Running(NamedTuple):
     """The number of the moment from which it ran on."""
 
 
-class ForkingClient:
+class ForkingClient(Client):
     """Ask objects in processes that are forked from checkpoints.
 
     `read_line` returns a line of standard input for the machines' code. Ctrl-C pauses machines that
@@ -151,8 +142,7 @@ class ForkingClient:
         serve: Serve,
         read_line: Callable[[], str] = lambda: "",
     ):
-        self._arguments = make, library, begin_ns
-        self._serve = serve
+        super().__init__(make, library, begin_ns, serve)
         self._read_line = read_line
         self.checkpoints = Checkpoints()
         self._current: _Running | None = None
@@ -162,12 +152,6 @@ class ForkingClient:
         self._origin: Checkpoint | None = None
         _adopt_orphans(is_on=True)
         self._begin()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
         """Call a method where the machines are, or at the moment to which it redirects."""
