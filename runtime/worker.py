@@ -168,11 +168,8 @@ class Worker:
             answer = self._link.receive()
         except LinkClosedError:
             self.has_ended = True
-            how = (
-                f"does not return for {patience_s:g} s"
-                if self._is_late
-                else "has ended its process"
-            )
+            late = f"does not return for {patience_s:g} s"
+            how = late if self._is_late else "has ended its process"
             raise WorkerError(f"{self._doing} {how}") from None
         finally:
             timer.cancel()
