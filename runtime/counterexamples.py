@@ -23,7 +23,7 @@ from llfsm.runtime.engine.machine import MachineType
 from llfsm.runtime.testing.play import Playback, journal_of
 from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step
 from llfsm.runtime.testing.search import KIT, PythonText
-from llfsm.runtime.verification.explored import ControlState
+from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.properties import Property, View, Witness, defaults_of, evaluate
 from llfsm.runtime.verification.values import message_text
 
