@@ -22,7 +22,7 @@ class Limits(list[int]):
 
 
 class TimeModel(Protocol):
-    """How time passes between two rounds, in terms of the number for the time in a state."""
+    """A rule of how much time passes between two rounds, by numbers for the time in a state."""
 
     @property
     def period_ns(self) -> int | None:
