@@ -65,10 +65,10 @@ def explore(
             period: if no time need pass, what waits for it need never come.
         sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
             these messages, or None for no message, at each turn that reads the slot. They replace
-            the domains that sensors declare. A slot to which a machine posts can have none, and
-            what its sensors declare is not used.
-        properties: what to decide.
-        stop: whether a stop may come before any turn, as by Ctrl-C.
+            the domains that sensors declare. A slot to which a machine posts can have none, and a
+            domain that its sensors declare is not used.
+        properties: the properties to decide.
+        stop: True to let a stop come before any turn, as by Ctrl-C.
         suspend: names of machines that anybody may suspend, resume or restart before their turns.
         choices: "rounds" to let the environment choose once a round for all machines.
         abstract: for "Machine.variable", a function of its value whose result replaces the value
@@ -109,6 +109,11 @@ def explore(
     decisions = Decisions(
         system, asked, max_states=max_states, max_seconds=max_seconds, progress=progress
     )
+    return _explored(system, decisions, members)
+
+
+def _explored(system: System, decisions: Decisions, members: tuple[Member, ...]) -> Space:
+    """Find all states, check that nothing was left out of them, and decide the properties."""
     unmodelled = UnmodelledState({seat.name: seat.machine for seat in system.ringlets.seats})
     search = search_states(
         system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
