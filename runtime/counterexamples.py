@@ -132,33 +132,18 @@ def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()
 
 def view_of(environment: ScriptedEnvironment) -> View:
     """Take a view of the state in which machines are now."""
-    return View(situation_of(environment))
-
-
-def situation_of(environment: ScriptedEnvironment) -> LiveSituation:
-    """Take the state in which machines are now, those that have left included."""
-    seats = {name: machine._seat for name, machine in environment.machines.items()}
-    contents: dict[str, Any] = {}
-    for seat in seats.values():
-        table = type(seat.machine).table
-        ports: list[Any] = [*table.sensors.values(), *table.actuators.values()]
-        for slot in map(seat.slot_of, ports):
-            contents[slot.name] = environment.content(slot)
-    return LiveSituation(seats, contents, defaults_of(seats.values()))
+    return View(LiveSituation(environment))
 
 
 class LiveSituation:
-    """The state of machines that run, as of now; `contents` are the messages in slots by name."""
+    """The state of machines that run as it is now, those that have left included."""
 
-    def __init__(
-        self,
-        seats: Mapping[str, Seat],
-        contents: Mapping[str, Any],
-        defaults: Mapping[str, Any],
-    ):
-        self.seats = seats
-        self.defaults = defaults
-        self._contents = contents
+    def __init__(self, environment: ScriptedEnvironment):
+        seats = {name: machine._seat for name, machine in environment.machines.items()}
+        self.seats: Mapping[str, Seat] = seats
+        self.defaults: Mapping[str, Any] = defaults_of(seats.values())
+        slots = _slots_of(seats.values())
+        self._contents = {name: environment.content(slot) for name, slot in slots.items()}
         self._controls = {name: ControlState.of(seat) for name, seat in seats.items()}
         self._variables, self._seen = {}, {}
         for name, seat in seats.items():
@@ -267,7 +252,7 @@ def rows_of(
 ) -> list[TurnRow]:
     """Do a script, and list its turns."""
     run, entries = journal_of(members, script, unload_accepting=unload_accepting)
-    slots = _slots_of(run)
+    slots = _slots_of(machine._seat for machine in run.scripted.machines.values())
     rows: list[TurnRow] = []
     turn: list[Entry] = []
     for entry in entries:
@@ -360,15 +345,13 @@ def _row(turn: Sequence[Entry], slots: Mapping[str, Slot[Any]]) -> TurnRow:
     )
 
 
-def _slots_of(run: ScriptRun) -> dict[str, Slot[Any]]:
-    """Find the slots that the machines use, by their names on the board."""
+def _slots_of(seats: Iterable[Seat]) -> dict[str, Slot[Any]]:
+    """Find the slots that machines use, by their names on the board."""
     slots: dict[str, Slot[Any]] = {}
-    for machine in run.scripted.machines.values():
-        table = type(machine).table
+    for seat in seats:
+        table = type(seat.machine).table
         ports: list[Any] = [*table.sensors.values(), *table.actuators.values()]
-        for port in ports:
-            slot = machine._seat.slot_of(port)
-            slots[slot.name] = slot
+        slots |= {slot.name: slot for slot in map(seat.slot_of, ports)}
     return slots
 
 

@@ -179,9 +179,7 @@ def self_loops(box: Box, labels: Sequence[Label], side: int = 1) -> list[tuple[C
     end = min(_LOOP_END, 0.4 * pitch)
     y = box.y - (len(labels) - 1) / 2 * pitch
     border = box.right if side > 0 else box.left
-    reach = (
-        side * _LOOP_REACH / 0.75
-    )  # a curve goes three quarters of the way to its control points
+    reach = side * _LOOP_REACH / 0.75  # to control points: a curve goes 3/4 of the way to them
     loops: list[tuple[Curve, Label]] = []
     for label in labels:
         curve = (
@@ -373,6 +371,7 @@ def set_columns(layers: Layers) -> None:
         )
         for x in found
     ]
+    # Align all with the narrowest: those pushed to the left by their left sides, others by the right.
     left, right = min(sides, key=lambda side: side[1] - side[0])
     shifts = [right - side[1] if i % 2 else left - side[0] for i, side in enumerate(sides)]
     for layer in layers:
@@ -382,7 +381,7 @@ def set_columns(layers: Layers) -> None:
 
 
 def _crossed(layers: Layers) -> set[Link]:
-    """Return the links at boxes that cross a link between none, which must stay straight."""
+    """Find the links at boxes that cross a link within lines: the lines must stay straight."""
     position = {node: i for layer in layers for i, node in enumerate(layer)}
     crossed = set()
     for layer in layers:
@@ -437,7 +436,7 @@ def _compact(layers: Layers, block: dict[Node, Node], mirrored: bool) -> dict[No
             after[here][there] = max(room, after[here].get(there, 0))
     x = dict.fromkeys(after, 0.0)
     order = [first for first, count in waiting.items() if not count]
-    for here in order:
+    for here in order:  # which grows meanwhile: a topological order of the blocks
         for there, room in after[here].items():
             x[there] = max(x[there], x[here] + room)
             waiting[there] -= 1
