@@ -371,7 +371,7 @@ def set_columns(layers: Layers) -> None:
         )
         for x in found
     ]
-    # All are aligned with the narrowest: by the left sides if pushed to the left, else by the right.
+    # All are aligned with the narrowest, by the sides to which they were pushed.
     left, right = min(sides, key=lambda side: side[1] - side[0])
     shifts = [right - side[1] if i % 2 else left - side[0] for i, side in enumerate(sides)]
     for layer in layers:
