@@ -30,7 +30,7 @@ from llfsm.runtime.journal.entries import Entry, Journal, entries_of
 from llfsm.runtime.journal.handover import BEAT_NS, is_there
 from llfsm.runtime.presence.hosts import Shown
 from llfsm.runtime.presence.remote import SILENT_S
-from llfsm.runtime.testing.play import Playback
+from llfsm.runtime.testing.play import ScriptRun
 from llfsm.whiteboard import BoardClosedError, BoundSlot, Sample, Whiteboard, WhiteboardError
 from llfsm.whiteboard.liveness import host_name, identity, process_text, this_process
 from llfsm.whiteboard.messages.llfsm import (
@@ -360,11 +360,11 @@ def record_script(
         journal = Journal(lambda data: _write(output, data))
         if plan is not None:
             journal.add(("Plan", plan, str(folder or Path.cwd())))
-        playback = Playback(
+        run = ScriptRun(
             members, unload_accepting=unload_accepting, journal=journal, start_ns=start_ns
         )
-        board = _ScriptRecorder(playback, writer)
-        for _ in playback.play(board.paced(script)):
+        board = _ScriptRecorder(run, writer)
+        for _ in run.play(board.paced(script)):
             journal.flush()
             board.record()
         journal.flush()
@@ -373,13 +373,13 @@ def record_script(
 class _ScriptRecorder:
     """Let the machines publish their statuses, and write the new messages on their board."""
 
-    def __init__(self, playback: Playback, writer: RecordingWriter):
+    def __init__(self, run: ScriptRun, writer: RecordingWriter):
         self._writer = writer
-        self._clock = playback.scripted.clock
-        self._board = playback.scripted.whiteboard
+        self._clock = run.scripted.clock
+        self._board = run.scripted.whiteboard
         self._viewer = Viewer(os.getpid())  # which asks for the machines' variables
-        self._presence = playback.scripted.attend(playback.arrangement)
-        self._poller = BoardPoller(playback.scripted.whiteboard)
+        self._presence = run.scripted.attend(run.arrangement)
+        self._poller = BoardPoller(run.scripted.whiteboard)
         self.record()
 
     def record(self) -> None:

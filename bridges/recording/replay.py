@@ -17,7 +17,7 @@ from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.reader import RecordedMessage, RecordedSlot, Recording
 from llfsm.runtime import Clock, ManualClock, MonotonicClock
 from llfsm.runtime.journal.entries import Journal, entries_of
-from llfsm.runtime.testing.play import Loading, Playback
+from llfsm.runtime.testing.play import Loading, ScriptRun
 from llfsm.runtime.testing.scripted import Step
 from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 from llfsm.whiteboard.messages.llfsm import (
@@ -265,17 +265,17 @@ class BagRerun:
         Raise :class:`.ExecutionError` if code of a machine raises.
         """
         journal = Journal(self._take)
-        playback = Playback(members, unload_accepting=unload_accepting, journal=journal)
-        self._clock = playback.scripted.clock
-        for _ in playback.play(script):
+        run = ScriptRun(members, unload_accepting=unload_accepting, journal=journal)
+        self._clock = run.scripted.clock
+        for _ in run.play(script):
             journal.flush()
-            if self.difference is not None or playback.arrangement.finished:
+            if self.difference is not None or run.arrangement.finished:
                 break
-        if playback.error is not None:
-            raise playback.error
+        if run.error is not None:
+            raise run.error
         self._ended = True
-        self.rounds = playback.arrangement.rounds
-        playback.arrangement.end()
+        self.rounds = run.arrangement.rounds
+        run.arrangement.end()
         for name in self._slots:
             self._check(name, None)
         return self.difference

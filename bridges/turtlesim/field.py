@@ -18,7 +18,7 @@ from llfsm.bridges.turtlesim.errors import TurtlesimError
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import FIELD, METER, Turtle
 from llfsm.runtime.drawing.png import write_png
-from llfsm.runtime.drawing.shapes import Ellipse, FilledPolygon, Group, Line, Picture, Shape, Text
+from llfsm.runtime.drawing.shapes import Ellipse, Group, Line, Picture, Polygon, Shape, Text
 from llfsm.runtime.drawing.svg import write_svg
 
 _WRITERS: Final[dict[str, Callable[[Picture], bytes]]] = {
@@ -110,7 +110,7 @@ def field_picture(simulator: Simulator, caption: str = "") -> Picture:
 def _caption(lines: list[str], band: float) -> Iterator[Shape]:
     if lines:
         corners = ((0, SIZE), (SIZE, SIZE), (SIZE, SIZE + band), (0, SIZE + band))
-        yield FilledPolygon(corners, _WHITE)
+        yield Polygon(corners, _WHITE)
     for number, line in enumerate(lines, start=1):
         baseline = SIZE + _CAPTION_LEADING * number + _CAPTION_SIZE / 3
         yield Text(SIZE / 2, baseline, line, _CAPTION_SIZE, _INK)
@@ -144,7 +144,7 @@ def _turtle(turtle: Turtle) -> Shape:
 
 def _body(coat: _Coat) -> Iterator[Shape]:
     """Draw a turtle that faces right, about the origin."""
-    yield FilledPolygon(((-14.0, -3.5), (-23.0, 0.0), (-14.0, 3.5)), coat.skin)
+    yield Polygon(((-14.0, -3.5), (-23.0, 0.0), (-14.0, 3.5)), coat.skin)
     for side in (-1.0, 1.0):
         yield Ellipse(9.5, side * 13.0, 8.0, 4.0, coat.skin, side * 50.0)
         yield Ellipse(-10.0, side * 12.0, 7.0, 3.5, coat.skin, side * -50.0)

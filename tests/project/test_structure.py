@@ -37,7 +37,7 @@ WITHIN_A_PACKAGE = {  # public errors without the root of all: no caller of the 
     "RelearnError": "verification: the exploration starts again",
     "TimeUpError": "verification: what is not known by then is undecided",
     "TooManyZonesError": "verification: the property is undecided",
-    "UnknownStandingError": "verification: the ringlet is run again with more",
+    "UnknownControlError": "verification: the ringlet is run again with more",
     "UnknownValueError": "verification: an UnsupportedError names the variable",
     "UnnamedFieldError": "verification: the exploration starts again",
     "UnreadableError": "ros2: compiled code raises what diagnosis finds",
