@@ -310,7 +310,7 @@ def _values(record: RecordType, variable: str) -> list[str]:
     return found
 
 
-_MOST_PADDING = 3  # bytes that a sender may leave behind a message: Fast DDS sends multiples of 4
+_MOST_PADDING = 3  # bytes that a sender may leave behind a message, as RTPS pads to multiples of 4
 
 
 def compile_decoder(
