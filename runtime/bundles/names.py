@@ -10,20 +10,26 @@ from __future__ import annotations
 
 import ast
 import builtins
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
 from llfsm.errors import nothing_called
 from llfsm.runtime.bundles.model import Fragment
 from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.expressions.reads import (
+    all_parameters,
+    bound_names,
+    defaults_of,
+    imported_names,
+    parameter_names,
+)
 
 MACHINE = "<machine>"
 """The hidden parameter, a name that code cannot contain."""
 UNTRANSLATED = "UNTRANSLATED"
 """The name that marks what an import leaves to be translated by hand."""
 
-_COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 _ALWAYS_KNOWN = frozenset(dir(builtins)) | {"__class__"}
 N = TypeVar("N", bound=ast.AST)
 
@@ -55,7 +61,7 @@ def resolve(tree: N, fragment: Fragment, known: Known, *, running: bool) -> N:
 
 def resolve_method(function: ast.FunctionDef, fragment: Fragment, known: Known) -> None:
     """Resolve a function of the machine in place: its header, then its body, as `resolve` does."""
-    outside = [*function.decorator_list, *_evaluated_outside(function.args)]
+    outside = [*function.decorator_list, *defaults_of(function.args)]
     for node in (
         *outside,
         *_annotations(function),
@@ -89,7 +95,7 @@ class _Resolver(ast.NodeTransformer):
 
     def resolve_body(self, function: ast.FunctionDef) -> None:
         bound = bound_names(function.body) - self._known.machine.keys()
-        self._here = self._inner = frozenset(bound | _parameters(function.args))
+        self._here = self._inner = frozenset(bound | parameter_names(function.args))
         function.body = [self.visit(each) for each in function.body]
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
@@ -169,7 +175,7 @@ class _Resolver(ast.NodeTransformer):
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
         self._visit_outside(node.args)
-        with self._scope(_parameters(node.args) | bound_names([node.body])):
+        with self._scope(parameter_names(node.args) | bound_names([node.body])):
             node.body = self.visit(node.body)
         return node
 
@@ -190,7 +196,7 @@ class _Resolver(ast.NodeTransformer):
         self._visit_outside(node.args)
         if node.returns:
             node.returns = self.visit(node.returns)
-        with self._scope(_parameters(node.args) | bound_names(node.body)):
+        with self._scope(parameter_names(node.args) | bound_names(node.body)):
             node.body = [self.visit(each) for each in node.body]
         return node
 
@@ -223,7 +229,7 @@ class _Resolver(ast.NodeTransformer):
         return self._comprehension(node)
 
     @contextmanager
-    def _scope(self, bound: set[str]) -> Iterator[None]:
+    def _scope(self, bound: Set[str]) -> Iterator[None]:
         here, inner = self._here, self._inner
         self._here = self._inner = inner | bound
         yield
@@ -233,15 +239,15 @@ class _Resolver(ast.NodeTransformer):
         """Resolve what a function's header evaluates where it stands."""
         arguments.defaults = [self.visit(each) for each in arguments.defaults]
         arguments.kw_defaults = [each and self.visit(each) for each in arguments.kw_defaults]
-        for argument in _arguments(arguments):
+        for argument in all_parameters(arguments):
             if argument.annotation:
                 argument.annotation = self.visit(argument.annotation)
 
     # Checks
 
     def _import(self, node: ast.Import | ast.ImportFrom) -> ast.AST:
-        for alias in node.names:
-            self._refuse(node, alias.asname or alias.name.partition(".")[0], "imported")
+        for name in imported_names(node.names):
+            self._refuse(node, name, "imported")
         return node
 
     def _refuse(self, node: ast.AST, name: str | None, done: str) -> None:
@@ -265,45 +271,6 @@ class _Resolver(ast.NodeTransformer):
         return self._fragment.error(what, node.lineno)
 
 
-def bound_names(nodes: list[Any]) -> set[str]:
-    """Return the names that a scope with these nodes binds itself."""
-    bound: set[str] = set()
-    freed: set[str] = set()
-    todo = [(node, True) for node in nodes]
-    while todo:
-        node, direct = todo.pop()
-        if isinstance(node, ast.Name):
-            if direct and not isinstance(node.ctx, ast.Load):
-                bound.add(node.id)
-        elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
-            todo.append((node.value, direct))  # what is only changed must be there already
-            continue
-        elif isinstance(node, ast.NamedExpr):  # binds around the comprehension that it is in
-            bound.add(node.target.id)
-        elif isinstance(node, ast.Nonlocal):
-            freed.update(node.names)
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            bound.update(a.asname or a.name.partition(".")[0] for a in node.names)
-        elif isinstance(node, ast.ExceptHandler | ast.MatchAs | ast.MatchStar) and node.name:
-            bound.add(node.name)
-        elif isinstance(node, ast.MatchMapping) and node.rest:
-            bound.add(node.rest)
-        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            bound.add(node.name)
-            bound.update(each.name for each in getattr(node, "type_params", ()))
-        if isinstance(node, ast.Lambda):
-            todo += [(each, direct) for each in _evaluated_outside(node.args)]
-        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            outside = [*node.decorator_list, *_evaluated_outside(node.args)]
-            todo += [(each, direct) for each in outside]
-        elif isinstance(node, ast.ClassDef):
-            todo += [(each, direct) for each in (*node.decorator_list, *node.bases)]
-        else:
-            direct = direct and not isinstance(node, _COMPREHENSIONS)
-            todo += [(child, direct) for child in ast.iter_child_nodes(node)]
-    return bound - freed
-
-
 def included_names(statements: list[ast.stmt]) -> frozenset[str] | None:
     """Return the names that includes import or define, or None if they cannot be determined."""
     nodes = [node for each in statements for node in ast.walk(each)]
@@ -312,21 +279,8 @@ def included_names(statements: list[ast.stmt]) -> frozenset[str] | None:
     return None if "*" in names else frozenset(names)
 
 
-def _evaluated_outside(arguments: ast.arguments) -> list[ast.expr]:
-    return [each for each in (*arguments.defaults, *arguments.kw_defaults) if each is not None]
-
-
-def _arguments(arguments: ast.arguments) -> list[ast.arg]:
-    several = (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
-    return [*several, *(each for each in (arguments.vararg, arguments.kwarg) if each)]
-
-
-def _parameters(arguments: ast.arguments) -> set[str]:
-    return {argument.arg for argument in _arguments(arguments)}
-
-
 def _annotations(function: ast.FunctionDef) -> list[ast.expr]:
-    found = [function.returns, *(argument.annotation for argument in _arguments(function.args))]
+    found = [function.returns, *(argument.annotation for argument in all_parameters(function.args))]
     return [each for each in found if each is not None]
 
 

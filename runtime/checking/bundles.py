@@ -43,18 +43,17 @@ from llfsm.runtime.checking.rules import findings_of
 from llfsm.runtime.checking.subject import (
     CheckedState,
     CheckedTransition,
-    Code,
     Declared,
     Finding,
     Place,
     Subject,
 )
 from llfsm.runtime.checking.typed_rules import typed_findings
-from llfsm.runtime.checking.uses import parameter_names
 from llfsm.runtime.engine.errors import BundleError, DefinitionError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.state import SECTIONS
 from llfsm.runtime.engine.table import Table
+from llfsm.runtime.expressions.reads import Code, parameter_names
 
 _OF_A_MACHINE = ("Includes", "Methods", "Variables")
 _OTHERS = ("IncludePath", "Language", "Layout.plist", "States", "SuspendState")

@@ -24,18 +24,20 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args, get_ori
 
 import msgspec
 
-from llfsm.runtime.checking.expression_types import (
+from llfsm.runtime.checking.subject import Finding, Piece, Subject
+from llfsm.runtime.engine.table import Table
+from llfsm.runtime.expressions.reads import Code, nodes_of, uses_of
+from llfsm.runtime.expressions.types import (
+    BUILT_IN,
+    NUMBERS,
     PLAIN,
     Options,
-    Piece,
     Types,
     fields_of,
     is_message,
+    kind_of,
     named,
 )
-from llfsm.runtime.checking.subject import Code, Finding, Subject
-from llfsm.runtime.checking.uses import nodes_of, uses_of
-from llfsm.runtime.engine.table import Table
 from llfsm.whiteboard import Message
 
 
@@ -205,7 +207,7 @@ def of_operator(piece: Piece, node: ast.BinOp | ast.Compare) -> Iterator[Finding
             yield piece.finding(node, "error", text)
             return
     for (left, right), op in zip(pairwise(types), _operators(node), strict=True):
-        kinds = [{get_origin(each) or each for each in one} for one in (left, right)]
+        kinds = [{*map(kind_of, one)} for one in (left, right)]
         if not (kinds[0] and kinds[1]) or isinstance(op, ast.Is | ast.IsNot | ast.In | ast.NotIn):
             continue
         if MethodType in kinds[0] | kinds[1]:
@@ -223,9 +225,9 @@ def _operators(node: ast.BinOp | ast.Compare) -> Sequence[ast.operator | ast.cmp
 
 def _go_together(op: ast.operator | ast.cmpop, one: Any, other: Any) -> bool:
     """Return whether an operator takes values of two built-in types; True where that is unknown."""
-    if isinstance(op, ast.Eq | ast.NotEq) or not {one, other} <= _BUILT_IN:
+    if isinstance(op, ast.Eq | ast.NotEq) or not {one, other} <= BUILT_IN:
         return True
-    numbers = [each in _NUMBERS for each in (one, other)]
+    numbers = [each in NUMBERS for each in (one, other)]
     if all(numbers):
         return True
     if isinstance(op, ast.Mod):
@@ -242,9 +244,7 @@ def _go_together(op: ast.operator | ast.cmpop, one: Any, other: Any) -> bool:
     return sets or (one is other is dict and isinstance(op, ast.BitOr))
 
 
-_NUMBERS = {bool, int, float}
 _SEQUENCES = {bytes, list, str, tuple}
-_BUILT_IN = _NUMBERS | _SEQUENCES | {dict, frozenset, set}
 _ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 _ORDERING = ["__lt__", "__le__", "__gt__", "__ge__"]
 _ARITHMETIC = ["__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul__", "__mod__",
@@ -333,7 +333,7 @@ _ITEMS = {
 def _without(piece: Piece, value: ast.expr, wanted: Sequence[str]) -> Iterator[Finding]:
     options = tuple(each for each in piece.types.of(value) if each is not NoneType)
     what, *methods = wanted
-    kinds = [get_origin(each) or each for each in options]
+    kinds = [*map(kind_of, options)]
     if kinds and not any(hasattr(each, name) for each in kinds for name in methods):
         messages = [each for each in kinds if is_message(each)]
         fields = dict.fromkeys(name for each in messages for name in fields_of(each))

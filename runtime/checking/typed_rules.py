@@ -16,22 +16,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
 from types import FunctionType, ModuleType, NoneType
-from typing import Any, TypeAlias, get_origin
+from typing import Any, TypeAlias
 
 import msgspec
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.checking.expression_types import (
-    PLAIN,
-    Options,
-    Piece,
-    Types,
-    fields_of,
-    is_message,
-    may_be,
-    named,
-    options_of,
-)
 from llfsm.runtime.checking.operand_rules import (
     of_comparison,
     of_condition,
@@ -47,14 +36,26 @@ from llfsm.runtime.checking.operand_rules import (
     of_sign,
     of_text,
 )
-from llfsm.runtime.checking.subject import Code, Finding, Subject
-from llfsm.runtime.checking.uses import nodes_of, uses_of
+from llfsm.runtime.checking.subject import Finding, Piece, Subject
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor, messages_of_domain
-from llfsm.runtime.engine.source_text import reads_outside
 from llfsm.runtime.engine.state import State
 from llfsm.runtime.engine.table import REQUIRED, Table
+from llfsm.runtime.expressions.purity import reads_outside
+from llfsm.runtime.expressions.reads import Code, nodes_of, uses_of
+from llfsm.runtime.expressions.types import (
+    BUILT_IN,
+    PLAIN,
+    Options,
+    Types,
+    fields_of,
+    is_message,
+    kind_of,
+    may_be,
+    named,
+    options_of,
+)
 
 _SAFE_VALUES = ("at_end", "at_suspend", "at_failure")
 
@@ -113,7 +114,6 @@ def _unevaluated(function: FunctionType) -> inspect.Signature:
 
 _CONTROLS = {*dir(Machine), "table"}
 _SIMPLE = {"float": float, "int": int, "str": str}
-_BUILT_IN = PLAIN | {bytes, tuple, list, dict, set, frozenset}
 _SLEEPS = "time.sleep delays all machines: wait by a transition with after_ms"
 
 
@@ -145,8 +145,8 @@ def _of_attribute(piece: Piece, node: ast.Attribute) -> Iterator[Finding]:
             yield piece.finding(node, "error", what)
         return
     options = [each for each in piece.types.of(node.value) if each is not NoneType]
-    kinds = [get_origin(each) or each for each in options]
-    if kinds and all(each in _BUILT_IN and not hasattr(each, node.attr) for each in kinds):
+    kinds = [*map(kind_of, options)]
+    if kinds and all(each in BUILT_IN and not hasattr(each, node.attr) for each in kinds):
         near = did_you_mean(node.attr, dir(kinds[0]))
         yield piece.finding(node, "error", f"{named(tuple(kinds))} has no {node.attr!r}{near}")
     if not options or not all(map(is_message, options)):

@@ -23,10 +23,10 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.debugging.evaluator import Operands
-from llfsm.runtime.debugging.safe_operations import UnseenError
 from llfsm.runtime.engine.errors import BreakpointError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.expressions.evaluation import Evaluator
+from llfsm.runtime.expressions.purity import EvaluationError
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.environment import Read
@@ -99,7 +99,7 @@ class Breakpoint(NamedTuple):
 
     def holds(self, owner: Any) -> bool:
         """Return whether its condition holds of a machine or message; raise what that raises."""
-        return self.condition is None or bool(Operands(owner).value(self.condition))
+        return self.condition is None or bool(Evaluator(owner).value(self.condition))
 
 
 def check_breakpoints(
@@ -200,7 +200,9 @@ class Probes:
                 return
         except Exception as error:
             what = (
-                f"{error}" if isinstance(error, UnseenError) else f"{type(error).__name__}: {error}"
+                f"{error}"
+                if isinstance(error, EvaluationError)
+                else f"{type(error).__name__}: {error}"
             )
             self._hit(breakpoint, f": its condition cannot be evaluated: {what}", seat, source)
             return

@@ -12,9 +12,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from llfsm.runtime.debugging.evaluator import Operands, elapsed_text, parsed, seen_text
 from llfsm.runtime.engine.events import Eval, Event, Section, Turn
 from llfsm.runtime.engine.source_text import EXPRESSION
+from llfsm.runtime.expressions.annotated import annotated, elapsed_text
+from llfsm.runtime.expressions.evaluation import Evaluator, parsed
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
@@ -234,11 +235,13 @@ def _cause(
         if text is not None:
             with suppress(Exception):  # of its operators: then the guard would raise, too
                 tree = parsed(text)
-                operands = Operands(machine, elapsed_ns, guard, state=state, attributes=attributes)
-                seen = seen_text(operands, text)
+                evaluator = Evaluator(
+                    machine, elapsed_ns, guard, state=state, attributes=attributes
+                )
+                seen = annotated(evaluator, text)
                 if parts and isinstance(tree, ast.IfExp | ast.BoolOp):
                     seen = f"({seen})"
-                found = operands.value(tree)
+                found = evaluator.value(tree)
                 held = found if isinstance(found, bool) else None
         parts.append(seen)
         if value is not None:
