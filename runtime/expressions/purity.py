@@ -299,16 +299,17 @@ def is_constant(name: str, value: object) -> bool:
     """
     if isinstance(value, enum.Enum):
         return _is_plain(type(value))
-    return name.isupper() and _cannot_change(value)
+    return name.isupper() and cannot_change(value)
 
 
-def _cannot_change(value: object) -> bool:
+def cannot_change(value: object) -> bool:
+    """Check that a value is data that nothing can change."""
     if isinstance(value, tuple | frozenset):
-        return type(value) in (tuple, frozenset) and all(map(_cannot_change, value))
+        return type(value) in (tuple, frozenset) and all(map(cannot_change, value))
     if isinstance(value, msgspec.Struct):
         fields = (member(value, name) for name in value.__struct_fields__)
         is_frozen = value.__struct_config__.frozen and _is_plain(type(value))
-        return is_frozen and all(map(_cannot_change, fields))
+        return is_frozen and all(map(cannot_change, fields))
     return type(value) in _SCALARS or (isinstance(value, enum.Enum) and _is_plain(type(value)))
 
 

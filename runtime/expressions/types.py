@@ -169,7 +169,7 @@ class Types:
     def value_of(self, node: ast.expr) -> Any:
         """Find what a name of the module, or of what is in it, stands for; else `MISSING`."""
         match node:
-            case ast.Name(name) if name not in self._locals and name not in self._given:
+            case ast.Name(name) if not self.is_own(name):
                 return self._names.get(name, getattr(builtins, name, MISSING))
             case ast.Attribute(value, name):
                 within = self.value_of(value)
@@ -178,6 +178,10 @@ class Types:
                 ):
                     return getattr(within, name, MISSING)
         return MISSING
+
+    def is_own(self, name: str) -> bool:
+        """Check if a name is one of the code's own, or of a parameter that is given."""
+        return name in self._locals or name in self._given
 
     def assigned(self, name: str) -> ast.expr | None:
         """Give the only value that the code gives a name of its own; None if there are others."""
