@@ -18,6 +18,7 @@ from llfsm.errors import nothing_called
 from llfsm.runtime.bundles.model import Fragment
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.expressions.reads import (
+    MACHINE,
     all_parameters,
     bound_names,
     defaults_of,
@@ -25,8 +26,6 @@ from llfsm.runtime.expressions.reads import (
     parameter_names,
 )
 
-MACHINE = "<machine>"
-"""The hidden parameter, a name that code cannot contain."""
 UNTRANSLATED = "UNTRANSLATED"
 """The name that marks what an import leaves to be translated by hand."""
 
@@ -35,7 +34,7 @@ N = TypeVar("N", bound=ast.AST)
 
 
 class Meaning(NamedTuple):
-    """What a bare name stands for: an attribute of the machine and the kind of that attribute."""
+    """The meaning of a bare name: an attribute of the machine, and its kind, for errors."""
 
     attribute: str
     kind: str
@@ -50,7 +49,7 @@ class Known(NamedTuple):
 
 
 def resolve(tree: N, fragment: Fragment, known: Known, *, running: bool) -> N:
-    """Return `tree` with the names of the machine as its attributes.
+    """Make the names of the machine in `tree` its attributes.
 
     `running` is False for code that is evaluated when the bundle is loaded. Raise `BundleError`
     for names that nothing defines and for what cannot be done with those of the machine.
@@ -71,12 +70,12 @@ def resolve_method(function: ast.FunctionDef, fragment: Fragment, known: Known) 
 
 
 def is_mark(node: ast.stmt) -> bool:
-    """Return whether a statement marks what an import has left to be translated."""
+    """Check for the mark of what an import has left to be translated."""
     return isinstance(node, ast.Expr) and getattr(node.value, "id", None) == UNTRANSLATED
 
 
 def untranslated(fragment: Fragment, node: ast.stmt | ast.expr) -> BundleError:
-    """Return the error of a mark."""
+    """Make the error of a mark."""
     what = f"this C++ is not translated yet: write the Python, and delete {UNTRANSLATED}"
     return fragment.error(what, node.lineno)
 
@@ -272,7 +271,7 @@ class _Resolver(ast.NodeTransformer):
 
 
 def included_names(statements: list[ast.stmt]) -> frozenset[str] | None:
-    """Return the names that includes import or define, or None if they cannot be determined."""
+    """Collect the names that includes import or define; None if they cannot be determined."""
     nodes = [node for each in statements for node in ast.walk(each)]
     from_functions = {n for node in nodes if isinstance(node, ast.Global) for n in node.names}
     names = bound_names(statements) | from_functions

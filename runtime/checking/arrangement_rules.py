@@ -1,4 +1,4 @@
-"""What is wrong with machines together: names that none of them has, slots that two command."""
+"""The rules for machines together: names that none of them has, slots that two command."""
 
 from __future__ import annotations
 
@@ -28,11 +28,10 @@ def check_arrangement(
     classes: Mapping[str, type[Machine]],
     called: Mapping[str, type[Machine]] | None = None,
 ) -> list[Finding]:
-    """Return what is wrong with the machines of an arrangement file together.
+    """Check the machines of an arrangement file together.
 
     `classes` are the machines' classes by name, in the plan's order; `called` are others that they
-    may load, of which there may be breakpoints. What is wrong with each of
-    them alone is not found here.
+    may load, of which there may be breakpoints. Each of them alone is not checked here.
     """
     subjects = {cls: _subject(cls) for cls in classes.values()}
     found = {*_unknown_names([*subjects.values()], {*classes})}
@@ -59,7 +58,7 @@ def check_arrangement(
 
 
 def requests_of(cls: type[Machine], variables: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what code of a machine asks of machines whose names its text shows, each once.
+    """List the requests of a machine to machines whose names are in its text, each once.
 
     A name is a text, or that of a variable at the beginning, which `variables` may give. A question
     is "looks at".

@@ -26,7 +26,7 @@ from llfsm.runtime.expressions.reads import Code, parameter_names, unbound_names
 
 
 def check_class(cls: type[Machine]) -> list[Finding]:
-    """Return the findings about `cls`. Its code is read but not called.
+    """Check `cls`, whose code is read but not called; return what is found.
 
     Only what the class itself declares can be unused: other classes may use what it inherits.
     """
@@ -36,7 +36,7 @@ def check_class(cls: type[Machine]) -> list[Finding]:
 
 
 def class_subject(cls: type[Machine]) -> Subject:
-    """Return `cls` as the rules see it."""
+    """Read `cls` as the subject of rules."""
     return _Reader(cls).subject()
 
 
@@ -126,7 +126,7 @@ class _Reader:
                 self.findings.append(Finding(*place, "error", text))
 
     def code(self, function: Callable[..., Any]) -> Code | None:
-        """Return the code of a function, or None, and remember it, if it cannot be read."""
+        """Read a function; None, and the class is opaque, if its text cannot be read."""
         node = syntax_of(function)
         arguments = [*node.args.posonlyargs, *node.args.args] if node else []
         if not (node and arguments):
@@ -145,7 +145,7 @@ class _Reader:
         return Code(body, arguments[0].arg, file, function.__globals__, parameters)
 
     def place(self, name: str) -> Place:
-        """Return where the class gives `name` its meaning, or where the class begins."""
+        """Find where the class gives `name` its meaning, or else where the class begins."""
         for node in self.definition.body if self.definition else ():
             match node:
                 case ast.AnnAssign(ast.Name(found)) | ast.Assign([ast.Name(found)]):

@@ -1,10 +1,7 @@
-"""The rules that need types: each gives what it finds wrong with a machine that has been loaded.
+"""The rules that need types: each yields what is wrong with a machine that has been loaded.
 
-They find what every run of the code would find, and nothing where a type is unknown.
-
-The rules for ports: what is wrong with the values that they are declared with.
-
-How functions are called, whatever their annotations name.
+A rule is a function of a `Piece` and a node of it, listed in `_RULES` with its kinds of nodes. The
+rules find what every run of the code would find, and nothing where a type is unknown.
 """
 
 from __future__ import annotations
@@ -91,7 +88,7 @@ def of_ports(subject: Subject, table: Table) -> Iterator[Finding]:
 
 
 def signature_of(function: FunctionType) -> inspect.Signature:
-    """Return what a function can be called with; in bundles, what stands for self has no name."""
+    """Give a function's signature; in bundles, the parameter for the machine becomes ``self``."""
     try:
         return _unevaluated(function)
     except ValueError:
@@ -121,7 +118,7 @@ _Rule: TypeAlias = Callable[[Piece, Any], Iterator[Finding]]
 
 
 def typed_findings(subject: Subject, table: Table) -> list[Finding]:
-    """Return what is wrong with the values in the code of a machine, in the order of lines."""
+    """Apply the rules that need types; sort what they find by file and line."""
     found = {*_of_defaults(subject, table), *of_ports(subject, table)}
     found.update(of_optional(subject, table))
     for code in subject.all_code():
@@ -388,7 +385,7 @@ def _of_guard(piece: Piece) -> Iterator[Finding]:
 
 
 def _falls_through(body: Sequence[ast.AST]) -> bool:
-    """Return whether statements end without a return for certain in some case."""
+    """Check if statements, for certain, end without a return in some case."""
     match body[-1] if body else None:
         case ast.If(_, then, otherwise):
             return _falls_through(then) or _falls_through(otherwise)
@@ -425,7 +422,7 @@ def _is_kind_of(given: Any, wanted: type) -> bool:
 
 
 def _may_hold(node: ast.expr, given: Options, annotation: Any) -> bool:
-    """Return whether a variable may have such a value, which is not decoded as a field's is."""
+    """Check if a variable may have such a value, which is not decoded as a field's is."""
     wanted = options_of(annotation)
     if wanted and all(isinstance(each, type) and issubclass(each, Enum) for each in wanted):
         return not given or any(_is_kind_of(kind, each) for kind in given for each in wanted)

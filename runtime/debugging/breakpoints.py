@@ -5,11 +5,11 @@ transition), ``Wall:STOP->TURN`` (by those to TURN), ``Wall!`` (its code raises)
 ``@turtle1/pose`` (a machine has another message of the slot). ``#3`` after it means from the third
 time on, and ``if x > 9`` an expression over the machine's variables and sensors, or the message.
 
-They are tested by probes (`Probes`), which wrap sections and sensors in machines' bound tables; what
-has no breakpoint is not wrapped, and costs nothing. A state is entered after a transition to it has
-fired, so its probe is in the OnExit of the states before it: machines are paused before OnEntry
-runs. Where a request or the start leads to the state, the probe is in its OnEntry, and the pause
-comes after that turn.
+They are tested by probes (`Probes`), which wrap sections and sensors in machines' bound tables:
+what has no breakpoint is not wrapped, and costs nothing. A state is entered after a transition to
+it has fired, so its probe is in the OnExit of the states before it: machines are paused before
+OnEntry runs. Where a request or the start leads to the state, the probe is in its OnEntry, and the
+pause comes after that turn.
 """
 
 from __future__ import annotations

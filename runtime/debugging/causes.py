@@ -1,4 +1,4 @@
-"""Why a machine is still in its state: each transition's value, and its expression with values.
+"""The reasons for which a machine is in its state: its transitions, and the values in them.
 
 Three things are known of transitions. As they were evaluated last: an observer (`LastTurns`) keeps
 each machine's last turn, with the sensors and variables that it saw, while a debugger is attached,

@@ -1,6 +1,6 @@
 """Leases: what another process has requested, a pause or an override, ends when nobody renews it.
 
-So no robot stands still, or believes in a sensor that is not its own, because a page was closed or a
+So no robot stands still, or reads a sensor that is not its own, because a page was closed or a
 connection lost. Leases are counted on the host's clock, as machines' clocks may stand still.
 """
 
@@ -10,9 +10,9 @@ import time
 from typing import Final
 
 LEASE_S: Final = 60.0
-"""Seconds that a pause or an override lasts by which a command, or the program itself, pauses."""
+"""Seconds that a pause or an override by a command lasts, and a pause at a breakpoint of a run."""
 PAGE_LEASE_S: Final = 6.0
-"""Seconds that one lasts which a page has requested: as long as it is open, it renews each second."""
+"""Seconds that one by a page lasts, which renews it each second as long as the page is open."""
 
 
 class Lease:

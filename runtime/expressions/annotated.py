@@ -16,11 +16,11 @@ from itertools import pairwise
 from typing import Any, Final
 
 from llfsm.runtime.expressions.evaluation import UNKNOWN, Evaluator
-from llfsm.runtime.expressions.reads import CLOCK, inner_names
+from llfsm.runtime.expressions.reads import CLOCK, COMPREHENSIONS, inner_names
 from llfsm.runtime.value_text import ValueText
 
 _UNITS: Final = {"after_ms": "ms", "after": "s", "timeout": "us"}
-_SCOPES: Final = (ast.ListComp, ast.SetComp, ast.GeneratorExp, ast.DictComp, ast.Lambda)
+_SCOPES: Final = (*COMPREHENSIONS, ast.Lambda)
 _SHOWN: Final = (
     *(ast.Name, ast.Attribute, ast.Subscript, ast.Call, ast.JoinedStr),
     *(ast.ListComp, ast.SetComp, ast.DictComp),

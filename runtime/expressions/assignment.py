@@ -15,11 +15,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
-from llfsm.runtime.expressions.reads import Code, captured_names, imported_names
+from llfsm.runtime.expressions.reads import COMPREHENSIONS, Code, captured_names, imported_names
 
 _Lines = dict[str, int]
 _INNER: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)
-_REPEATED: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 
 
 class Unassigned(NamedTuple):
@@ -75,7 +74,7 @@ def _own_names(body: Sequence[ast.AST]) -> set[str]:
             case ast.AugAssign(ast.Name(), _, value):
                 todo.append(value)  # another rule finds what is only changed
                 continue
-        if not isinstance(node, (*_INNER, *_REPEATED)):
+        if not isinstance(node, (*_INNER, *COMPREHENSIONS)):
             todo += ast.iter_child_nodes(node)
     return given - others
 

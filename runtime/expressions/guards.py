@@ -1,4 +1,4 @@
-"""What decides a guard: it is *closed* if it depends on nothing that could change unseen.
+"""Closed guards: those whose value depends on nothing that could change unseen.
 
 A closed guard reads only sensors and variables of its machine, constants, the time in the state,
 `stopping` and other machines' statuses, through operators and functions that only compute. So as
@@ -43,6 +43,8 @@ from llfsm.runtime.expressions.purity import (
 )
 from llfsm.runtime.expressions.reads import (
     CLOCK,
+    COMPREHENSIONS,
+    MACHINE,
     QUESTIONS,
     Code,
     bound_names,
@@ -63,22 +65,21 @@ _STATUSES: Final = QUESTIONS - {"index_of"}
 _OF_ITSELF: Final = ("name", "state_name")  # neither changes while a guard is evaluated again
 _OF_CALLED: Final = ("done", "failed", "name")
 _ENGINE: Final = Polled.__module__.rpartition(".")[0]
-_HIDDEN: Final = "<machine>"  # as a bundle's code names the machine, which its text does not
 _MACHINE: Final = ("the machine",)
 """Stands for the types of an argument that is the machine itself."""
 _UNCHANGING: Final = PLAIN | {bytes, frozenset, tuple}
-_SCOPES: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp, ast.Lambda)
+_SCOPES: Final = (*COMPREHENSIONS, ast.Lambda)
 # What has a value made of those of its parts, of which all are evaluated or some.
 _COMPOSED: Final = (
     *(ast.BoolOp, ast.UnaryOp, ast.BinOp, ast.IfExp, ast.NamedExpr, ast.Tuple, ast.List, ast.Set),
     *(ast.Dict, ast.Starred, ast.Subscript, ast.Slice, ast.JoinedStr, ast.FormattedValue),
-    *(ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp),
+    *COMPREHENSIONS,
 )
 
 
 @dataclass
 class GuardReads:
-    """What a guard reads; of one that is open, only what was found before the reason for that."""
+    """All that a guard reads; of one that is open, as far as it was followed."""
 
     sensors: set[str] = field(default_factory=set)
     variables: set[str] = field(default_factory=set)
@@ -108,7 +109,7 @@ def reads_of_guard(guard: Callable[..., Any], table: Table) -> GuardReads:
             raise _OpenError(type(guard).__name__)
         _Machine(table, state, reads).enter(guard, [_MACHINE], {})
     except _OpenError as error:
-        reads.open = str(error).replace(f"{_HIDDEN}.", "")
+        reads.open = str(error).replace(f"{MACHINE}.", "")
     return reads
 
 
@@ -161,7 +162,7 @@ class _Machine:
         machine = code.co_varnames[0] if given and arguments[:1] == [_MACHINE] else ""
         given.pop(machine, None)
         body = _statements(function)
-        if machine and not machine.isidentifier():
+        if machine == MACHINE:
             body = self._resolved(body, machine, {*given})
         names = ChainMap(_enclosing(function), function.__globals__)
         code_of = Code(body, machine, code.co_filename, names)

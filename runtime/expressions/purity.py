@@ -1,4 +1,4 @@
-"""What only computes: the operators, functions, methods and classes that have no effect.
+"""Purity: the operators, functions, methods and classes that compute and have no effect.
 
 Two questions are answered here. What may be *done* to evaluate an expression beside a running
 machine, without changing anything (`apply`, `item`, `call`, `member`): operators on data, and the

@@ -19,6 +19,8 @@ from itertools import pairwise
 from types import CodeType, MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias
 
+MACHINE: Final = "<machine>"
+"""The first parameter of a bundle's functions, their machine: a name that code cannot contain."""
 CLOCK: Final = {"after_ms": 1e6, "after": 1e9, "timeout": 1e3}
 """The machine's functions of the time in its state, each with the nanoseconds in its unit."""
 QUESTIONS: Final = frozenset({"index_of", "is_running", "is_suspended", "state_name_of", "status"})
@@ -32,7 +34,7 @@ REQUESTS: Final = (
 )
 """All requests that a machine can make."""
 
-_COMPREHENSIONS: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
+COMPREHENSIONS: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 _Function: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 
 
@@ -213,7 +215,7 @@ def bound_names(nodes: Sequence[ast.AST]) -> set[str]:
             case ast.ClassDef():
                 inner = [*node.decorator_list, *node.bases]
             case _:
-                direct = direct and not isinstance(node, _COMPREHENSIONS)
+                direct = direct and not isinstance(node, COMPREHENSIONS)
                 inner = [*ast.iter_child_nodes(node)]
         todo += [(each, direct) for each in inner]
     return bound - freed
