@@ -330,7 +330,8 @@ class _Function:
                 if is_data and not holds_data(fields_of(kind)[name].type):
                     _refuse(node)
             elif issubclass(kind, Enum) and name in ("name", "value"):
-                pass
+                if not all(cannot_change(each.value) for each in kind):
+                    _refuse(node)
             elif is_message(kind) and isinstance(found, property):
                 self._enter(node, found.fget, [(kind,)])
             else:
@@ -347,22 +348,27 @@ class _Function:
         name, table, found = node.attr, self._whole.table, self._whole.found(node.attr)
         if name in table.sensors:
             self._reads.sensors.add(name)
-            kind: Any = table.sensors[name].slot.type
+            if is_data and not holds_data(table.sensors[name].slot.type):
+                _refuse(node)
         elif name in table.variables:
             self._reads.variables.add(name)
-            kind = table.variables[name].type
+            if is_data:
+                self._variable(node)
         elif name == "stopping":
             self._reads.stopping = True
-            return
-        elif name in _OF_ITSELF:
-            return
-        elif isinstance(found, property):
+        elif isinstance(found, property) and name not in _OF_ITSELF:
             self._enter(node, found.fget, [_MACHINE])
-            return
-        else:
+        elif name not in _OF_ITSELF:
             self._constant(node, name, found)
-            return
-        if is_data and not holds_data(kind):
+
+    def _variable(self, node: ast.Attribute) -> None:
+        options = self._types.of(node)
+        for each in options:
+            if issubclass(kind_of(each), Polled):
+                self._reads.machines.add("")  # whose text has its status
+            elif not holds_data(each):
+                _refuse(node)
+        if not options:
             _refuse(node)
 
     # Calls
@@ -445,7 +451,7 @@ class _Function:
         arguments: Sequence[Options],
         named: Mapping[str, Options] = MappingProxyType({}),
     ) -> None:
-        if not isinstance(function, FunctionType) or function.__module__.startswith(_ENGINE):
+        if not isinstance(function, FunctionType) or str(function.__module__).startswith(_ENGINE):
             _refuse(node)  # it is in no text, or is what every machine has, as requests
         try:
             self._whole.enter(function, arguments, named)
@@ -474,9 +480,10 @@ def _scoped_names(body: Iterable[ast.AST]) -> set[str]:
 
 
 def _enclosing(function: FunctionType) -> dict[str, Any]:
-    """Map the variables around a function to what they have now, if anything."""
-    found = {}
-    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+    """Map the variables around a function to what they have now; `MISSING` if nothing."""
+    names = function.__code__.co_freevars
+    found = dict.fromkeys(names, MISSING)  # hides what the module has of the same name
+    for name, cell in zip(names, function.__closure__ or (), strict=True):
         with suppress(ValueError):  # it is empty
             found[name] = cell.cell_contents
     return found

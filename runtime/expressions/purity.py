@@ -314,7 +314,7 @@ def cannot_change(value: object) -> bool:
 
 
 def holds_data(annotation: Any) -> bool:
-    """Check that all values of an annotation's types are data, or have attributes to be polled."""
+    """Check that all values of an annotation's types are data."""
     return _holds_data(annotation, frozenset())
 
 
@@ -331,7 +331,7 @@ def _holds_data(annotation: Any, above: frozenset[Any]) -> bool:
         if not isinstance(kind, type) or not (kind in _SCALARS or _is_plain(kind)):
             return False
         if issubclass(kind, Polled):
-            return True  # its type's parameter is the class of a machine
+            return False
     parts = [each for each in arguments if each is not ...]
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         try:

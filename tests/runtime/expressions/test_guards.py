@@ -35,6 +35,12 @@ class Mode(enum.Enum):
     FAST = 2
 
 
+class Held(enum.Enum):
+    """Members whose values can be changed."""
+
+    FUSSY = [1]  # noqa: RUF012
+
+
 class Fussy(int):
     """A number whose comparison could do anything."""
 
@@ -102,6 +108,8 @@ class Robot(Machine):
     items: list[float] = []  # noqa: RUF012
     table_of: dict[str, int] = {}  # noqa: RUF012
     child: Submachine[Any] | None = None
+    children: tuple[Submachine[Any], ...] = ()
+    held: Held = Held.FUSSY
     whatever: Any = None
     fussy: Fussy = Fussy()
     bare: list = []  # type: ignore[type-arg]  # noqa: RUF012
@@ -171,6 +179,8 @@ CLOSED: list[tuple[Callable[[Any], object], GuardReads]] = [
      GuardReads(machines={"Other", "B"})),
     (lambda self: self.is_suspended(self.label), GuardReads(variables={"label"}, machines={""})),
     (lambda self: self.child and self.child.done, GuardReads(variables={"child"}, machines={""})),
+    (lambda self: str(self.child) > "", GuardReads(variables={"child"}, machines={""})),
+    (lambda self: self.mode.value > 1, GuardReads(variables={"mode"})),
     (lambda self: self.state_name == "go" and self.name == "Robot", GuardReads()),
     (lambda self: self.count > self.MOST, GuardReads(variables={"count"})),
     (lambda self: self.is_far(factor=3.0), GuardReads(variables={"items", "count"})),
@@ -197,6 +207,8 @@ OPEN: list[tuple[Callable[[Any], object], str]] = [
     (lambda self: self.fussy > 1, "self.fussy"),
     (lambda self: self.child.machine.count > 1, "self.child.machine"),
     (lambda self: self.child.cancel(), "self.child.cancel"),
+    (lambda self: self.children[0].done, "self.children"),
+    (lambda self: self.held.value > 1, "self.held.value"),
     (lambda self: self.point.is_lucky, "self.point.is_lucky: random.random"),
     (lambda self: self.items.append(1.0), "self.items.append"),
     (lambda self: self.items.pop() > 1, "self.items.pop"),
