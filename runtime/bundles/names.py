@@ -133,27 +133,23 @@ class _Resolver(ast.NodeTransformer):
         self._refuse(node, node.target.id, "assigned by :=")
         return self.generic_visit(node)
 
-    def visit_Import(self, node: ast.Import) -> ast.AST:
-        return self._import(node)
+    def _import(self, node: ast.Import | ast.ImportFrom) -> ast.AST:
+        for name in imported_names(node.names):
+            self._refuse(node, name, "imported")
+        return node
 
-    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST:
-        return self._import(node)
+    visit_Import = visit_ImportFrom = _import
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         self._refuse(node, node.name, "bound by except")
         return self.generic_visit(node)
 
-    def visit_MatchAs(self, node: ast.MatchAs) -> ast.AST:
-        self._refuse(node, node.name, "bound by a pattern")
+    def _pattern(self, node: ast.MatchAs | ast.MatchStar | ast.MatchMapping) -> ast.AST:
+        name = node.rest if isinstance(node, ast.MatchMapping) else node.name
+        self._refuse(node, name, "bound by a pattern")
         return self.generic_visit(node)
 
-    def visit_MatchStar(self, node: ast.MatchStar) -> ast.AST:
-        self._refuse(node, node.name, "bound by a pattern")
-        return self.generic_visit(node)
-
-    def visit_MatchMapping(self, node: ast.MatchMapping) -> ast.AST:
-        self._refuse(node, node.rest, "bound by a pattern")
-        return self.generic_visit(node)
+    visit_MatchAs = visit_MatchStar = visit_MatchMapping = _pattern
 
     def visit_Global(self, node: ast.Global) -> ast.AST:
         raise self._error(node, "machines share no variables: leave out `global`")
@@ -165,12 +161,6 @@ class _Resolver(ast.NodeTransformer):
         return node
 
     # Scopes inside the code
-
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
-        return self._function(node)
-
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
-        return self._function(node)
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
         self._visit_outside(node.args)
@@ -199,6 +189,8 @@ class _Resolver(ast.NodeTransformer):
             node.body = [self.visit(each) for each in node.body]
         return node
 
+    visit_FunctionDef = visit_AsyncFunctionDef = _function
+
     def _comprehension(
         self, node: ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
     ) -> ast.AST:
@@ -215,17 +207,7 @@ class _Resolver(ast.NodeTransformer):
                     setattr(node, part, self.visit(getattr(node, part)))
         return node
 
-    def visit_ListComp(self, node: ast.ListComp) -> ast.AST:
-        return self._comprehension(node)
-
-    def visit_SetComp(self, node: ast.SetComp) -> ast.AST:
-        return self._comprehension(node)
-
-    def visit_DictComp(self, node: ast.DictComp) -> ast.AST:
-        return self._comprehension(node)
-
-    def visit_GeneratorExp(self, node: ast.GeneratorExp) -> ast.AST:
-        return self._comprehension(node)
+    visit_ListComp = visit_SetComp = visit_DictComp = visit_GeneratorExp = _comprehension
 
     @contextmanager
     def _scope(self, bound: Set[str]) -> Iterator[None]:
@@ -243,11 +225,6 @@ class _Resolver(ast.NodeTransformer):
                 argument.annotation = self.visit(argument.annotation)
 
     # Checks
-
-    def _import(self, node: ast.Import | ast.ImportFrom) -> ast.AST:
-        for name in imported_names(node.names):
-            self._refuse(node, name, "imported")
-        return node
 
     def _refuse(self, node: ast.AST, name: str | None, done: str) -> None:
         if name is not None and self._is_machine_name(name):

@@ -144,21 +144,14 @@ class _Visitor(ast.NodeVisitor):
         self.uses.returns |= node.value is not None and not self._depth
         self.generic_visit(node)
 
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        self._function(node)
-
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> None:
-        self._function(node)
-
-    def visit_Lambda(self, node: ast.Lambda) -> None:
-        self._function(node)
-
     def _function(self, node: _Function) -> None:
         if self._machine in parameter_names(node.args):
             return
         self._depth += 1
         self.generic_visit(node)
         self._depth -= 1
+
+    visit_FunctionDef = visit_AsyncFunctionDef = visit_Lambda = _function
 
 
 # Names that code binds itself
