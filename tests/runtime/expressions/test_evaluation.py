@@ -179,10 +179,11 @@ def tree(text: str) -> ast.expr:
 def test_an_expression_has_the_value_that_python_gives_it(text: str) -> None:
     """So has the text with the operands in their places, as far as they can be written."""
     expected = eval(text, {"math": math, "self": OWNER, **NAMES})
-    operands = Evaluator(OWNER)
-    assert operands.value(tree(text)) == expected
-    shown = annotated(operands, text)
-    if not {"point", "hit", "range"} & {*shown.replace("(", " ").split()}:
+    evaluator = Evaluator(OWNER)
+    assert evaluator.value(tree(text)) == expected
+    shown = annotated(evaluator, text)
+    is_whole = "…" not in shown  # long values are cut
+    if is_whole and not {"point", "hit", "range"} & {*shown.replace("(", " ").split()}:
         assert eval(shown, {**NAMES, "math": math}) == expected
 
 
@@ -264,5 +265,5 @@ def test_an_elapsed_time_looks_other_than_the_limit_that_it_has_passed() -> None
 
 
 def test_what_an_owner_had_then_is_used() -> None:
-    operands = Evaluator(OWNER, attributes={"a": 7, "items": [9]})
-    assert operands.value(tree("self.a + items[0] + b")) == 13
+    evaluator = Evaluator(OWNER, attributes={"a": 7, "items": [9]})
+    assert evaluator.value(tree("self.a + items[0] + b")) == 13
