@@ -36,6 +36,7 @@ from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.frames import SECTIONS, FrameEncoder, diagram_data
 from llfsm.bridges.view.page_requests import decode, is_early, perform, serve_page
 from llfsm.bridges.view.page_source import Change, Note, PageSource, Snapshot
+from llfsm.runtime.debugging.leases import PAGE_LEASE_S
 from llfsm.whiteboard import Sample
 from llfsm.whiteboard.messages.llfsm import DEFINITIONS, MachineDefinition
 
@@ -230,10 +231,15 @@ class SourcePage:
         self._begun_ns = time.monotonic_ns() - time.time_ns()  # live events have the time of day
 
     def facts(self) -> dict[str, Any]:
-        """Return what the page shows, and whether it controls that."""
+        """Describe what the page shows; with control, pauses by it last `lease_s` seconds."""
         player = self.source.player
         span = None if player is None else (player.span_ns[1] - player.span_ns[0]) / 1e9
-        return {"title": self.source.title, "control": self._control, "span": span}
+        return {
+            "title": self.source.title,
+            "control": self._control,
+            "lease_s": PAGE_LEASE_S,
+            "span": span,
+        }
 
     async def about(self, _: HttpRequest) -> Response:
         """Return the same to a window."""

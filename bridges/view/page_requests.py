@@ -8,13 +8,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import Any, Final, get_args
+from typing import Any, get_args
 
 import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.page_source import PageSource
+from llfsm.runtime.debugging.leases import PAGE_LEASE_S
 from llfsm.runtime.engine.errors import FsmError
 from llfsm.runtime.engine.events import Status
 from llfsm.runtime.presence.remote import Directory
@@ -22,8 +23,6 @@ from llfsm.whiteboard import WhiteboardError
 from llfsm.whiteboard.message_text import parse_message
 from llfsm.whiteboard.messages.llfsm import Action, Debugging, MachineRequest
 from llfsm.whiteboard.shared import Whiteboard
-
-_LEASE_S: Final = 6.0  # a page that is there renews a pause every second
 
 
 class MachineCommand(msgspec.Struct, tag="ask"):
@@ -104,10 +103,10 @@ def perform(
             return f"message {count} of {request.slot}"
         machine = Directory(board).find(request.machine)
         if request.action == "renew":
-            machine.renew(_LEASE_S)
+            machine.renew(PAGE_LEASE_S)
             return f"{request.machine}: renewed"
         if request.action in get_args(Debugging):
-            machine.send(MachineRequest(request.action, request.argument, _LEASE_S))
+            machine.send(MachineRequest(request.action, request.argument, PAGE_LEASE_S))
             return f"{request.machine}: {request.action}"
         if machine.request(request.action) is Status.ERROR:
             raise RequestError(f"{request.machine} is about to restart; try again after that")

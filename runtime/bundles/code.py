@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from llfsm.runtime.bundles.model import Fragment
-from llfsm.runtime.bundles.names import MACHINE
 from llfsm.runtime.engine.state import DEFERRED
+from llfsm.runtime.expressions.reads import MACHINE
 
 _DEEPEST = 200
 _TOO_DEEP = f"it is nested more than {_DEEPEST} deep, such as by a sum of as many parts"

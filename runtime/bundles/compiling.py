@@ -20,7 +20,6 @@ from llfsm.runtime.bundles.code import evaluate, function_of, label_of, parse, p
 from llfsm.runtime.bundles.cpp import without_comments
 from llfsm.runtime.bundles.model import PYTHON, Bundle, BundleState, Fragment
 from llfsm.runtime.bundles.names import (
-    MACHINE,
     Known,
     Meaning,
     is_mark,
@@ -35,6 +34,7 @@ from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.source_text import EXPRESSION, TextOnly
 from llfsm.runtime.engine.state import State, Transition
 from llfsm.runtime.engine.table import REQUIRED, Table
+from llfsm.runtime.expressions.reads import MACHINE
 
 CONTROLS = {
     name: Meaning(name, "what every machine has") for name in dir(Machine) if name[0] != "_"

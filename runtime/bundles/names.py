@@ -10,26 +10,31 @@ from __future__ import annotations
 
 import ast
 import builtins
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
 from llfsm.errors import nothing_called
 from llfsm.runtime.bundles.model import Fragment
 from llfsm.runtime.engine.errors import BundleError
+from llfsm.runtime.expressions.reads import (
+    MACHINE,
+    all_parameters,
+    bound_names,
+    defaults_of,
+    imported_names,
+    parameter_names,
+)
 
-MACHINE = "<machine>"
-"""The hidden parameter, a name that code cannot contain."""
 UNTRANSLATED = "UNTRANSLATED"
 """The name that marks what an import leaves to be translated by hand."""
 
-_COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 _ALWAYS_KNOWN = frozenset(dir(builtins)) | {"__class__"}
 N = TypeVar("N", bound=ast.AST)
 
 
 class Meaning(NamedTuple):
-    """What a bare name stands for: an attribute of the machine and the kind of that attribute."""
+    """The meaning of a bare name: an attribute of the machine, and its kind, for errors."""
 
     attribute: str
     kind: str
@@ -44,7 +49,7 @@ class Known(NamedTuple):
 
 
 def resolve(tree: N, fragment: Fragment, known: Known, *, running: bool) -> N:
-    """Return `tree` with the names of the machine as its attributes.
+    """Make the names of the machine in `tree` its attributes.
 
     `running` is False for code that is evaluated when the bundle is loaded. Raise `BundleError`
     for names that nothing defines and for what cannot be done with those of the machine.
@@ -55,7 +60,7 @@ def resolve(tree: N, fragment: Fragment, known: Known, *, running: bool) -> N:
 
 def resolve_method(function: ast.FunctionDef, fragment: Fragment, known: Known) -> None:
     """Resolve a function of the machine in place: its header, then its body, as `resolve` does."""
-    outside = [*function.decorator_list, *_evaluated_outside(function.args)]
+    outside = [*function.decorator_list, *defaults_of(function.args)]
     for node in (
         *outside,
         *_annotations(function),
@@ -65,12 +70,12 @@ def resolve_method(function: ast.FunctionDef, fragment: Fragment, known: Known) 
 
 
 def is_mark(node: ast.stmt) -> bool:
-    """Return whether a statement marks what an import has left to be translated."""
+    """Check for the mark of what an import has left to be translated."""
     return isinstance(node, ast.Expr) and getattr(node.value, "id", None) == UNTRANSLATED
 
 
 def untranslated(fragment: Fragment, node: ast.stmt | ast.expr) -> BundleError:
-    """Return the error of a mark."""
+    """Make the error of a mark."""
     what = f"this C++ is not translated yet: write the Python, and delete {UNTRANSLATED}"
     return fragment.error(what, node.lineno)
 
@@ -89,7 +94,7 @@ class _Resolver(ast.NodeTransformer):
 
     def resolve_body(self, function: ast.FunctionDef) -> None:
         bound = bound_names(function.body) - self._known.machine.keys()
-        self._here = self._inner = frozenset(bound | _parameters(function.args))
+        self._here = self._inner = frozenset(bound | parameter_names(function.args))
         function.body = [self.visit(each) for each in function.body]
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
@@ -128,27 +133,23 @@ class _Resolver(ast.NodeTransformer):
         self._refuse(node, node.target.id, "assigned by :=")
         return self.generic_visit(node)
 
-    def visit_Import(self, node: ast.Import) -> ast.AST:
-        return self._import(node)
+    def _import(self, node: ast.Import | ast.ImportFrom) -> ast.AST:
+        for name in imported_names(node.names):
+            self._refuse(node, name, "imported")
+        return node
 
-    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST:
-        return self._import(node)
+    visit_Import = visit_ImportFrom = _import
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         self._refuse(node, node.name, "bound by except")
         return self.generic_visit(node)
 
-    def visit_MatchAs(self, node: ast.MatchAs) -> ast.AST:
-        self._refuse(node, node.name, "bound by a pattern")
+    def _pattern(self, node: ast.MatchAs | ast.MatchStar | ast.MatchMapping) -> ast.AST:
+        name = node.rest if isinstance(node, ast.MatchMapping) else node.name
+        self._refuse(node, name, "bound by a pattern")
         return self.generic_visit(node)
 
-    def visit_MatchStar(self, node: ast.MatchStar) -> ast.AST:
-        self._refuse(node, node.name, "bound by a pattern")
-        return self.generic_visit(node)
-
-    def visit_MatchMapping(self, node: ast.MatchMapping) -> ast.AST:
-        self._refuse(node, node.rest, "bound by a pattern")
-        return self.generic_visit(node)
+    visit_MatchAs = visit_MatchStar = visit_MatchMapping = _pattern
 
     def visit_Global(self, node: ast.Global) -> ast.AST:
         raise self._error(node, "machines share no variables: leave out `global`")
@@ -161,15 +162,9 @@ class _Resolver(ast.NodeTransformer):
 
     # Scopes inside the code
 
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
-        return self._function(node)
-
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
-        return self._function(node)
-
     def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
         self._visit_outside(node.args)
-        with self._scope(_parameters(node.args) | bound_names([node.body])):
+        with self._scope(parameter_names(node.args) | bound_names([node.body])):
             node.body = self.visit(node.body)
         return node
 
@@ -190,9 +185,11 @@ class _Resolver(ast.NodeTransformer):
         self._visit_outside(node.args)
         if node.returns:
             node.returns = self.visit(node.returns)
-        with self._scope(_parameters(node.args) | bound_names(node.body)):
+        with self._scope(parameter_names(node.args) | bound_names(node.body)):
             node.body = [self.visit(each) for each in node.body]
         return node
+
+    visit_FunctionDef = visit_AsyncFunctionDef = _function
 
     def _comprehension(
         self, node: ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
@@ -210,20 +207,10 @@ class _Resolver(ast.NodeTransformer):
                     setattr(node, part, self.visit(getattr(node, part)))
         return node
 
-    def visit_ListComp(self, node: ast.ListComp) -> ast.AST:
-        return self._comprehension(node)
-
-    def visit_SetComp(self, node: ast.SetComp) -> ast.AST:
-        return self._comprehension(node)
-
-    def visit_DictComp(self, node: ast.DictComp) -> ast.AST:
-        return self._comprehension(node)
-
-    def visit_GeneratorExp(self, node: ast.GeneratorExp) -> ast.AST:
-        return self._comprehension(node)
+    visit_ListComp = visit_SetComp = visit_DictComp = visit_GeneratorExp = _comprehension
 
     @contextmanager
-    def _scope(self, bound: set[str]) -> Iterator[None]:
+    def _scope(self, bound: Set[str]) -> Iterator[None]:
         here, inner = self._here, self._inner
         self._here = self._inner = inner | bound
         yield
@@ -233,16 +220,11 @@ class _Resolver(ast.NodeTransformer):
         """Resolve what a function's header evaluates where it stands."""
         arguments.defaults = [self.visit(each) for each in arguments.defaults]
         arguments.kw_defaults = [each and self.visit(each) for each in arguments.kw_defaults]
-        for argument in _arguments(arguments):
+        for argument in all_parameters(arguments):
             if argument.annotation:
                 argument.annotation = self.visit(argument.annotation)
 
     # Checks
-
-    def _import(self, node: ast.Import | ast.ImportFrom) -> ast.AST:
-        for alias in node.names:
-            self._refuse(node, alias.asname or alias.name.partition(".")[0], "imported")
-        return node
 
     def _refuse(self, node: ast.AST, name: str | None, done: str) -> None:
         if name is not None and self._is_machine_name(name):
@@ -265,68 +247,16 @@ class _Resolver(ast.NodeTransformer):
         return self._fragment.error(what, node.lineno)
 
 
-def bound_names(nodes: list[Any]) -> set[str]:
-    """Return the names that a scope with these nodes binds itself."""
-    bound: set[str] = set()
-    freed: set[str] = set()
-    todo = [(node, True) for node in nodes]
-    while todo:
-        node, direct = todo.pop()
-        if isinstance(node, ast.Name):
-            if direct and not isinstance(node.ctx, ast.Load):
-                bound.add(node.id)
-        elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
-            todo.append((node.value, direct))  # what is only changed must be there already
-            continue
-        elif isinstance(node, ast.NamedExpr):  # binds around the comprehension that it is in
-            bound.add(node.target.id)
-        elif isinstance(node, ast.Nonlocal):
-            freed.update(node.names)
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            bound.update(a.asname or a.name.partition(".")[0] for a in node.names)
-        elif isinstance(node, ast.ExceptHandler | ast.MatchAs | ast.MatchStar) and node.name:
-            bound.add(node.name)
-        elif isinstance(node, ast.MatchMapping) and node.rest:
-            bound.add(node.rest)
-        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            bound.add(node.name)
-            bound.update(each.name for each in getattr(node, "type_params", ()))
-        if isinstance(node, ast.Lambda):
-            todo += [(each, direct) for each in _evaluated_outside(node.args)]
-        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            outside = [*node.decorator_list, *_evaluated_outside(node.args)]
-            todo += [(each, direct) for each in outside]
-        elif isinstance(node, ast.ClassDef):
-            todo += [(each, direct) for each in (*node.decorator_list, *node.bases)]
-        else:
-            direct = direct and not isinstance(node, _COMPREHENSIONS)
-            todo += [(child, direct) for child in ast.iter_child_nodes(node)]
-    return bound - freed
-
-
 def included_names(statements: list[ast.stmt]) -> frozenset[str] | None:
-    """Return the names that includes import or define, or None if they cannot be determined."""
+    """Collect the names that includes import or define; None if they cannot be determined."""
     nodes = [node for each in statements for node in ast.walk(each)]
     from_functions = {n for node in nodes if isinstance(node, ast.Global) for n in node.names}
     names = bound_names(statements) | from_functions
     return None if "*" in names else frozenset(names)
 
 
-def _evaluated_outside(arguments: ast.arguments) -> list[ast.expr]:
-    return [each for each in (*arguments.defaults, *arguments.kw_defaults) if each is not None]
-
-
-def _arguments(arguments: ast.arguments) -> list[ast.arg]:
-    several = (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
-    return [*several, *(each for each in (arguments.vararg, arguments.kwarg) if each)]
-
-
-def _parameters(arguments: ast.arguments) -> set[str]:
-    return {argument.arg for argument in _arguments(arguments)}
-
-
 def _annotations(function: ast.FunctionDef) -> list[ast.expr]:
-    found = [function.returns, *(argument.annotation for argument in _arguments(function.args))]
+    found = [function.returns, *(argument.annotation for argument in all_parameters(function.args))]
     return [each for each in found if each is not None]
 
 

@@ -1,11 +1,10 @@
 """Find errors in a machine from its text, without running it.
 
-Read in this order: `subject` (what is checked), `uses` (what code does with its machine), `rules`
-(what is wrong), with `assigned` (names without a value), `expression_types` and `typed_rules` (what
-is wrong with values), with `operators`, `nothing` and `optional` (None), `pointless` and
-`port_rules`, then `classes` and `bundles` (a class and a bundle as subjects) and
-`arrangement_rules` (machines together).
-`type_checkers`, with `bundle_module`, has mypy or pyright check the code.
+`classes` and `bundles` make a `Subject` of a class or a bundle; the rules then find what is wrong
+with it: those of `rules` from the text alone, those of `typed_rules` and `operand_rules` with the
+types of its expressions, once it is loaded. `arrangement_rules` are about machines together. What
+code reads, and which types it has, is found by `llfsm.runtime.expressions`. `type_checkers` has
+mypy or pyright check the code, and `message_fields` completes names in an editor.
 """
 
 from llfsm.runtime.checking.arrangement_rules import check_arrangement, requests_of

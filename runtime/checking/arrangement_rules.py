@@ -1,4 +1,4 @@
-"""What is wrong with machines together: names that none of them has, slots that two command."""
+"""The rules for machines together: names that none of them has, slots that two command."""
 
 from __future__ import annotations
 
@@ -12,19 +12,14 @@ from llfsm.errors import did_you_mean
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.checking.bundles import bundle_subject
 from llfsm.runtime.checking.classes import class_subject
-from llfsm.runtime.checking.subject import Code, Finding, Subject
-from llfsm.runtime.checking.uses import nodes_of
+from llfsm.runtime.checking.subject import Finding, Subject
 from llfsm.runtime.debugging.breakpoints import Breakpoint, check_breakpoints
 from llfsm.runtime.engine.errors import BreakpointError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.expressions.reads import CONTROLLING, LOADING, QUESTIONS, Code, nodes_of
 from llfsm.runtime.plans import Plan
 
-_OF_A_MACHINE = frozenset({
-    "abandon", "index_of", "is_running", "is_suspended", "restart", "resume", "state_name_of",
-    "status", "suspend", "unload",
-})  # fmt: skip
-_QUESTIONS = frozenset({"index_of", "is_running", "is_suspended", "state_name_of", "status"})
-_LOADING = frozenset({"call_machine", "load", "load_suspended"})
+_OF_A_MACHINE = CONTROLLING | QUESTIONS
 
 
 def check_arrangement(
@@ -33,11 +28,10 @@ def check_arrangement(
     classes: Mapping[str, type[Machine]],
     called: Mapping[str, type[Machine]] | None = None,
 ) -> list[Finding]:
-    """Return what is wrong with the machines of an arrangement file together.
+    """Check the machines of an arrangement file together.
 
     `classes` are the machines' classes by name, in the plan's order; `called` are others that they
-    may load, of which there may be breakpoints. What is wrong with each of
-    them alone is not found here.
+    may load, of which there may be breakpoints. Each of them alone is not checked here.
     """
     subjects = {cls: _subject(cls) for cls in classes.values()}
     found = {*_unknown_names([*subjects.values()], {*classes})}
@@ -64,7 +58,7 @@ def check_arrangement(
 
 
 def requests_of(cls: type[Machine], variables: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what code of a machine asks of machines whose names its text shows, each once.
+    """List the requests of a machine to machines whose names are in its text, each once.
 
     A name is a text, or that of a variable at the beginning, which `variables` may give. A question
     is "looks at".
@@ -75,14 +69,14 @@ def requests_of(cls: type[Machine], variables: Mapping[str, Any]) -> list[tuple[
         for node in nodes_of(code):
             match node:
                 case ast.Call(ast.Attribute(ast.Name(code.machine), what), [argument, *_]):
-                    if what not in _OF_A_MACHINE | _LOADING:
+                    if what not in _OF_A_MACHINE | LOADING:
                         continue
                     name = _text(argument)
                     match argument:
                         case ast.Attribute(ast.Name(code.machine), variable):
                             name = first.get(variable)
                     if isinstance(name, str):
-                        found["looks at" if what in _QUESTIONS else what, name] = None
+                        found["looks at" if what in QUESTIONS else what, name] = None
     return list(found)
 
 
@@ -101,7 +95,7 @@ def _unknown_names(subjects: list[Subject], known: set[str]) -> Iterator[Finding
                 match node:
                     case ast.Call(ast.Attribute(ast.Name(code.machine), called), arguments):
                         name = _text(arguments[0]) if arguments else None
-                        if called in _LOADING:
+                        if called in LOADING:
                             options = {each.arg: each.value for each in node.keywords}
                             loaded = _text(options["name"]) if "name" in options else name
                             if loaded is None:

@@ -1,9 +1,9 @@
-"""A Python bundle as a subject, with the errors in each of its files.
+"""A Python bundle as a subject of the rules, with the errors in each of its files.
 
-Names are resolved as when it is loaded, but through all files. A bundle without errors is then
-loaded, so a bundle without findings is one that loads.
-
-The files of a bundle that look like part of its machine, but that nothing reads.
+Names are resolved as when it is loaded, but on through all files: a scope claims to have every
+name, and remembers those that nothing defines. A bundle without errors is then loaded, so a bundle
+without findings is one that loads. Files that look like part of the machine, but that nothing
+reads, are found, too.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from llfsm.runtime.bundles import (
 from llfsm.runtime.bundles.code import parse, parse_expression
 from llfsm.runtime.bundles.compiling import CONTROLS, Scope
 from llfsm.runtime.bundles.names import (
-    MACHINE,
     UNTRANSLATED,
     Known,
     included_names,
@@ -43,18 +42,17 @@ from llfsm.runtime.checking.rules import findings_of
 from llfsm.runtime.checking.subject import (
     CheckedState,
     CheckedTransition,
-    Code,
     Declared,
     Finding,
     Place,
     Subject,
 )
 from llfsm.runtime.checking.typed_rules import typed_findings
-from llfsm.runtime.checking.uses import parameter_names
 from llfsm.runtime.engine.errors import BundleError, DefinitionError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.state import SECTIONS
 from llfsm.runtime.engine.table import Table
+from llfsm.runtime.expressions.reads import MACHINE, Code, parameter_names
 
 _OF_A_MACHINE = ("Includes", "Methods", "Variables")
 _OTHERS = ("IncludePath", "Language", "Layout.plist", "States", "SuspendState")
@@ -219,7 +217,7 @@ class _CheckedScope(Scope):
 
     @property
     def known(self) -> Known:
-        """What a name in the code can mean; names of the module that are missing are remembered."""
+        """The names that code can use; those of the module that are missing are remembered."""
         return Known(self.names, _Names(_ALWAYS_KNOWN | self.included))
 
     def wrong(self, error: BundleError) -> None:
@@ -278,7 +276,7 @@ class _Checker:
         self.scopes: dict[str, _CheckedScope] = {}  # by state; that of the machine is ""
 
     def typed(self, table: Table) -> list[Finding]:
-        """Return what the rules that need types find, now that the bundle is loaded."""
+        """Apply the rules that need types, now that the bundle is loaded."""
         names = vars(sys.modules[table.path])
         self.scopes[""].module.update(names)
         for state in table.states:
@@ -288,7 +286,7 @@ class _Checker:
         return typed_findings(self.result, table)
 
     def subject(self) -> Subject:
-        """Return the subject; errors in its names are added to `findings`."""
+        """Make the subject; errors in its names are added to `findings`."""
         bundle = self.bundle
         scope = self.scope(bundle, None)
         states = self.file("States")
@@ -323,7 +321,7 @@ class _Checker:
         return CheckedTransition(source.target, place, guard.truth if guard else None, guard)
 
     def scope(self, source: Bundle | BundleState, within: _CheckedScope | None) -> _CheckedScope:
-        """Return the scope of the code of `source`."""
+        """Make the scope of the code of `source`."""
         prefix = "" if within is None else f"{source.name}."
         scope = _CheckedScope(self, within, prefix)
         self.scopes["" if within is None else source.name] = scope
@@ -349,7 +347,7 @@ class _Checker:
     def code(
         self, fragment: Fragment, scope: _CheckedScope, *, expression: bool = False
     ) -> Code | None:
-        """Return a text with its names resolved; None if it cannot be read."""
+        """Resolve the names of a text; None if it cannot be read."""
         known = scope.known
         tree: ast.Module | ast.expr
         try:

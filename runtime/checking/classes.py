@@ -1,18 +1,11 @@
-"""A machine class as a subject; its code is found in its source files.
-
-The names in a function that neither it, its module nor Python defines.
-"""
+"""A machine class as a subject of the rules; its code is found in its source files."""
 
 from __future__ import annotations
 
 import ast
-import builtins
-import dis
 import sys
 from collections.abc import Callable, Iterator
-from inspect import CO_VARARGS, CO_VARKEYWORDS
-from itertools import pairwise
-from types import CodeType, FunctionType
+from types import FunctionType
 from typing import Any
 
 from llfsm.errors import nothing_called
@@ -20,68 +13,20 @@ from llfsm.runtime.checking.rules import findings_of
 from llfsm.runtime.checking.subject import (
     CheckedState,
     CheckedTransition,
-    Code,
     Declared,
     Finding,
     Place,
     Subject,
 )
 from llfsm.runtime.checking.typed_rules import signature_of, typed_findings
-from llfsm.runtime.checking.uses import parameter_names
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import parse_file, syntax_of
 from llfsm.runtime.engine.state import State, Transition
-
-
-def unbound_names(function: Callable[..., Any]) -> Iterator[tuple[str, int]]:
-    """Return the names that `function` reads and that nothing defines, with their lines.
-
-    A name that the function itself makes global counts as defined. One of its own that it only
-    ever changes, as by ``count += 1``, does not.
-    """
-    instructions = [*_instructions(function.__code__)]
-    made = {each.argval for each in instructions if each.opname == "STORE_GLOBAL"}
-    for each in instructions:
-        if each.opname == "LOAD_GLOBAL":
-            name = each.argval
-            if (
-                name not in made
-                and name not in function.__globals__
-                and not hasattr(builtins, name)
-            ):
-                yield name, _line(each)
-    yield from _only_changed(function.__code__)
-
-
-def _only_changed(code: CodeType) -> Iterator[tuple[str, int]]:
-    given = code.co_argcount + code.co_kwonlyargcount
-    given += sum(bool(code.co_flags & flag) for flag in (CO_VARARGS, CO_VARKEYWORDS))
-    made = {*code.co_varnames[:given]}
-    changed: dict[str, int] = {}
-    for before, each in pairwise(dis.get_instructions(code)):
-        if each.opname.startswith("STORE_FAST"):
-            name, *others = (each.argval,) if isinstance(each.argval, str) else each.argval
-            made.update(others)
-            if before.opname == "BINARY_OP" and before.argrepr.endswith("="):
-                changed.setdefault(name, _line(each))
-            else:
-                made.add(name)
-    yield from ((name, line) for name, line in changed.items() if name not in made)
-
-
-def _line(instruction: dis.Instruction) -> int:
-    return (instruction.positions and instruction.positions.lineno) or 1
-
-
-def _instructions(code: CodeType) -> Iterator[dis.Instruction]:
-    yield from dis.get_instructions(code)
-    for inner in code.co_consts:
-        if isinstance(inner, CodeType):
-            yield from _instructions(inner)
+from llfsm.runtime.expressions.reads import Code, parameter_names, unbound_names
 
 
 def check_class(cls: type[Machine]) -> list[Finding]:
-    """Return the findings about `cls`. Its code is read but not called.
+    """Check `cls`, whose code is read but not called; return what is found.
 
     Only what the class itself declares can be unused: other classes may use what it inherits.
     """
@@ -91,7 +36,7 @@ def check_class(cls: type[Machine]) -> list[Finding]:
 
 
 def class_subject(cls: type[Machine]) -> Subject:
-    """Return `cls` as the rules see it."""
+    """Read `cls` as the subject of rules."""
     return _Reader(cls).subject()
 
 
@@ -181,7 +126,7 @@ class _Reader:
                 self.findings.append(Finding(*place, "error", text))
 
     def code(self, function: Callable[..., Any]) -> Code | None:
-        """Return the code of a function, or None, and remember it, if it cannot be read."""
+        """Read a function; None, and the class is opaque, if its text cannot be read."""
         node = syntax_of(function)
         arguments = [*node.args.posonlyargs, *node.args.args] if node else []
         if not (node and arguments):
@@ -200,7 +145,7 @@ class _Reader:
         return Code(body, arguments[0].arg, file, function.__globals__, parameters)
 
     def place(self, name: str) -> Place:
-        """Return where the class gives `name` its meaning, or where the class begins."""
+        """Find where the class gives `name` its meaning, or else where the class begins."""
         for node in self.definition.body if self.definition else ():
             match node:
                 case ast.AnnAssign(ast.Name(found)) | ast.Assign([ast.Name(found)]):

@@ -1,4 +1,4 @@
-"""The fields of the messages that a bundle's code reads, from its text: nothing of it is run.
+"""The fields of the messages that a bundle's code reads, for completion; nothing of it is run.
 
 Types are found in what the bundle includes: classes in it, those of modules in its include folders,
 of which the text is read, those of this product, which are imported, and those of ROS.
@@ -110,7 +110,7 @@ class _Module:
 
     @property
     def names(self) -> list[str]:
-        """What the module defines or imports."""
+        """The names that the module defines or imports."""
         return list(self._known)
 
     def fields(self, kind: ast.expr | Any, depth: int = 0) -> MessageFields:

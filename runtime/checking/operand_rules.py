@@ -1,13 +1,13 @@
-"""The rules for code that does nothing, or always the same: something else was meant.
+"""The rules for what operators are applied to, and for code that computes to no purpose.
 
-The rules for None: what is used where it is None, or before it is known that it is not.
+Four kinds of them need the types of expressions: None where it is known, or may be (`of_none`,
+`of_none_inside`, `of_optional`); operands that do not go together (`of_comparison`, `of_operator`,
+`of_division`, `of_items`); code that does nothing, or always the same (`of_effectless`,
+`of_identity`, `of_condition`); and what was meant otherwise (`of_sign`, `of_hidden`, `of_text`).
+`typed_rules` lists them with the nodes that they are for.
 
-The rules for operators: what is compared, reckoned with or taken apart to no purpose.
-
-Finds what may be None and is used as if it never were, while nothing checks for that.
-
-That is the value of a sensor without a default, and a field that may be None. One look anywhere in
-the machine is enough: in which states it has been looked at is not known here.
+That a sensor or field may be None is only found if no code of the machine ever looks: in which
+states it has been looked at is not known here.
 """
 
 from __future__ import annotations
@@ -24,19 +24,23 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args, get_ori
 
 import msgspec
 
-from llfsm.runtime.checking.expression_types import (
+from llfsm.runtime.checking.subject import Finding, Piece, Subject
+from llfsm.runtime.engine.table import Table
+from llfsm.runtime.expressions.reads import Code, nodes_of, uses_of
+from llfsm.runtime.expressions.types import (
+    BUILT_IN,
+    NUMBERS,
     PLAIN,
     Options,
-    Piece,
     Types,
     fields_of,
     is_message,
+    kind_of,
     named,
 )
-from llfsm.runtime.checking.subject import Code, Finding, Subject
-from llfsm.runtime.checking.uses import nodes_of, uses_of
-from llfsm.runtime.engine.table import Table
 from llfsm.whiteboard import Message
+
+# None, where it is known
 
 
 def of_none(piece: Piece, node: ast.BoolOp) -> Iterator[Finding]:
@@ -86,7 +90,7 @@ def of_none_inside(piece: Piece, node: ast.If) -> Iterator[Finding]:
 
 
 def _tested(piece: Piece, value: ast.expr) -> tuple[str, bool, str] | None:
-    """Return what a test is about, if it is True for None alone or for others, and the opposite."""
+    """Read a test for None: what it tests, if it is True for None alone, and the opposite test."""
     match value:
         case ast.Compare(left, [ast.Is()], [ast.Constant(None)]) if not _has_call(left):
             return ast.unparse(left), True, "'is not None'"
@@ -100,7 +104,7 @@ def _tested(piece: Piece, value: ast.expr) -> tuple[str, bool, str] | None:
 
 
 def _is_message_or_none(piece: Piece, node: ast.expr) -> bool:
-    """Return whether only None is false of what an expression may be."""
+    """Check that of the values of an expression only None is false."""
     options = piece.types.of(node)
     messages = [each for each in options if each is not NoneType]
     plain = all(
@@ -144,8 +148,11 @@ def _given(part: ast.AST) -> Iterator[ast.expr]:
             yield each
 
 
-def _has_call(node: ast.expr) -> bool:
+def _has_call(node: ast.AST) -> bool:
     return any(isinstance(each, ast.Call) for each in ast.walk(node))
+
+
+# Operands that do not go together
 
 
 def of_comparison(piece: Piece, node: ast.Compare) -> Iterator[Finding]:
@@ -163,7 +170,7 @@ def of_comparison(piece: Piece, node: ast.Compare) -> Iterator[Finding]:
 
 
 def _kind(option: Any) -> Any:
-    """Return what types have in common of which values may be equal; None if that is unknown."""
+    """Give the same to all types whose values may be equal; None to those that are unknown."""
     if option in (bool, int, float):
         return "number"
     if option in (str, bytes):
@@ -177,7 +184,7 @@ def _kind(option: Any) -> Any:
 
 
 def _member(options: Options, value: ast.expr) -> str:
-    """Return which member of an enum was meant by its value, if one was."""
+    """Suggest the member of an enum that was meant by its value, if one was."""
     for option in options:
         if isinstance(value, ast.Constant) and isinstance(option, EnumMeta):
             members: list[Enum] = list(option)
@@ -188,7 +195,7 @@ def _member(options: Options, value: ast.expr) -> str:
 
 
 def of_operator(piece: Piece, node: ast.BinOp | ast.Compare) -> Iterator[Finding]:
-    """Find messages that are ordered or reckoned with."""
+    """Find operands that an operator does not take, such as messages, methods and texts."""
     if isinstance(node, ast.BinOp):
         operands, special = [node.left, node.right], _ARITHMETIC
     elif any(isinstance(each, _ORDERS) for each in node.ops):
@@ -205,7 +212,7 @@ def of_operator(piece: Piece, node: ast.BinOp | ast.Compare) -> Iterator[Finding
             yield piece.finding(node, "error", text)
             return
     for (left, right), op in zip(pairwise(types), _operators(node), strict=True):
-        kinds = [{get_origin(each) or each for each in one} for one in (left, right)]
+        kinds = [{*map(kind_of, one)} for one in (left, right)]
         if not (kinds[0] and kinds[1]) or isinstance(op, ast.Is | ast.IsNot | ast.In | ast.NotIn):
             continue
         if MethodType in kinds[0] | kinds[1]:
@@ -222,10 +229,10 @@ def _operators(node: ast.BinOp | ast.Compare) -> Sequence[ast.operator | ast.cmp
 
 
 def _go_together(op: ast.operator | ast.cmpop, one: Any, other: Any) -> bool:
-    """Return whether an operator takes values of two built-in types; True where that is unknown."""
-    if isinstance(op, ast.Eq | ast.NotEq) or not {one, other} <= _BUILT_IN:
+    """Check if an operator takes values of two built-in types; True where that is unknown."""
+    if isinstance(op, ast.Eq | ast.NotEq) or not {one, other} <= BUILT_IN:
         return True
-    numbers = [each in _NUMBERS for each in (one, other)]
+    numbers = [each in NUMBERS for each in (one, other)]
     if all(numbers):
         return True
     if isinstance(op, ast.Mod):
@@ -242,9 +249,7 @@ def _go_together(op: ast.operator | ast.cmpop, one: Any, other: Any) -> bool:
     return sets or (one is other is dict and isinstance(op, ast.BitOr))
 
 
-_NUMBERS = {bool, int, float}
 _SEQUENCES = {bytes, list, str, tuple}
-_BUILT_IN = _NUMBERS | _SEQUENCES | {dict, frozenset, set}
 _ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 _ORDERING = ["__lt__", "__le__", "__gt__", "__ge__"]
 _ARITHMETIC = ["__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul__", "__mod__",
@@ -252,7 +257,7 @@ _ARITHMETIC = ["__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul_
 
 
 def _defines(messages: Sequence[Any], special: Sequence[str]) -> bool:
-    """Return whether a class, or a parent of its own, defines one of these methods."""
+    """Check if a message class, or a parent of its own, defines one of these methods."""
     bases = {base for each in messages for base in each.__mro__} - {*Message.__mro__}
     return any(name in vars(base) for base in bases for name in special)
 
@@ -310,7 +315,7 @@ def of_items(piece: Piece, node: ast.AST) -> Iterator[Finding]:
 
 
 def _length(piece: Piece, value: ast.expr) -> int | None:
-    """Return how many items a tuple has, if its type says so."""
+    """Count the items of a tuple, if its type tells their number."""
     options = [each for each in piece.types.of(value) if each is not NoneType]
     items = get_args(options[0]) if len(options) == 1 and get_origin(options[0]) is tuple else ()
     return len(items) if items and ... not in items else None
@@ -333,7 +338,7 @@ _ITEMS = {
 def _without(piece: Piece, value: ast.expr, wanted: Sequence[str]) -> Iterator[Finding]:
     options = tuple(each for each in piece.types.of(value) if each is not NoneType)
     what, *methods = wanted
-    kinds = [get_origin(each) or each for each in options]
+    kinds = [*map(kind_of, options)]
     if kinds and not any(hasattr(each, name) for each in kinds for name in methods):
         messages = [each for each in kinds if is_message(each)]
         fields = dict.fromkeys(name for each in messages for name in fields_of(each))
@@ -341,6 +346,8 @@ def _without(piece: Piece, value: ast.expr, wanted: Sequence[str]) -> Iterator[F
         text = f"{ast.unparse(value)} is {named(options)}, which has no {what}{more}"
         yield piece.finding(value, "error", text)
 
+
+# None, where no code looks for it
 
 _Path: TypeAlias = tuple[str, ...]
 """A sensor's name, then those of fields."""
@@ -480,6 +487,9 @@ class _Paths:
         return "tests" if none else "hands on"
 
 
+# Code that does nothing, or does what was not meant
+
+
 def of_effectless(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
     """Find statements that only make a value."""
     match node.value:
@@ -496,7 +506,7 @@ def of_effectless(piece: Piece, node: ast.Expr) -> Iterator[Finding]:
         case _:
             return
     tries = any(isinstance(each, ast.Try) for each in nodes_of(piece.code))
-    if not tries and not any(isinstance(each, ast.Call) for each in ast.walk(node)):
+    if not tries and not _has_call(node):
         yield piece.finding(node, "warning", text)
 
 
@@ -566,7 +576,7 @@ def of_condition(piece: Piece, node: ast.BoolOp | ast.Compare) -> Iterator[Findi
     by_left: dict[str, list[tuple[ast.cmpop, ast.expr]]] = {}
     for value in node.values:
         match value:
-            case ast.Compare(left, [op], [right]) if not _calls(value):
+            case ast.Compare(left, [op], [right]) if not _has_call(value):
                 by_left.setdefault(ast.unparse(left), []).append((op, right))
     for name, parts in by_left.items():
         if isinstance(node.op, ast.And):
@@ -593,7 +603,7 @@ def _constants(parts: list[tuple[ast.cmpop, ast.expr]], kind: type[ast.cmpop]) -
 
 
 def _number(node: ast.expr) -> float:
-    """Return the number that is written there, or nan, which satisfies no comparison."""
+    """Read the number that is written there; nan, which satisfies no comparison, without one."""
     if _is_truth(node):
         return nan
     match node:
@@ -602,7 +612,3 @@ def _number(node: ast.expr) -> float:
         case ast.Constant(int(value) | float(value)):
             return value
     return nan
-
-
-def _calls(node: ast.expr) -> bool:
-    return any(isinstance(each, ast.Call) for each in ast.walk(node))

@@ -1,4 +1,8 @@
-"""The rules: each gives what it finds wrong with a subject."""
+"""The rules that need no types: each yields what is wrong with a subject.
+
+A rule is a function of a `Subject`, listed in `findings_of`. What it needs to know about code is in
+`llfsm.runtime.expressions`, about machines in `subject`.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +10,16 @@ import ast
 from collections.abc import Iterator
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.checking.assigned import unassigned
-from llfsm.runtime.checking.subject import Code, Finding, Place, Subject
-from llfsm.runtime.checking.uses import nodes_of, uses_of
+from llfsm.runtime.checking.subject import Finding, Place, Subject
 from llfsm.runtime.engine.table import dead_transitions, unreachable_states
+from llfsm.runtime.expressions.assignment import unassigned
+from llfsm.runtime.expressions.reads import REQUESTS, Code, nodes_of, uses_of
 
-_REQUESTS = frozenset({
-    "abandon", "call_machine", "load", "load_suspended", "restart", "restart_self", "resume",
-    "resume_self", "suspend", "suspend_all", "suspend_self", "unload",
-})  # fmt: skip
 _UNUSED = {"variable": "used", "sensor": "read", "actuator": "called"}
 
 
 def findings_of(subject: Subject) -> list[Finding]:
-    """Return what all rules find wrong, in the order of files and lines, each thing once."""
+    """Apply all rules; sort what they find by file and line, each thing once."""
     rules = (
         *(_unreachable, _dead, _unused, _unknown, _forgotten, _uninitialised),
         *(_guards, _endless, _unassigned),
@@ -127,7 +127,7 @@ def _effects(subject: Subject, guard: Code) -> Iterator[Finding]:
             where = outside or Place(code.file, line)
             if name in subject.actuators:
                 yield Finding(*where, "warning", f"a guard posts to actuator {name!r}{through}")
-            elif name in _REQUESTS:
+            elif name in REQUESTS:
                 yield Finding(*where, "warning", f"a guard makes the request {name!r}{through}")
             elif name in subject.methods and name not in seen:
                 seen.add(name)
@@ -159,4 +159,9 @@ def _unassigned(subject: Subject) -> Iterator[Finding]:
     if subject.opaque:
         return  # the name may be that of a variable whose declaration cannot be read
     for code in subject.all_code():
-        yield from unassigned(code)
+        for name, line, given_at in unassigned(code):
+            if given_at:
+                text = f"{name!r} has a value here only if line {given_at} ran"
+                yield Finding(code.file, line, "warning", text)
+            else:
+                yield Finding(code.file, line, "error", f"{name!r} has no value yet")

@@ -1,12 +1,15 @@
-"""What the rules check: the text of a machine, from a class or a bundle."""
+"""Findings, and the subject of the rules: a machine as its text has it, a class or a bundle."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
+
+from llfsm.runtime.engine.table import Table
+from llfsm.runtime.expressions.reads import Code
+from llfsm.runtime.expressions.types import Types
 
 Severity: TypeAlias = Literal["error", "warning"]
 
@@ -25,41 +28,6 @@ class Finding(NamedTuple):
     line: int
     severity: Severity
     text: str
-
-
-class Code(NamedTuple):
-    """Statements, the name of their machine in them, the names of their module, and parameters."""
-
-    body: Sequence[ast.AST]
-    machine: str
-    file: str
-    names: Mapping[str, Any] = MappingProxyType({})
-    parameters: frozenset[str] = frozenset()
-
-    @property
-    def truth(self) -> bool | None:
-        """What it always returns, if that is True or False."""
-        match self.body:
-            case [ast.Return(ast.expr() as value)]:
-                return truth_of(value)
-        return None
-
-
-def truth_of(condition: ast.expr) -> bool | None:
-    """Return True or False if a condition is that always, as ``ready and False`` is; else None."""
-    match condition:
-        case ast.Constant(bool(value)):
-            return value
-        case ast.UnaryOp(ast.Not(), operand):
-            truth = truth_of(operand)
-            return None if truth is None else not truth
-        case ast.BoolOp(op, values):
-            decides = isinstance(op, ast.Or)
-            truths = {truth_of(value) for value in values}
-            if decides in truths:
-                return decides
-            return not decides if truths == {not decides} else None
-    return None
 
 
 class Declared(NamedTuple):
@@ -104,12 +72,26 @@ class Subject:
     opaque: bool = False
 
     def all_code(self) -> Iterator[Code]:
-        """Return the machine's code: sections, functions and guards."""
+        """Yield the machine's code: sections, functions and guards."""
         yield from self.sections
         yield from self.methods.values()
         yield from self.guards()
 
     def guards(self) -> Iterator[Code]:
-        """Return the guards of all transitions."""
+        """Yield the guards of all transitions."""
         for state in self.states:
             yield from (each.guard for each in state.transitions if each.guard is not None)
+
+
+class Piece(NamedTuple):
+    """A piece of code, with the types of its expressions, for the rules that need them."""
+
+    code: Code
+    types: Types
+    table: Table
+
+    def finding(self, node: ast.expr | ast.stmt, severity: Severity, text: str) -> Finding:
+        """Make a finding at a node; in a bundle, names stand alone."""
+        if not self.code.machine.isidentifier():
+            text = text.replace(f"{self.code.machine}.", "")
+        return Finding(self.code.file, node.lineno, severity, text)

@@ -1,10 +1,8 @@
 """Findings of mypy or pyright, whichever is installed, about the code of machines.
 
-The module of a class is checked as it is, a bundle as the module that `bundle_module` makes of it.
-
-A Python bundle as one module, with the methods that its texts become, for type checkers.
-
-The module is never run. What a type checker finds in it has a place in the bundle.
+The module of a class is checked as it is. A Python bundle is written as one module, which is never
+run, with a class whose methods are its texts. Its tree is made of the bundle's own nodes, so that
+whatever a type checker finds in it has a place in the bundle (`BundleModule.places`).
 """
 
 from __future__ import annotations
@@ -29,10 +27,11 @@ from llfsm import errors
 from llfsm.runtime.bundles import Bundle, BundleState, Fragment, read_bundle, require_python
 from llfsm.runtime.bundles.code import label_of, parse, parse_expression
 from llfsm.runtime.bundles.compiling import Scope
-from llfsm.runtime.bundles.names import MACHINE, Known, resolve, resolve_method
+from llfsm.runtime.bundles.names import Known, resolve, resolve_method
 from llfsm.runtime.checking.subject import Finding, Place, Severity
 from llfsm.runtime.engine.errors import BundleError, TypeCheckerError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.expressions.reads import MACHINE
 
 
 class BundleModule(NamedTuple):
@@ -42,13 +41,13 @@ class BundleModule(NamedTuple):
     places: Sequence[tuple[tuple[int, int], Place]]
 
     def place(self, line: int, column: int) -> Place:
-        """Return the place in the bundle of a line (from 1) and column (from 0) of the text."""
+        """Find the place in the bundle of a line (from 1) and column (from 0) of the text."""
         after = bisect_right(self.places, (line, column), key=lambda each: each[0])
         return self.places[max(after, 1) - 1][1]
 
 
 def module_of(bundle: Bundle) -> BundleModule:
-    """Return a Python bundle as a module. Raise `BundleError` where its text is wrong."""
+    """Write a Python bundle as a module. Raise `BundleError` where its text is wrong."""
     require_python(bundle)
     made = _Module()
     scope = _WrittenScope(made)
@@ -182,7 +181,7 @@ def _identifier(name: str) -> str:
 
 
 def _pairs(one: ast.AST, other: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
-    """Return the nodes of two trees that correspond, those outside before those inside."""
+    """Pair the nodes of two trees that correspond, those outside before those inside."""
     yield one, other
     for pair in zip(ast.iter_child_nodes(one), ast.iter_child_nodes(other), strict=False):
         if type(pair[0]) is type(pair[1]):
@@ -209,7 +208,7 @@ class _Report(NamedTuple):
 
 
 def check_types(machines: Iterable[Path | type[Machine]]) -> list[Finding]:
-    """Return what mypy, or else pyright, finds in machines: classes, and folders of bundles.
+    """Check machines, classes and folders of bundles, with mypy or else pyright.
 
     mypy uses its configuration in the current folder; without one it has the options
     ``check_untyped_defs`` and the plugin ``llfsm.mypy_plugin``. A line of a bundle that says
@@ -234,7 +233,7 @@ def check_types(machines: Iterable[Path | type[Machine]]) -> list[Finding]:
 
 
 def _finding(report: _Report, made: Mapping[str, BundleModule]) -> Iterator[Finding]:
-    """Return a report as a finding where the user wrote the code."""
+    """Make a report a finding where the user wrote the code."""
     module = made.get(Path(report.file).stem)  # mypy may name the file of its last run
     if module is None:
         yield Finding(report.file, report.line, report.severity, report.text)
@@ -270,13 +269,13 @@ def _reports(files: Mapping[str, str], folder: str) -> Iterator[_Report]:
 
 
 def _program(name: str) -> str | None:
-    """Return the path of a program that belongs to this Python, or else is in the search path."""
+    """Find a program that belongs to this Python, or else is in the search path."""
     beside = os.path.dirname(sys.executable)
     return shutil.which(name, path=os.pathsep.join([beside, os.environ.get("PATH", "")]))
 
 
 def _search_path(folder: str) -> list[str]:
-    """Return where imports of machines are found, but for what is installed."""
+    """List the folders in which imports of machines are found, but for what is installed."""
     installed = [
         *sysconfig.get_paths().values(),
         *site.getsitepackages(),
@@ -287,7 +286,7 @@ def _search_path(folder: str) -> list[str]:
 
 
 def _is_configured() -> bool:
-    """Return whether mypy finds a configuration of the user's project."""
+    """Check if mypy finds a configuration of the user's project."""
     here = Path.cwd()
     for each in (here, *here.parents):
         sections = {"pyproject.toml": "[tool.mypy]", "setup.cfg": "[mypy]"}
@@ -312,7 +311,7 @@ def _settings(folder: str) -> str:
 
 
 def _output(command: Sequence[str], environment: Mapping[str, str]) -> str:
-    """Return what a type checker prints. Raise `TypeCheckerError` if it cannot check."""
+    """Run a type checker and return its output; raise `TypeCheckerError` if it cannot check."""
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 1) and not _MYPY_LINE.search(done.stdout):
         printed = (done.stderr.strip() or done.stdout.strip()).splitlines() or ["nothing"]

@@ -1,10 +1,7 @@
-"""The rules that need types: each gives what it finds wrong with a machine that has been loaded.
+"""The rules that need types: each yields what is wrong with a machine that has been loaded.
 
-They find what every run of the code would find, and nothing where a type is unknown.
-
-The rules for ports: what is wrong with the values that they are declared with.
-
-How functions are called, whatever their annotations name.
+A rule is a function of a `Piece` and a node of it, listed in `_RULES` with its kinds of nodes. The
+rules find what every run of the code would find, and nothing where a type is unknown.
 """
 
 from __future__ import annotations
@@ -16,22 +13,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
 from types import FunctionType, ModuleType, NoneType
-from typing import Any, TypeAlias, get_origin
+from typing import Any, TypeAlias
 
 import msgspec
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.checking.expression_types import (
-    PLAIN,
-    Options,
-    Piece,
-    Types,
-    fields_of,
-    is_message,
-    may_be,
-    named,
-    options_of,
-)
 from llfsm.runtime.checking.operand_rules import (
     of_comparison,
     of_condition,
@@ -47,14 +33,26 @@ from llfsm.runtime.checking.operand_rules import (
     of_sign,
     of_text,
 )
-from llfsm.runtime.checking.subject import Code, Finding, Subject
-from llfsm.runtime.checking.uses import nodes_of, uses_of
+from llfsm.runtime.checking.subject import Finding, Piece, Subject
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor, messages_of_domain
-from llfsm.runtime.engine.source_text import reads_outside
 from llfsm.runtime.engine.state import State
 from llfsm.runtime.engine.table import REQUIRED, Table
+from llfsm.runtime.expressions.purity import reads_outside
+from llfsm.runtime.expressions.reads import Code, nodes_of, uses_of
+from llfsm.runtime.expressions.types import (
+    BUILT_IN,
+    PLAIN,
+    Options,
+    Types,
+    fields_of,
+    is_message,
+    kind_of,
+    may_be,
+    named,
+    options_of,
+)
 
 _SAFE_VALUES = ("at_end", "at_suspend", "at_failure")
 
@@ -90,7 +88,7 @@ def of_ports(subject: Subject, table: Table) -> Iterator[Finding]:
 
 
 def signature_of(function: FunctionType) -> inspect.Signature:
-    """Return what a function can be called with; in bundles, what stands for self has no name."""
+    """Give a function's signature; in bundles, the parameter for the machine becomes ``self``."""
     try:
         return _unevaluated(function)
     except ValueError:
@@ -113,7 +111,6 @@ def _unevaluated(function: FunctionType) -> inspect.Signature:
 
 _CONTROLS = {*dir(Machine), "table"}
 _SIMPLE = {"float": float, "int": int, "str": str}
-_BUILT_IN = PLAIN | {bytes, tuple, list, dict, set, frozenset}
 _SLEEPS = "time.sleep delays all machines: wait by a transition with after_ms"
 
 
@@ -121,7 +118,7 @@ _Rule: TypeAlias = Callable[[Piece, Any], Iterator[Finding]]
 
 
 def typed_findings(subject: Subject, table: Table) -> list[Finding]:
-    """Return what is wrong with the values in the code of a machine, in the order of lines."""
+    """Apply the rules that need types; sort what they find by file and line."""
     found = {*_of_defaults(subject, table), *of_ports(subject, table)}
     found.update(of_optional(subject, table))
     for code in subject.all_code():
@@ -145,8 +142,8 @@ def _of_attribute(piece: Piece, node: ast.Attribute) -> Iterator[Finding]:
             yield piece.finding(node, "error", what)
         return
     options = [each for each in piece.types.of(node.value) if each is not NoneType]
-    kinds = [get_origin(each) or each for each in options]
-    if kinds and all(each in _BUILT_IN and not hasattr(each, node.attr) for each in kinds):
+    kinds = [*map(kind_of, options)]
+    if kinds and all(each in BUILT_IN and not hasattr(each, node.attr) for each in kinds):
         near = did_you_mean(node.attr, dir(kinds[0]))
         yield piece.finding(node, "error", f"{named(tuple(kinds))} has no {node.attr!r}{near}")
     if not options or not all(map(is_message, options)):
@@ -388,7 +385,7 @@ def _of_guard(piece: Piece) -> Iterator[Finding]:
 
 
 def _falls_through(body: Sequence[ast.AST]) -> bool:
-    """Return whether statements end without a return for certain in some case."""
+    """Check if statements, for certain, end without a return in some case."""
     match body[-1] if body else None:
         case ast.If(_, then, otherwise):
             return _falls_through(then) or _falls_through(otherwise)
@@ -425,7 +422,7 @@ def _is_kind_of(given: Any, wanted: type) -> bool:
 
 
 def _may_hold(node: ast.expr, given: Options, annotation: Any) -> bool:
-    """Return whether a variable may have such a value, which is not decoded as a field's is."""
+    """Check if a variable may have such a value, which is not decoded as a field's is."""
     wanted = options_of(annotation)
     if wanted and all(isinstance(each, type) and issubclass(each, Enum) for each in wanted):
         return not given or any(_is_kind_of(kind, each) for kind in given for each in wanted)

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 
 from llfsm.runtime.bundles import Bundle, BundleState, BundleTransition, Fragment, compile_bundle
 from llfsm.runtime.bundles.compiling import CONTROLS
-from llfsm.runtime.bundles.names import bound_names
 from llfsm.runtime.bundles.read import NAME_RULE, STATE_NAME
 from llfsm.runtime.converting.class_files import class_file, class_layout
 from llfsm.runtime.converting.edited_text import EditedText
@@ -32,6 +31,7 @@ from llfsm.runtime.engine.errors import BundleError, DefinitionError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.source_text import parse_file, syntax_of
 from llfsm.runtime.engine.state import State, Transition
+from llfsm.runtime.expressions.reads import bound_names
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.source_text import FunctionSyntax

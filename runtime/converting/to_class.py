@@ -19,7 +19,6 @@ from llfsm.runtime.bundles import Bundle, BundleState, Fragment, require_python
 from llfsm.runtime.bundles.code import label_of, parse, parse_expression
 from llfsm.runtime.bundles.compiling import Scope
 from llfsm.runtime.bundles.names import (
-    MACHINE,
     Known,
     included_names,
     resolve,
@@ -28,6 +27,7 @@ from llfsm.runtime.bundles.names import (
 from llfsm.runtime.converting.class_files import module_name
 from llfsm.runtime.converting.edited_text import EditedText
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.expressions.reads import MACHINE
 
 _DECORATORS = {
     "OnEntry": "on_entry",

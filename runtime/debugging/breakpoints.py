@@ -5,13 +5,11 @@ transition), ``Wall:STOP->TURN`` (by those to TURN), ``Wall!`` (its code raises)
 ``@turtle1/pose`` (a machine has another message of the slot). ``#3`` after it means from the third
 time on, and ``if x > 9`` an expression over the machine's variables and sensors, or the message.
 
-The machines that others may call: breakpoints can be set before these run.
-
-Where breakpoints are in machines' tables: wrapped sections and sensors, nothing elsewhere.
-
-A state is entered after a transition to it has fired, so the probe of one is in the OnExit of the
-states before it: machines are paused before OnEntry runs. Where a request or the start leads to the
-state, the probe is in its OnEntry, and the pause comes after that turn.
+They are tested by probes (`Probes`), which wrap sections and sensors in machines' bound tables:
+what has no breakpoint is not wrapped, and costs nothing. A state is entered after a transition to
+it has fired, so its probe is in the OnExit of the states before it: machines are paused before
+OnEntry runs. Where a request or the start leads to the state, the probe is in its OnEntry, and the
+pause comes after that turn.
 """
 
 from __future__ import annotations
@@ -23,26 +21,15 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 from llfsm.errors import did_you_mean
-from llfsm.runtime.debugging.evaluator import Operands
-from llfsm.runtime.debugging.safe_operations import UnseenError
 from llfsm.runtime.engine.errors import BreakpointError
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.expressions.evaluation import Evaluator
+from llfsm.runtime.expressions.purity import EvaluationError
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.environment import Read
     from llfsm.runtime.engine.seat import BoundState, Seat
     from llfsm.runtime.engine.state import SectionCode
-
-
-def machines_beside(classes: Iterable[type[Machine]]) -> dict[str, type[Machine]]:
-    """Return the machine classes in the modules of some, by name."""
-    modules = {cls.__module__: sys.modules.get(cls.__module__) for cls in classes}
-    return {
-        each.__name__: each
-        for module in filter(None, modules.values())
-        for each in vars(module).values()
-        if isinstance(each, type) and issubclass(each, Machine) and each is not Machine
-    }
 
 
 _TEXT: Final = re.compile(
@@ -94,12 +81,23 @@ class Breakpoint(NamedTuple):
 
     @property
     def fails(self) -> bool:
-        """Whether it is one of a failure."""
+        """True if it is one of a failure, as ``Wall!``."""
         return bool(self.machine) and not self.state
 
     def holds(self, owner: Any) -> bool:
-        """Return whether its condition holds of a machine or message; raise what that raises."""
-        return self.condition is None or bool(Operands(owner).value(self.condition))
+        """Evaluate its condition for a machine or message; raise what that raises."""
+        return self.condition is None or bool(Evaluator(owner).value(self.condition))
+
+
+def machines_beside(classes: Iterable[type[Machine]]) -> dict[str, type[Machine]]:
+    """Map the machine classes in the modules of some by name: those that these may call."""
+    modules = {cls.__module__: sys.modules.get(cls.__module__) for cls in classes}
+    return {
+        each.__name__: each
+        for module in filter(None, modules.values())
+        for each in vars(module).values()
+        if isinstance(each, type) and issubclass(each, Machine) and each is not Machine
+    }
 
 
 def check_breakpoints(
@@ -140,8 +138,8 @@ def _require(breakpoint: Breakpoint, what: str, name: str, known: Iterable[str])
 class Probes:
     """The breakpoints of an arrangement; those that were there `before` go on counting hits.
 
-    `hit` is called with one, what was wrong with its condition, the machine, and the state that
-    this has left, if any.
+    `hit` is called with a breakpoint, what was wrong with its condition, its machine, and the state
+    that this has left, if any.
     """
 
     def __init__(
@@ -171,7 +169,7 @@ class Probes:
                 state.on_exit = self._leaving(seat, state, mine, state.on_exit)
 
     def reading(self, seat: Seat, slot: str, read: Read) -> Read:
-        """Return what reads a sensor of `slot`, and tests each message that is another one."""
+        """Wrap the reading of a sensor of `slot` so that each new message is tested."""
         here = [each for each in self.breakpoints if each.slot == slot]
         latest: object = None
 
@@ -200,7 +198,9 @@ class Probes:
                 return
         except Exception as error:
             what = (
-                f"{error}" if isinstance(error, UnseenError) else f"{type(error).__name__}: {error}"
+                f"{error}"
+                if isinstance(error, EvaluationError)
+                else f"{type(error).__name__}: {error}"
             )
             self._hit(breakpoint, f": its condition cannot be evaluated: {what}", seat, source)
             return

@@ -1,8 +1,10 @@
-"""Why a machine is still in its state: each transition's value, and the operands it has seen.
+"""The reasons for which a machine is in its state: its transitions, and the values in them.
 
-What machines' transitions were when they were evaluated last, and what they saw.
-
-What is known of a machine's transitions at a moment: those of its state, and those before.
+Three things are known of transitions. As they were evaluated last: an observer (`LastTurns`) keeps
+each machine's last turn, with the sensors and variables that it saw, while a debugger is attached,
+and a sample of turns otherwise, as keeping all would slow the machines down. As they had fired or
+failed (`Fired`), when a breakpoint is hit. And as they would be evaluated now (`why`), of what was
+not seen. A `Sight` is what is known at one moment.
 """
 
 from __future__ import annotations
@@ -12,9 +14,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from llfsm.runtime.debugging.evaluator import Operands, elapsed_text, parsed, seen_text
 from llfsm.runtime.engine.events import Eval, Event, Section, Turn
 from llfsm.runtime.engine.source_text import EXPRESSION
+from llfsm.runtime.expressions.annotated import annotated, elapsed_text
+from llfsm.runtime.expressions.evaluation import Evaluator, parsed
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Arrangement
@@ -50,7 +53,7 @@ class LastTurn(NamedTuple):
 
     @property
     def has_fired(self) -> bool:
-        """Whether one of them has fired."""
+        """True if one of them has fired."""
         return any(each.value for each in self.transitions.values())
 
 
@@ -64,7 +67,7 @@ class LastTurns:
         self._sampled: list[_Sampled] = []
 
     def __call__(self, event: Event) -> None:
-        """Take an event."""
+        """Note what an event says of a machine's turn."""
         if isinstance(event, Turn):
             self._coming = event.machine  # a debugger may wait now
         elif isinstance(event, Eval | Section):
@@ -83,7 +86,7 @@ class LastTurns:
         self._sampled = [_Sampled(self, seat) for seat in seats if seat.current.transitions]
 
     def take_failure(self, seat: Seat, state: str, number: int, now_ns: int) -> None:
-        """Take that a transition has raised: those before it did not hold."""
+        """Note that a transition has raised: those before it did not hold."""
         self._turns.pop(seat.name, None)
         for each in range(number):
             self._take(seat, state, each, False, now_ns)
@@ -97,7 +100,7 @@ class LastTurns:
             self._turns.clear()
 
     def of(self, machine: str) -> LastTurn | None:
-        """Return the last turn of a machine; None if it is not known."""
+        """Give the last turn of a machine; None if it is not known."""
         return self._turns.get(machine)
 
     def _take(self, seat: Seat, state: str, number: int, value: bool | None, now_ns: int) -> None:
@@ -164,7 +167,7 @@ class Cause(NamedTuple):
 
 
 def why(machine: Machine, state: str, elapsed_ns: int | None) -> list[Cause]:
-    """Return the transitions of a state in their order, as they would be evaluated now.
+    """Explain the transitions of a state, in their order, as they would be evaluated now.
 
     `elapsed_ns` is for how long the machine has been in the state; None if it has not entered it.
     Nothing is called that has an effect.
@@ -174,7 +177,7 @@ def why(machine: Machine, state: str, elapsed_ns: int | None) -> list[Cause]:
 
 
 def seen_in(turn: LastTurn, machine: Machine) -> list[Cause]:
-    """Return the transitions of a state as they were evaluated in a turn."""
+    """Explain the transitions of a state as they were evaluated in a turn."""
     found = []
     for number, transition in enumerate(_transitions(machine, turn.state)):
         cause, evaluated = _unseen(transition), turn.transitions.get(number)
@@ -189,7 +192,7 @@ def seen_in(turn: LastTurn, machine: Machine) -> list[Cause]:
 def fired(
     machine: Machine, state: str, number: int, elapsed_ns: int, *, value: bool | None = True
 ) -> list[Cause]:
-    """Return the transitions of a state of which that of this number has just fired.
+    """Explain the transitions of a state of which that of this number has just fired.
 
     Those before it did not hold, and those after it were not evaluated. It has raised if its
     `value` is None; a number beyond them is none of them.
@@ -234,11 +237,13 @@ def _cause(
         if text is not None:
             with suppress(Exception):  # of its operators: then the guard would raise, too
                 tree = parsed(text)
-                operands = Operands(machine, elapsed_ns, guard, state=state, attributes=attributes)
-                seen = seen_text(operands, text)
+                evaluator = Evaluator(
+                    machine, elapsed_ns, guard, state=state, attributes=attributes
+                )
+                seen = annotated(evaluator, text)
                 if parts and isinstance(tree, ast.IfExp | ast.BoolOp):
                     seen = f"({seen})"
-                found = operands.value(tree)
+                found = evaluator.value(tree)
                 held = found if isinstance(found, bool) else None
         parts.append(seen)
         if value is not None:
@@ -247,7 +252,7 @@ def _cause(
 
 
 def raised_at(seat: Seat, error: ExecutionError) -> int:
-    """Return the number of the transition that has raised.
+    """Find the number of the transition that has raised.
 
     It is -1 if code before the transitions has, and their number if that after them has.
     """
@@ -270,14 +275,14 @@ class Fired(NamedTuple):
 
     @classmethod
     def of(cls, seat: Seat, source: str, now_ns: int) -> Fired:
-        """Return the one by which a machine is just leaving a state."""
+        """Explain how a machine is just leaving a state."""
         elapsed_ns, number = now_ns - seat.entered_ns, seat.arrival().transition
         causes = fired(seat.machine, source, number, elapsed_ns)
         return cls(seat.name, source, seat.current.name, causes)
 
     @classmethod
     def failed(cls, seat: Seat, error: ExecutionError, now_ns: int) -> Fired:
-        """Return what the transitions of a state had seen in which code has raised."""
+        """Explain the transitions of a state in which code has raised."""
         number = raised_at(seat, error)
         elapsed_ns = now_ns - seat.entered_ns
         causes = fired(seat.machine, error.state, number, elapsed_ns, value=None)
@@ -285,7 +290,7 @@ class Fired(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What is known of the transitions of a machine in `state`."""
+    """The transitions of a machine in `state`, as far as they are known."""
 
     state: str
     causes: list[Cause]
@@ -296,7 +301,7 @@ class Sight(NamedTuple):
 
 
 def sight_of(arrangement: Arrangement, machine: str, turns: LastTurns, now_ns: int) -> Sight:
-    """Return what is known of a machine at `now_ns`, from its last turn if that is known."""
+    """Explain a machine's transitions at `now_ns`, from its last turn if that is known."""
     state, arrival = arrangement.standing(machine).state, arrangement.arrival(machine)
     turn, found = turns.of(machine), arrangement.machine(machine)
     if turn is not None and (turn.state, turn.entered_ns) == (state, arrival.entered_ns):

@@ -4,7 +4,9 @@ It is an observer that does not return from the event with which a turn begins. 
 arrangement publishes its machines and obeys requests, as while it sleeps. An arrangement that runs
 freely has no such observer, and its turns cost what they cost without a debugger.
 
-Overrides of sensors that end when nobody renews them.
+What is to happen is a `Goal`, set from any thread; the machines' thread compares each turn with it.
+A breakpoint that is hit, too, only sets a goal: the pause comes before the next turn, when what the
+breakpoint is about has happened as a whole.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Self, TypeAlias, get_args
 
 from llfsm.runtime.debugging.breakpoints import Breakpoint, Probes, check_breakpoints
 from llfsm.runtime.debugging.causes import Fired, LastTurns, Sight, raised_at, sight_of
+from llfsm.runtime.debugging.leases import Lease
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError, OptionError
 from llfsm.runtime.engine.events import Eval, Event, Turn
 from llfsm.runtime.engine.failure import logger
@@ -31,43 +34,6 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.seat import Seat
 
 
-class OverrideLeases:
-    """When the overrides of an arrangement's sensors end; those without a lease do not."""
-
-    def __init__(self, arrangement: Arrangement):
-        self._arrangement = arrangement
-        self._ends_s: dict[tuple[str, str], float] = {}  # by machine and slot
-
-    def begin(self, machine: str, slot: str, lease_s: float) -> None:
-        """Let an override last so long from now on."""
-        self._ends_s[machine, slot] = time.monotonic() + lease_s
-
-    def end(self, machine: str, slot: str) -> None:
-        """Let an override last until it is released."""
-        self._ends_s.pop((machine, slot), None)
-
-    def renew(self, lease_s: float) -> None:
-        """Let all that have a lease last at least so long from now on."""
-        ends_s = time.monotonic() + lease_s
-        self._ends_s = {key: max(each, ends_s) for key, each in self._ends_s.items()}
-
-    def left_s(self, machine: str, sensor: str) -> float | None:
-        """Return how long a sensor stays overridden; None if only a release ends that."""
-        ends_s = self._ends_s.get((machine, self._arrangement.slot_of(machine, sensor).name))
-        return None if ends_s is None else max(0.0, ends_s - time.monotonic())
-
-    def look(self) -> None:
-        """Release the sensors whose overrides nobody has renewed."""
-        for (machine, slot), ends_s in [*self._ends_s.items()]:
-            if time.monotonic() > ends_s:
-                self.end(machine, slot)
-                for sensor in self._arrangement.overridden(machine):
-                    if self._arrangement.slot_of(machine, sensor).name == slot:
-                        what = "nobody renews the override: %s: %s is released"
-                        logger().warning(what, machine, sensor)
-                        self._arrangement.release(machine, sensor)
-
-
 Step: TypeAlias = Literal["turn", "round", "transition", "leave"]
 """Until when: the next turn, the next round, a transition has fired, a machine left its state."""
 
@@ -75,12 +41,10 @@ _LOOK_S = 0.02  # between two looks for requests while paused
 
 
 class Goal(NamedTuple):
-    """Until when machines run."""
+    """The end of a run: why machines are paused then, and before which turn."""
 
     why: str
-    """What to call the pause then."""
     is_reached: Callable[[Turn], bool] = lambda _: True
-    """Whether they are paused before this turn."""
 
 
 class Debugger:
@@ -108,9 +72,9 @@ class Debugger:
         self.leases: dict[str, float] = {}
         """How long pauses at breakpoints last, by their texts, where it is not as usual."""
         self._goal: Goal | None = None
-        self._lease_s: float | None = None
-        self._ends_s: float | None = None  # when the lease of this pause is over
-        self._overrides = OverrideLeases(arrangement)
+        self._lease_s: float | None = None  # how long the pause that is to come lasts
+        self._lease: Lease | None = None  # that of this pause
+        self._overrides: dict[tuple[str, str], Lease] = {}  # by machine and slot
         self._arrived = ""  # the machine whose transition has fired since the step began
         self._go = threading.Event()
         self._is_paused = threading.Event()
@@ -131,7 +95,7 @@ class Debugger:
 
     @classmethod
     def of(cls, arrangement: Arrangement) -> Self:
-        """Return the debugger of an arrangement, or make one."""
+        """Give the debugger of an arrangement, or make one."""
         found = arrangement.instrument
         return found if isinstance(found, cls) else cls(arrangement)
 
@@ -142,15 +106,15 @@ class Debugger:
 
     @property
     def paused(self) -> str:
-        """Why the arrangement is paused; "" while it is not."""
+        """The reason for the pause, as "breakpoint Wall:STOP"; "" while there is none."""
         return self.arrangement.paused
 
     @property
     def machine(self) -> str:
         """The machine to look at; "" if there is none.
 
-        At a breakpoint that of it, after a step the one that has fired or left its state, else the
-        one whose turn is to come.
+        At a breakpoint it is the breakpoint's, after a step the one that has fired or left its
+        state, else the one whose turn is to come.
         """
         loaded = (each.machine for each in filter(None, self.arrangement.standings()))
         if self._hit_in in loaded:  # one that has failed may be no more
@@ -158,7 +122,7 @@ class Debugger:
         return self.turn.machine if self.turn else ""
 
     def wait(self, timeout_s: float) -> str:
-        """Wait until the arrangement is paused, and return why.
+        """Wait until the arrangement is paused; return the reason, as `paused` has it.
 
         Raise `NotPausedError` when that has taken `timeout_s` seconds of the host, and
         `ArrangementEndedError` if the arrangement ends instead.
@@ -187,9 +151,9 @@ class Debugger:
 
     def renew(self, lease_s: float) -> None:
         """Let what has a lease, a pause or an override, last at least so long from now on."""
-        if self._ends_s is not None:
-            self._ends_s = max(self._ends_s, time.monotonic() + lease_s)
-        self._overrides.renew(lease_s)
+        for each in (self._lease, *self._overrides.values()):
+            if each is not None:
+                each.renew(lease_s)
 
     def step(
         self, until: Step = "turn", machine: str | None = None, *, lease_s: float | None = None
@@ -229,8 +193,8 @@ class Debugger:
         """Replace all breakpoints by these; raise `BreakpointError`, and then replace none.
 
         Each is of a machine that is loaded or was, or one of the `library`, by the name that it
-        will have, or of a slot that a loaded one reads; what is set already stays, even if a
-        machine that was reloaded has it no more. :mod:`.breakpoints` describes the texts.
+        will have, or of a slot that a loaded one reads. A text that is set already stays, even if a
+        machine that was reloaded no longer has the state. :mod:`.breakpoints` describes the texts.
         """
         found = [Breakpoint.parse(text) for text in texts]
         new = [each for each in found if each.text not in self.breakpoints]
@@ -245,14 +209,14 @@ class Debugger:
         return tuple(each.text for each in self._probes.breakpoints)
 
     def why(self, machine: str) -> list[Cause]:
-        """Return what each transition of a paused machine's state was as it was evaluated last.
+        """Explain why a paused machine is in its state: its transitions as they were last.
 
-        What was not evaluated is as it would be now, on the machine's last snapshot.
+        A transition that was not evaluated is as it would be now, on the machine's last snapshot.
         """
         return self.sight(machine, self.now_ns).causes
 
     def sight(self, machine: str, now_ns: int) -> Sight:
-        """Return what is known of a machine's transitions at `now_ns` of the clock."""
+        """Explain why a machine is in its state at `now_ns` of the clock, paused or not."""
         found = sight_of(self.arrangement, machine, self.turns, now_ns)
         if self.fired is not None and self.fired.machine == machine:
             return found._replace(before=self.fired)
@@ -270,23 +234,31 @@ class Debugger:
         message = None if text.strip() == "null" else parse_message(slot, text)
         self.arrangement.override(machine, sensor, message)
         if lease_s is not None:
-            self._overrides.begin(machine, slot.name, lease_s)
+            self._overrides[machine, slot.name] = Lease(lease_s)
 
     def end_lease(self, machine: str, slot: str) -> None:
         """End the lease of what was overridden before: it does not end the override after it."""
-        self._overrides.end(machine, slot)
+        self._overrides.pop((machine, slot), None)
 
     def left_s(self, machine: str, sensor: str) -> float | None:
-        """Return how long a sensor stays overridden; None if only a release ends that."""
-        return self._overrides.left_s(machine, sensor)
+        """Count the seconds that a sensor stays overridden; None if only a release ends that."""
+        lease = self._overrides.get((machine, self.arrangement.slot_of(machine, sensor).name))
+        return None if lease is None else lease.left_s
 
     def pause_left_s(self) -> float | None:
-        """Return the seconds until a pause ends, unless renewed; None if only a request does."""
-        return None if self._ends_s is None else max(0.0, self._ends_s - time.monotonic())
+        """Count the seconds until a pause ends; None if only a request ends it."""
+        return None if self._lease is None else self._lease.left_s
 
     def look(self) -> None:
         """Release the sensors whose overrides nobody has renewed."""
-        self._overrides.look()
+        for (machine, slot), lease in [*self._overrides.items()]:
+            if lease.is_over:
+                self.end_lease(machine, slot)
+                for sensor in self.arrangement.overridden(machine):
+                    if self.arrangement.slot_of(machine, sensor).name == slot:
+                        what = "nobody renews the override: %s: %s is released"
+                        logger().warning(what, machine, sensor)
+                        self.arrangement.release(machine, sensor)
 
     def _equip(self, breakpoints: Iterable[Breakpoint]) -> None:
         slots = {each.slot for each in self._probes.breakpoints}
@@ -340,12 +312,12 @@ class Debugger:
                 self._wait(goal.why, event)
 
     def _shows(self, machine: str) -> bool:
-        """Let a machine be the one to look at; return whether there is one."""
+        """Make a machine the one to look at; True if there is one."""
         self._hit_in = machine
         return bool(machine)
 
     def stands(self, machine: str, state: str) -> bool:
-        """Return whether a machine is loaded, and in that state."""
+        """Check that a machine is loaded, and in that state."""
         standings = filter(None, self.arrangement.standings())
         return any((each.machine, each.state) == (machine, state) for each in standings)
 
@@ -371,13 +343,13 @@ class Debugger:
         self._is_paused.set()
 
     def _hold(self, is_over: Callable[[], bool]) -> None:
-        """Return when the pause is over; a stop ends it, too."""
+        """Wait in the machines' thread until the pause is over; a stop ends it, too."""
         self.arrangement.pause(is_over)
 
     def _wait(self, why: str, turn: Turn | None) -> None:
         self._go.clear()
         self.turn = turn
-        self._ends_s = None if self._lease_s is None else time.monotonic() + self._lease_s
+        self._lease = None if self._lease_s is None else Lease(self._lease_s)
         has_begun = False
 
         def is_over() -> bool:
@@ -385,7 +357,7 @@ class Debugger:
             if not has_begun:  # now that a journal keeps requests
                 has_begun = True
                 self._begin(why)
-            if self._ends_s is not None and time.monotonic() > self._ends_s:
+            if self._lease is not None and self._lease.is_over:
                 logger().warning("nobody has renewed the pause (%s): the machines go on", why)
                 self.proceed()
             return self._go.wait(_LOOK_S)

@@ -1,15 +1,17 @@
-"""What other processes request of a debugger: a page, or a command.
+"""The debugger's side of requests from other processes, and its answer to "why" as a message.
 
-Why a machine is in its state, as a message for other processes.
+A kind of request is an action of `MachineRequest` (`llfsm.whiteboard.messages.llfsm`), carried out
+in `_obey` by a method of `Debugger`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from llfsm.errors import LlfsmError
 from llfsm.runtime.debugging.debugger import Debugger
+from llfsm.runtime.debugging.leases import LEASE_S
 from llfsm.runtime.engine.failure import logger
 from llfsm.whiteboard.messages.llfsm import MachineWhy, SeenTransition
 
@@ -19,14 +21,10 @@ if TYPE_CHECKING:
     from llfsm.whiteboard.messages.llfsm import MachineRequest
 
 
-LEASE_S: Final = 60.0
-"""How long a pause or an override from outside lasts that nobody renews."""
-
-
 def obey(debugger: Debugger, request: MachineRequest, machine: str) -> None:
-    """Do what another process requests of the arrangement that runs `machine`.
+    """Carry out a request to the arrangement that runs `machine`.
 
-    Why that is refused is the debugger's `problem` then.
+    If it is refused, the reason is logged, and becomes the debugger's `problem`.
     """
     if request.action == "renew":
         debugger.renew(request.lease_s)
@@ -62,7 +60,7 @@ def _obey(debugger: Debugger, request: MachineRequest, machine: str) -> None:
 
 
 def why_of(arrangement: Arrangement, machine: str, now_ns: int) -> MachineWhy:
-    """Return why a machine is in its state at `now_ns` of the arrangement's clock."""
+    """Publish, as a message, why a machine is in its state at `now_ns` of its clock."""
     debugger = Debugger.of(arrangement)
     found = debugger.sight(machine, now_ns)
     before, evaluated_ns = found.before, found.evaluated_ns

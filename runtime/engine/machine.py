@@ -14,7 +14,7 @@ from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.errors import DefinitionError, NotLoadedError, VariableError
 from llfsm.runtime.engine.events import Call, Status
 from llfsm.runtime.engine.state import ClassBody, State
-from llfsm.runtime.engine.table import REQUIRED, Table, make_table
+from llfsm.runtime.engine.table import REQUIRED, Polled, Table, make_table
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Loadable, LoadOptions
@@ -322,7 +322,7 @@ else:
     M_co = TypeVar("M_co", covariant=True)
 
 
-class Submachine(Generic[M_co]):
+class Submachine(Polled, Generic[M_co]):
     """A called machine. It takes its turns like all others; its caller polls its status.
 
     Nothing waits: guard a transition with `done`. It stays loaded if its caller is unloaded.

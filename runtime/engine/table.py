@@ -72,6 +72,10 @@ _SHARED = (list, dict, set, bytearray)
 _DECLARED = (State, Sensor, Actuator)
 
 
+class Polled:
+    """The base of what code keeps in a variable and polls: to read its attributes has no effect."""
+
+
 class Variable(NamedTuple):
     """A machine variable; `default` is `REQUIRED` if it must be given when the machine is made."""
 

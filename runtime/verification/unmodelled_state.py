@@ -26,7 +26,7 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping, Set
 from contextlib import suppress
 from functools import partial
 from itertools import pairwise, zip_longest
-from types import CodeType, FrameType, FunctionType, MethodType, ModuleType, SimpleNamespace
+from types import FrameType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any, Final, NamedTuple, cast
 
 from llfsm import errors
@@ -35,8 +35,9 @@ from llfsm.runtime.engine.failure import place_of
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.ringlet import ringlet
-from llfsm.runtime.engine.source_text import reaches_outside, reads_outside
 from llfsm.runtime.engine.state import State
+from llfsm.runtime.expressions.purity import reaches_outside, reads_outside
+from llfsm.runtime.expressions.reads import names_in
 from llfsm.runtime.verification.environment import Given, RingletOutcome, UnknownControlError
 from llfsm.runtime.verification.errors import UnsupportedError, VerificationError
 from llfsm.runtime.verification.ringlets import Ringlets
@@ -260,7 +261,7 @@ class _Look:
                 yield from (type(value), getattr(value, "__wrapped__", None))
 
     def _named_in(self, function: FunctionType) -> Iterator[Any]:
-        names, scope = _names_in(function.__code__), function.__globals__
+        names, scope = names_in(function.__code__), function.__globals__
         modules = [each for name in names if isinstance(each := scope.get(name), ModuleType)]
         for module in (scope, *map(vars, modules)):  # a name after a module's may be one of its own
             if module is scope or self._is_own(module.get("__file__") or ""):
@@ -320,14 +321,6 @@ class _Look:
     def _is_own(self, file: str) -> bool:
         library = file.startswith(_LIBRARIES) and not file.startswith(_MACHINES)
         return not library or os.path.dirname(file) in self._folders
-
-
-def _names_in(code: CodeType) -> set[str]:
-    names = {*code.co_names}
-    for each in code.co_consts:
-        if isinstance(each, CodeType):
-            names |= _names_in(each)
-    return names
 
 
 def _content_of(cell: Any, name: str) -> dict[str, Any]:

@@ -41,7 +41,7 @@ WITHIN_A_PACKAGE = {  # public errors without the root of all: no caller of the 
     "UnknownValueError": "verification: an UnsupportedError names the variable",
     "UnnamedFieldError": "verification: the exploration starts again",
     "UnreadableError": "ros2: compiled code raises what diagnosis finds",
-    "UnseenError": "debugging: an expression has no value, and is shown without",
+    "EvaluationError": "debugging: an expression has no value, and is shown without",
     "UnwritableError": "ros2: compiled code raises what diagnosis finds",
     "BadConfigurationError": "cli: click prints it",
 }

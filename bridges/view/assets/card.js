@@ -134,7 +134,7 @@ export class Card {
   }
 
   allowControl() {
-    this.debugging.allowControl();
+    this.debugging.allowControl(this.panel.leaseS);
     this.buttons = ACTIONS.map((action) =>
       make("button", {
         type: "button",

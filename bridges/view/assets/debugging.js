@@ -3,7 +3,6 @@
 import { make, setData, setText, toast } from "./dom.js";
 import { duration } from "./format.js";
 import { Kept } from "./kept.js";
-import { LEASE_S } from "./renewals.js";
 
 const WHYS = "llfsm/why/";
 const JUST_NOW_S = 0.5;
@@ -40,7 +39,8 @@ export class Debugging {
     );
   }
 
-  allowControl() {
+  allowControl(leaseS) {
+    this.leaseS = leaseS; // seconds that a pause or an override lasts which nobody renews
     const button = (text, title, action, argument = "") =>
       make("button", { type: "button", title, "data-debug": argument || action, onclick: () => this.send(action, argument) }, text);
     this.pause = button("Pause", "Pause all machines of this process before their next turn", "pause");
@@ -109,7 +109,7 @@ export class Debugging {
     if (span !== null) return clocks;
     if (ends === null) return `${clocks} The machines wait until they are continued.`;
     const left = Math.max(0, Math.ceil(ends - now));
-    const end = this.pause ? `${Math.max(left, LEASE_S)} s after the last such page is closed` : `in ${left} s, unless the pause is renewed`;
+    const end = this.pause ? `${Math.max(left, this.leaseS)} s after the last such page is closed` : `in ${left} s, unless the pause is renewed`;
     return `${clocks} The machines continue ${end}.`;
   }
 

@@ -68,6 +68,7 @@ function showLink(state, problem = "", about = null) {
   machines.title = about.title;
   machines.span = log.span = changes.span = about.span;
   machines.canControl = board.canControl = about.control;
+  machines.leaseS = about.lease_s;
 }
 
 function redraw() {

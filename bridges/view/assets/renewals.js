@@ -1,7 +1,6 @@
 // What a page with control holds on a robot lasts as long as the page is open, whatever it shows.
 
-export const LEASE_S = 6; // a pause or an override lasts so long that nobody renews
-const RENEWAL_MS = 1000;
+const RENEWAL_MS = 1000; // far less than the lease, of which the page is told
 
 export class Renewals {
   constructor(model, ask) {

@@ -18,7 +18,7 @@ import click
 from llfsm.cli.options import BoardPlace, Number, board_option
 from llfsm.runtime.debugging.causes import NOT_EVALUATED
 from llfsm.runtime.debugging.debugger import Step
-from llfsm.runtime.debugging.obeying import LEASE_S
+from llfsm.runtime.debugging.leases import LEASE_S
 from llfsm.runtime.engine.events import Status
 from llfsm.runtime.presence.hosts import HostNames, find_machine
 from llfsm.runtime.presence.remote import PATIENCE_S, SILENT_S, Directory, RemoteMachine, pause_text

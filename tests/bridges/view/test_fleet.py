@@ -133,7 +133,8 @@ def test_access_is_as_for_one_board(tmp_path: Path, board: str, start: Start) ->
                 with pytest.raises(InvalidStatus), server.live(at=at, **refused):
                     pass
         about = server.get("/host/robot7/about").json()
-        assert about == {"title": "robot7", "control": True, "span": None, "back": "/"}
+        facts = {"title": "robot7", "control": True, "lease_s": 6.0, "span": None, "back": "/"}
+        assert about == facts
         assert "cannot be the name" in server.get("/host/-7/about").json()["problem"]
         with pytest.raises(InvalidStatus), server.live(at="/host/-7/live"):
             pass

@@ -211,7 +211,7 @@ def test_others_add_and_remove_one_each_with_its_own_lease() -> None:
 def test_a_condition_has_no_effect() -> None:
     found = first_pause("Counter:high if self.bump()", [Counter], where)
     assert "bump is more than an expression" in found[0]
-    assert "UnseenError" not in found[0]
+    assert "EvaluationError" not in found[0]
     assert found[2] == 3
 
 

@@ -16,8 +16,7 @@ from llfsm.runtime import (
     State,
     UnknownMachineError,
 )
-from llfsm.runtime.debugging import Debugger
-from llfsm.runtime.debugging import debugger as leases
+from llfsm.runtime.debugging import Debugger, leases
 from llfsm.runtime.engine.clock import MonotonicClock
 from llfsm.runtime.presence.remote import Directory
 from llfsm.runtime.testing.scripted import ScriptedEnvironment

@@ -18,7 +18,7 @@ from llfsm.runtime import (
     OptionError,
     Trace,
 )
-from llfsm.runtime.debugging import Debugger, debugger
+from llfsm.runtime.debugging import Debugger, leases
 from llfsm.runtime.engine import clock
 from llfsm.runtime.engine.clock import DebugClock
 from llfsm.runtime.engine.events import Eval, Section
@@ -156,7 +156,7 @@ def test_a_pause_ends_with_its_lease(
         looks[0] += 1
         return now[0]
 
-    monkeypatch.setattr(debugger, "time", SimpleNamespace(monotonic=look))
+    monkeypatch.setattr(leases, "time", SimpleNamespace(monotonic=look))
     arrangement = Arrangement([Counter], clock=ManualClock())
     with running(arrangement) as found:
         found.proceed()

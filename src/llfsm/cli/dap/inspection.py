@@ -18,8 +18,8 @@ from llfsm.cli.dap.framing import Message, ProtocolError
 from llfsm.cli.debug.session import Session
 from llfsm.cli.requests import cause_value
 from llfsm.runtime.bundles import SUFFIX
-from llfsm.runtime.debugging.evaluator import Operands, parsed
 from llfsm.runtime.engine.source_text import location_of, parse_file, syntax_of
+from llfsm.runtime.expressions.evaluation import Evaluator, parsed
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard import Message as BoardMessage
 
@@ -240,7 +240,8 @@ class Inspection:
         elapsed_ns = None if entered_ns is None else session.debugger.now_ns - entered_ns
         state = arrangement.state_name_of(name)
         try:
-            found = Operands(arrangement.machine(name), elapsed_ns, state=state).value(parsed(text))
+            evaluator = Evaluator(arrangement.machine(name), elapsed_ns, state=state)
+            found = evaluator.value(parsed(text))
         except Exception as error:  # of a text that is no expression, or what operators raise
             raise ProtocolError(f"{text}: {error or type(error).__name__}") from error
         shown = self._variable(text, found)

@@ -32,7 +32,7 @@ from llfsm.cli.run.report import (
     timing_table,
 )
 from llfsm.runtime.debugging.debugger import Debugger
-from llfsm.runtime.debugging.obeying import LEASE_S
+from llfsm.runtime.debugging.leases import LEASE_S
 from llfsm.runtime.engine.arrangement import Arrangement
 from llfsm.runtime.engine.environment import Environment
 from llfsm.runtime.engine.events import Reason

@@ -1,14 +1,15 @@
 """The types that expressions have, as far as messages, variables and literals determine them.
 
-A value's `Options` are the types one of which it has. They are empty where they are unknown,
-and then no rule finds anything: what code does with values from elsewhere is not checked.
+An expression's `Options` are the types one of which its value has. They are empty where they are
+unknown: then no rule of the checker finds anything, as nothing wrong is known of values from
+elsewhere, and no guard is closed. So a type is given only if it is certain: that of a name of the
+code's own only if it is bound once, and that of an operator's result only for built-in operands.
 """
 
 from __future__ import annotations
 
 import ast
 import builtins
-from collections import Counter
 from collections.abc import Callable, Mapping
 from datetime import date
 from enum import Enum
@@ -17,8 +18,8 @@ from types import FunctionType, MethodType, ModuleType, NoneType, UnionType
 from typing import (
     Annotated,
     Any,
+    Final,
     Literal,
-    NamedTuple,
     TypeAlias,
     Union,
     get_args,
@@ -28,16 +29,17 @@ from typing import (
 
 import msgspec
 
-from llfsm.runtime.checking.subject import Code, Finding, Severity
-from llfsm.runtime.checking.uses import nodes_of
 from llfsm.runtime.engine.table import Table
+from llfsm.runtime.expressions.reads import Code, assigned_values
 
 Options: TypeAlias = tuple[Any, ...]
 
-MISSING = object()
-PLAIN = {bool, float, int, str, NoneType}
+MISSING: Final = object()
+"""Stands for the value of what is no name of a module."""
+NUMBERS: Final = {bool, int, float}
+PLAIN: Final = NUMBERS | {str, NoneType}
+BUILT_IN: Final = NUMBERS | {bytes, dict, frozenset, list, set, str, tuple}
 _UNKNOWN: Options = ()
-_NUMBERS = {bool, int, float}
 _RESULTS: dict[Callable[..., Any], type] = {
     all: bool, any: bool, bool: bool, callable: bool, dict: dict, float: float,
     frozenset: frozenset, hasattr: bool, int: int, isinstance: bool, len: int, list: list,
@@ -53,7 +55,7 @@ _COLLECTIONS = (tuple, list, set, frozenset)
 
 
 def options_of(annotation: Any) -> Options:
-    """Return the types that an annotation allows; none if one of them is unknown."""
+    """List the types that an annotation allows; none if one of them is unknown."""
     origin = get_origin(annotation)
     if origin is Annotated:
         return options_of(get_args(annotation)[0])
@@ -71,20 +73,25 @@ def options_of(annotation: Any) -> Options:
 
 @cache
 def fields_of(message: type[msgspec.Struct]) -> dict[str, msgspec.structs.FieldInfo]:
-    """Return the fields of a message class by name; none if its annotations do not resolve."""
+    """Map the fields of a message class by name; none if its annotations do not resolve."""
     try:
         return {field.name: field for field in msgspec.structs.fields(message)}
     except (NameError, AttributeError, TypeError):
         return {}
 
 
+def kind_of(option: Any) -> Any:
+    """Give the class of a type, without its parameters: list of list[int]."""
+    return get_origin(option) or option
+
+
 def is_message(option: Any) -> bool:
-    """Return whether a type is a message class."""
+    """Check that a type is a message class."""
     return isinstance(option, type) and issubclass(option, msgspec.Struct)
 
 
 def may_be(node: ast.expr, given: Options, annotation: Any) -> bool:
-    """Return whether an expression with the types `given` may have a value of `annotation`."""
+    """Check if an expression with the types `given` may have a value of `annotation`."""
     wanted = options_of(annotation)
     if not (given and wanted):
         return True
@@ -102,7 +109,7 @@ def may_be(node: ast.expr, given: Options, annotation: Any) -> bool:
 
 
 def named(options: Options) -> str:
-    """Return how to call types in a finding."""
+    """Write types for a finding, as "int or None"."""
     names = [
         "None" if each is NoneType else getattr(each, "__name__", str(each)) for each in options
     ]
@@ -110,17 +117,21 @@ def named(options: Options) -> str:
 
 
 class Types:
-    """The types of the expressions in one piece of a machine's code."""
+    """The types of the expressions in one piece of a machine's code.
 
-    def __init__(self, code: Code, table: Table):
+    `given` are those of its parameters, where they are known.
+    """
+
+    def __init__(self, code: Code, table: Table, given: Mapping[str, Options] | None = None):
         self._machine = code.machine
         self._names: Mapping[str, Any] = code.names
         self._table = table
-        self._locals = _assigned_once(code)
+        self._locals = assigned_values(code)
+        self._given = given or {}
         self._under_way: set[str] = set()
 
     def of(self, node: ast.expr) -> Options:
-        """Return the types of an expression."""
+        """Infer the types of an expression."""
         match node:
             case ast.Constant(value):
                 return (type(value),)
@@ -130,6 +141,8 @@ class Types:
                 return self._of_field(value, name) or self._of_known(node)
             case ast.Name(name) if name in self._locals:
                 return self._of_local(name)
+            case ast.Name(name) if name in self._given:
+                return self._given[name]
             case ast.Name():
                 return self._of_known(node)
             case ast.Call():
@@ -154,9 +167,9 @@ class Types:
         return (_DISPLAYS[type(node)],) if type(node) in _DISPLAYS else _UNKNOWN
 
     def value_of(self, node: ast.expr) -> Any:
-        """Return what a name of the module, or of what is in it, is; else `MISSING`."""
+        """Find what a name of the module, or of what is in it, stands for; else `MISSING`."""
         match node:
-            case ast.Name(name) if name not in self._locals:
+            case ast.Name(name) if not self.is_own(name):
                 return self._names.get(name, getattr(builtins, name, MISSING))
             case ast.Attribute(value, name):
                 within = self.value_of(value)
@@ -166,8 +179,12 @@ class Types:
                     return getattr(within, name, MISSING)
         return MISSING
 
+    def is_own(self, name: str) -> bool:
+        """Check if a name is one of the code's own, or of a parameter that is given."""
+        return name in self._locals or name in self._given
+
     def assigned(self, name: str) -> ast.expr | None:
-        """Return the only value that the code gives a name of its own; None if there are others."""
+        """Give the only value that the code gives a name of its own; None if there are others."""
         return self._locals.get(name)
 
     def _of_attribute(self, name: str) -> Options:
@@ -198,7 +215,7 @@ class Types:
         return found
 
     def _of_known(self, node: ast.expr) -> Options:
-        """Return the type of a module, a class, an enum's member, or a constant in capitals."""
+        """Type a module, a class, an enum's member, or a constant in capitals."""
         value = self.value_of(node)
         name = node.id if isinstance(node, ast.Name) else getattr(node, "attr", "")
         simple = isinstance(value, bool | int | float | str | msgspec.Struct)
@@ -211,7 +228,7 @@ class Types:
             case ast.Attribute(ast.Name(self._machine), name):
                 return _result(getattr(self._table.states[0].owner, name, None))
             case ast.Attribute(value, name):
-                kinds = [get_origin(each) or each for each in self.of(value)]
+                kinds = [*map(kind_of, self.of(value))]
                 if kinds and all(name in _RETURN_NONE.get(each, set()) for each in kinds):
                     return (NoneType,)
         called = self.value_of(node.func)
@@ -224,7 +241,7 @@ class Types:
         )
 
     def _of_operands(self, op: ast.boolop, values: list[ast.expr]) -> Options:
-        """Return what `and` returns: a false operand or the last; `or`: a true one or the last."""
+        """Type `and`, which gives a false operand or the last, and `or`: a true one or the last."""
         found = [self.of(each) for each in values]
         if not all(found):
             return _UNKNOWN
@@ -239,7 +256,7 @@ class Types:
 
     def _of_arithmetic(self, op: ast.operator, left: Options, right: Options) -> Options:
         both = {*left, *right}
-        if not (left and right and both <= _NUMBERS) or isinstance(op, ast.Pow | ast.MatMult):
+        if not (left and right and both <= NUMBERS) or isinstance(op, ast.Pow | ast.MatMult):
             return _UNKNOWN
         if isinstance(op, ast.BitAnd | ast.BitOr | ast.BitXor) and both == {bool}:
             return (bool,)
@@ -252,20 +269,6 @@ class Types:
         return (bool,) if known else _UNKNOWN  # an array's comparison is an array
 
 
-class Piece(NamedTuple):
-    """A piece of code with the types of its expressions."""
-
-    code: Code
-    types: Types
-    table: Table
-
-    def finding(self, node: ast.expr | ast.stmt, severity: Severity, text: str) -> Finding:
-        """Return what is wrong at a node; in a bundle, names stand alone."""
-        if not self.code.machine.isidentifier():
-            text = text.replace(f"{self.code.machine}.", "")
-        return Finding(self.code.file, node.lineno, severity, text)
-
-
 def _joined(several: list[Options]) -> Options:
     if not all(several):
         return _UNKNOWN
@@ -273,8 +276,8 @@ def _joined(several: list[Options]) -> Options:
 
 
 def _fits(given: Any, wanted: Any) -> bool:
-    """Return whether a value of one type may be of another."""
-    one, other = get_origin(given) or given, get_origin(wanted) or wanted
+    """Check if a value of one type may be of another."""
+    one, other = kind_of(given), kind_of(wanted)
     if other is float and one is int:
         return True
     if one is bool:
@@ -285,7 +288,7 @@ def _fits(given: Any, wanted: Any) -> bool:
 
 
 def _of_item(options: Options, index: ast.expr) -> Options:
-    """Return the types of an item of a tuple or of a string."""
+    """Type an item of a tuple or of a string."""
     if len(options) != 1 or isinstance(index, ast.Slice):
         return _UNKNOWN
     collection: Any = options[0]
@@ -298,34 +301,10 @@ def _of_item(options: Options, index: ast.expr) -> Options:
 
 
 def _result(function: object) -> Options:
-    """Return the types that a function is annotated to return."""
+    """List the types that a function is annotated to return."""
     if not isinstance(function, FunctionType):
         return _UNKNOWN
     try:
         return options_of(get_type_hints(function).get("return", Any))
     except (NameError, TypeError, AttributeError):
         return _UNKNOWN
-
-
-def _assigned_once(code: Code) -> dict[str, ast.expr | None]:
-    """Return the names that the code binds itself, each with its value if it has only one."""
-    bound: Counter[str] = Counter()
-    values: dict[str, ast.expr | None] = {}
-    for node in nodes_of(code):
-        match node:
-            case ast.Assign([ast.Name(name)], value) | ast.AnnAssign(ast.Name(name), _, value):
-                values[name] = value
-            case ast.NamedExpr(ast.Name(name), value):
-                values[name] = value
-            case ast.For(ast.Name(name), each) | ast.comprehension(ast.Name(name), each):
-                values[name] = ast.Subscript(each, ast.Constant(0))  # as any other item
-        match node:
-            case ast.Name(name, ast.Store() | ast.Del()):
-                bound[name] += 1
-            case ast.arg(name) | ast.MatchAs(name=str(name)) | ast.MatchStar(str(name)):
-                bound[name] += 2  # its value is not here
-            case ast.FunctionDef(name) | ast.ClassDef(name) | ast.ExceptHandler(name=str(name)):
-                bound[name] += 2
-            case ast.Import(aliases) | ast.ImportFrom(names=aliases):
-                bound.update(2 * [each.asname or each.name.partition(".")[0] for each in aliases])
-    return {name: values.get(name) if number == 1 else None for name, number in bound.items()}

@@ -1,8 +1,11 @@
-"""Names of a function's own that may have no value where they are used.
+"""Names of a function's own that may have no value where they are used: definite assignment.
 
-Only what is plain in the text is found. Code may know what its text does not show: that a loop
-runs at least once, or that what is tested in two places is the same. So a use counts only where
-nothing was tested since the test that may have left the name without a value.
+The code is followed once, from its first statement to its last, with what is known at each point
+(`_Known`): the names that have a value, and those that have one only if some test held. Ways that
+part at a test are joined after it. Only what is plain in the text is found. Code may know what its
+text does not show: that a loop runs at least once, or that what is tested in two places is the
+same. So a use counts only where nothing was tested since the test that may have left the name
+without a value.
 """
 
 from __future__ import annotations
@@ -10,19 +13,25 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NamedTuple
 
-from llfsm.runtime.checking.subject import Code, Finding
+from llfsm.runtime.expressions.reads import COMPREHENSIONS, Code, captured_names, imported_names
 
 _Lines = dict[str, int]
 _INNER: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)
-_REPEATED: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
-_NOWHERE: Final = 0
+
+
+class Unassigned(NamedTuple):
+    """A use, in a line, of a name without a value; or with one if another line ran, else 0."""
+
+    name: str
+    line: int
+    given_at: int = 0
 
 
 @dataclass
 class _Known:
-    """What is known of a function's own names at one point of its code."""
+    """The names of a function's own that have a value at one point of its code."""
 
     given: set[str]
     maybe: _Lines = field(default_factory=dict)  # the lines of the tests that decided
@@ -33,21 +42,21 @@ class _Known:
         self.maybe.pop(name, None)
 
     def trust(self) -> _Known:
-        """Return what is known inside of a condition, which may know more."""
+        """Take all names as given, inside of a condition: it may know what is not seen here."""
         return replace(self, given=self.given | self.maybe.keys(), maybe={})
 
 
-def unassigned(code: Code) -> Iterator[Finding]:
-    """Find names that have no value where they are used, or not always."""
+def unassigned(code: Code) -> Iterator[Unassigned]:
+    """Find names that have no value where they are used, or not always; each is found once."""
     own = _own_names(code.body) - code.parameters
     if own:
-        reader = _Reader(code, own)
+        reader = _Reader(own)
         reader.block(code.body, _Known(set()))
-        yield from reader.findings
+        yield from reader.found
 
 
 def _own_names(body: Sequence[ast.AST]) -> set[str]:
-    """Return the names that code gives values to; none that it deletes, or has from elsewhere."""
+    """Collect the names that code gives values to; none that it deletes, or has from elsewhere."""
     given, others = set[str](), set[str]()
     todo = list(body)
     while todo:
@@ -59,23 +68,22 @@ def _own_names(body: Sequence[ast.AST]) -> set[str]:
             case ast.Global(names) | ast.Nonlocal(names):
                 others.update(names)
             case ast.Import(aliases) | ast.ImportFrom(names=aliases):
-                others |= {each.asname or each.name.partition(".")[0] for each in aliases}
+                others.update(imported_names(aliases))
             case ast.FunctionDef(name) | ast.ClassDef(name) | ast.AsyncFunctionDef(name):
                 others.add(name)
             case ast.AugAssign(ast.Name(), _, value):
                 todo.append(value)  # another rule finds what is only changed
                 continue
-        if not isinstance(node, (*_INNER, *_REPEATED)):
+        if not isinstance(node, (*_INNER, *COMPREHENSIONS)):
             todo += ast.iter_child_nodes(node)
     return given - others
 
 
 class _Reader:
-    def __init__(self, code: Code, own: set[str]):
-        self._code = code
+    def __init__(self, own: set[str]):
         self._own = own
-        self._loops = 0
-        self.findings: list[Finding] = []
+        self._loops = 0  # around the statement
+        self.found: list[Unassigned] = []
 
     def block(self, body: Sequence[ast.AST], known: _Known) -> _Known:
         for node in body:
@@ -133,7 +141,7 @@ class _Reader:
         return known
 
     def _joined(self, node: ast.stmt, before: _Known, *ways: _Known, sure: bool = False) -> _Known:
-        """Return what is known after one of several ways; `sure` if a name of one has a value."""
+        """Join ways that part before and meet here; `sure` if a name of one has a value."""
         open_ways = [way for way in ways if not way.ends]
         if not open_ways:
             return replace(before, ends=True)
@@ -163,7 +171,7 @@ class _Reader:
         ways = []
         for case in cases:
             way = known.trust()
-            way = replace(way, given={*way.given, *_captured(case.pattern)})
+            way = replace(way, given={*way.given, *captured_names(case.pattern)})
             if case.guard is not None:
                 self._uses(case.guard, way)
             ways.append(self.block(case.body, way))
@@ -200,13 +208,13 @@ class _Reader:
         return {*self._lines_given(body)}
 
     def _lines_given(self, body: Sequence[ast.AST]) -> _Lines:
-        """Return the names to which some code gives values, each with the first line."""
+        """Map the names to which some code gives values to the first line that does."""
         lines: _Lines = {}
         for each in (each for part in body for each in ast.walk(part)):
             if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
                 lines[each.id] = min(each.lineno, lines.get(each.id, each.lineno))
             elif isinstance(each, ast.pattern):
-                lines.update(dict.fromkeys(_captured(each), each.lineno))
+                lines.update(dict.fromkeys(captured_names(each), each.lineno))
         return lines
 
     def _uses(self, node: ast.AST, known: _Known) -> None:
@@ -242,18 +250,12 @@ class _Reader:
     def _use(self, name: str, node: ast.expr | ast.stmt, known: _Known) -> None:
         if name not in self._own or name in known.given:
             return
-        line = known.maybe.get(name, _NOWHERE)
+        self.found.append(Unassigned(name, node.lineno, known.maybe.get(name, 0)))
         known.give(name)  # each is reported once
-        if line != _NOWHERE:
-            text = f"{name!r} has a value here only if line {line} ran"
-            self.findings.append(Finding(self._code.file, node.lineno, "warning", text))
-        else:
-            text = f"{name!r} has no value yet"
-            self.findings.append(Finding(self._code.file, node.lineno, "error", text))
 
 
 def _may_be_all(node: ast.If) -> bool:
-    """Return whether a chain of tests without an else may have all there are."""
+    """Check if a chain of tests of one value, without an else, may have all cases."""
     tests = [node.test]
     while len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
         node = node.orelse[0]
@@ -265,13 +267,3 @@ def _may_be_all(node: ast.If) -> bool:
     kinds = {type(op) for each in compared for op in each.ops}
     same_way = kinds <= {ast.Lt, ast.LtE} or kinds <= {ast.Gt, ast.GtE}
     return len(compared) == len(tests) and len(left) == 1 and not same_way
-
-
-def _captured(node: ast.AST) -> Iterator[str]:
-    """Return the names to which a pattern gives values."""
-    for each in ast.walk(node):
-        match each:
-            case ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
-                yield name
-            case ast.MatchMapping(rest=str(name)):
-                yield name
