@@ -26,7 +26,7 @@ from llfsm.whiteboard.mirror.peers import Peers, Source
 from llfsm.whiteboard.mirror.quotas import Quotas, Refusals, Refused
 from llfsm.whiteboard.mirror.settings import Settings, matcher
 from llfsm.whiteboard.mirror.store import Cell, Outcome, Store
-from llfsm.whiteboard.own_slots import OWN
+from llfsm.whiteboard.slot_names import OWN
 
 _EARLY_NS = 5_000_000
 _BURST = 2  # arrivals may come at this multiple of the slot's rate; more are held back

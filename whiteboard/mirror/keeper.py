@@ -31,7 +31,7 @@ from llfsm.whiteboard.mirror.batches import Declaration, Value
 from llfsm.whiteboard.mirror.quotas import Refused
 from llfsm.whiteboard.mirror.settings import KeepSettings, matcher
 from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.slot_names import is_own
 
 _MAGIC = b"LLKEPT1\n"
 _CHECKSUM = 4  # bytes after it

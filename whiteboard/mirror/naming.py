@@ -28,7 +28,7 @@ from msgspec.structs import replace
 from llfsm.whiteboard.errors import NetworkError
 from llfsm.whiteboard.messages.llfsm import WILLS, LastWill
 from llfsm.whiteboard.mirror.batches import Declaration, Value
-from llfsm.whiteboard.own_slots import OWN
+from llfsm.whiteboard.slot_names import OWN
 
 T = TypeVar("T", Value, Declaration)
 

@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from llfsm.whiteboard.messages.llfsm import BELL, HOSTS, JOURNALS, MIRROR, RECORDER, WILL_BELL
 from llfsm.whiteboard.mirror.naming import require_host_name
-from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.slot_names import is_own
 
 PORT = 7447
 """Zenoh's own, and so that of a board's daemon and of a router of ROS."""
