@@ -18,8 +18,8 @@ from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.groups import group_of
 from llfsm.whiteboard.mirror.peers import EVERY_HOST
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.simulation import World, fleet
 from llfsm.whiteboard.mirror.store import NoVersionLog, Store
+from simulation import World, fleet
 from thoroughness import examples
 
 from .part import Number, Part, batch
