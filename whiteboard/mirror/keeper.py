@@ -1,8 +1,8 @@
 """A file in which the latest messages of chosen slots outlive all hosts of a board.
 
-The file is written anew as a whole and then takes the place of the previous one, so that whoever is
-killed, or loses power, leaves one of the two. Its messages carry their versions: what is restored
-from it is as old as it was, and replaces nothing that is newer.
+The file is written anew as a whole and then takes the place of the previous one, so that a daemon
+that is killed, or loses power, leaves one of the two. Its messages carry their versions: a restored
+one is as old as it was, and replaces none that is newer.
 
 A daemon locks its file. The lock is taken before the file has its name, so there is no moment at
 which another daemon could have it.
@@ -36,7 +36,7 @@ from llfsm.whiteboard.slot_names import is_own
 _MAGIC = b"LLKEPT1\n"
 _CHECKSUM = 4  # bytes after it
 Refuse: TypeAlias = Callable[[str, str], object]
-"""Counts what was refused, and why, and logs it once."""
+"""Counts a refusal under its kind, the first argument; logs the reason, the second, once."""
 
 _PAUSE_S = 1.0  # between two writes
 
@@ -122,7 +122,7 @@ class Keeper:
         return content
 
     def restore(self, store: Store, refuse: Refuse) -> None:
-        """Add what the file has to a board that has nothing newer; report what cannot be added."""
+        """Add the file's messages to a board where it has none newer; report those that fail."""
         for name, kept in self._slots.items():
             try:
                 store.declare(kept.declaration)
@@ -134,7 +134,7 @@ class Keeper:
                 refuse(f"from {self._path}", str(error))
 
     def follow(self, changed: Iterable[str], store: Store, now_s: float, refuse: Refuse) -> None:
-        """Keep what has changed, now or soon: the file is written once a second at most."""
+        """Keep the slots that have changed, now or soon: it writes once a second at most."""
         self._changed.update(filter(self._keeps, changed))
         if now_s >= self._due_s and (self._writing is None or self._writing.done()):
             self._report(refuse)
@@ -145,7 +145,7 @@ class Keeper:
                 self._writing = self._writer.submit(self._replace)
 
     def finish(self, store: Store, refuse: Refuse) -> None:
-        """Keep what has changed, and wait until it is written."""
+        """Keep all that has changed, and wait until it is written."""
         self.wait_written()
         self.follow((), store, self._due_s, refuse)
         self.wait_written()
@@ -221,7 +221,7 @@ class Keeper:
         )
 
     def close(self) -> None:
-        """Release the file."""
+        """Wait for a write that has begun, and release the file."""
         self._writer.shutdown()
         os.close(self._file)
 
