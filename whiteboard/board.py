@@ -246,7 +246,7 @@ class _Bound(dict[Slot[Any], BoundSlot[Any]]):
 class Board(ABC):
     """A whiteboard. Bind a slot with ``board[slot]``, or use the methods that take a slot.
 
-    Once it is closed here, all of its methods and slots raise :class:`.BoardClosedError`.
+    After :meth:`close`, adding, reading and listing raise :class:`.BoardClosedError`.
     """
 
     def __init__(self, name: str) -> None:

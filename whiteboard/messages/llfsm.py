@@ -464,7 +464,7 @@ class PeerStatus(Message):
 
 
 class QuotaStatus(Message):
-    """How much of its quota a host has taken since the daemon started."""
+    """The part of its quota that a host has taken since the daemon started."""
 
     name: str  # in its certificate; empty for all hosts that share a quota
     slots: int  # that it has made here

@@ -1,4 +1,4 @@
-"""What a host costs in a fleet does not depend on the fleet, and a partition ends soon."""
+"""The costs of a host do not depend on the size of its fleet, and a partition ends soon."""
 
 from __future__ import annotations
 

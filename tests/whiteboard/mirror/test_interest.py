@@ -111,7 +111,7 @@ def test_what_nobody_reads_does_not_travel(tmp_path: Path) -> None:
 def test_a_first_read_has_the_latest_message_within_one_round_trip(
     tmp_path: Path, readers: int
 ) -> None:
-    """Whether or not others read it already, so that its host sends no more than it did."""
+    """Also if others read it already, so that its host sends no more than it did."""
     world = lazy_world(tmp_path, 3, delay_ms=(DELAY_MS, DELAY_MS))
     world.add(0, 0)
     for reader in range(readers):
