@@ -5,8 +5,14 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from stat import S_ISREG
 
-from llfsm.whiteboard.errors import BoardNotFoundError, SlotNameError, from_errno
+from llfsm.whiteboard.errors import (
+    BoardNotFoundError,
+    BoardPermissionError,
+    SlotNameError,
+    from_errno,
+)
 
 DIRECTORY = Path("/dev/shm")
 """The folder of boards unless another is given: the host's shared memory, gone at a reboot."""
@@ -42,6 +48,34 @@ def version_log_path(board: Path) -> Path:
     It is beside the board's file, and has a name that no board's file has.
     """
     return board.with_name("llfsm-mirror." + board.name.removeprefix(_PREFIX))
+
+
+def open_own(path: Path, flags: int = 0, mode: int = 0o600) -> int:
+    """Open a file of this user, to read and write it; return its descriptor.
+
+    For files whose owner could put messages on a board. Raise ``OSError``, also for a link, and
+    :class:`.BoardPermissionError` if it belongs to another user, or is another kind of file.
+    """
+    file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, mode)
+    status = os.fstat(file)
+    if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
+        os.close(file)
+        raise BoardPermissionError(
+            f"{path}: belongs to another user, or is not a regular file; remove it, or choose "
+            f"another name"
+        )
+    return file
+
+
+def lock(file: int) -> bool:
+    """Lock an open file until it is closed; return False if another process has locked it."""
+    import fcntl  # here, as Windows lacks it, where boards of other hosts can be read
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def remove_board(name: str, directory: str | os.PathLike[str] = DIRECTORY) -> None:

@@ -14,17 +14,16 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
-from stat import S_ISREG
 from typing import NamedTuple, TypeAlias
 from zlib import crc32
 
 import msgspec
 
+from llfsm.whiteboard.board_files import lock, open_own
 from llfsm.whiteboard.errors import (
     BoardCorruptError,
     BoardError,
     BoardMirroredError,
-    BoardPermissionError,
     WhiteboardError,
 )
 from llfsm.whiteboard.mirror.batches import Declaration, Value
@@ -91,7 +90,7 @@ class Keeper:
     def _open(self) -> None:
         """Lock the file and read it; make one if there is none."""
         try:
-            self._file = _open_own(self._path)
+            self._file = open_own(self._path)
         except FileNotFoundError:
             self._replace()
             return
@@ -187,7 +186,7 @@ class Keeper:
         """Write the file, and put it in place of the previous one."""
         packed = msgspec.msgpack.encode(_Content(self._board, tuple(self._slots.values())))
         new = self._path.with_name(f"{self._path.name}.new")
-        file = _open_own(new, os.O_CREAT)
+        file = open_own(new, os.O_CREAT, 0o644)
         try:
             self._lock(file)
             os.truncate(file, 0)
@@ -208,12 +207,8 @@ class Keeper:
             os.close(folder)
 
     def _lock(self, file: int) -> None:
-        import fcntl  # here, as Windows lacks it, where boards of other hosts can be read
-
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise self._is_kept() from None
+        if not lock(file):
+            raise self._is_kept()
 
     def _is_kept(self) -> BoardMirroredError:
         return BoardMirroredError(
@@ -224,19 +219,6 @@ class Keeper:
         """Wait for a write that has begun, and release the file."""
         self._writer.shutdown()
         os.close(self._file)
-
-
-def _open_own(path: Path, flags: int = 0) -> int:
-    """Open a file of this user: whoever owns it could put messages on the board."""
-    file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, 0o644)
-    status = os.fstat(file)
-    if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
-        os.close(file)
-        raise BoardPermissionError(
-            f"{path}: belongs to another user, or is not a regular file; messages cannot be kept: "
-            f"remove it, or choose another file"
-        )
-    return file
 
 
 def _checksum(packed: bytes) -> bytes:

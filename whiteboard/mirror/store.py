@@ -29,17 +29,15 @@ import threading
 from collections.abc import Callable
 from enum import Enum, auto
 from pathlib import Path
-from stat import S_ISREG
 from typing import Any, Protocol
 from zlib import crc32
 
 import msgspec
 
 from llfsm.whiteboard.board import Board, BoundSlot
-from llfsm.whiteboard.board_files import version_log_path
+from llfsm.whiteboard.board_files import lock, open_own, version_log_path
 from llfsm.whiteboard.errors import (
     BoardMirroredError,
-    BoardPermissionError,
     MessageTypeError,
     SlotError,
     SlotTypeError,
@@ -289,27 +287,16 @@ class FileVersionLog:
     """
 
     def __init__(self, board: Path) -> None:
-        import fcntl  # here, as Windows lacks it, where boards of other hosts can be read
-
         path = version_log_path(board)
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            self._file = open_own(path, os.O_CREAT)
         except OSError as error:
             raise from_errno(error.errno or 0, str(path)) from error
-        status = os.fstat(self._file)
-        if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
-            os.close(self._file)
-            raise BoardPermissionError(
-                f"{path}: belongs to another user, or is not a regular file; remove it, or choose "
-                f"another board name"
-            )
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not lock(self._file):
             os.close(self._file)
             raise BoardMirroredError(
                 f"{board}: another daemon mirrors this whiteboard; see `llfsm whiteboard status`"
-            ) from None
+            )
         os.posix_fallocate(self._file, 0, _SIZE)
         self._map = mmap.mmap(self._file, _SIZE)
         self._entries: dict[str, list[int]] = {}  # offsets, the older entry first
