@@ -1,6 +1,9 @@
 """The interface of all whiteboards, wherever their messages are.
 
-A board binds slots; code that uses a slot often keeps the bound slot.
+A board binds slots: a bound slot is a handle by which one process adds to the slot and reads it.
+Code that uses a slot often keeps the handle, and so saves a look-up a call. The contract is
+stated here, and tested on every kind of board (``tests/whiteboard/test_contract*.py``): an add
+never blocks, a slot keeps its latest message only, and counts go up by one.
 """
 
 from __future__ import annotations
@@ -9,17 +12,21 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, Self
 
-from llfsm.whiteboard.errors import MessageTypeError
+from llfsm.whiteboard.errors import BoardClosedError, MessageTypeError, WhiteboardError
 from llfsm.whiteboard.message import M, type_from_schema
 from llfsm.whiteboard.schema import Schema
+from llfsm.whiteboard.slot_names import is_users
 from llfsm.whiteboard.slots import Sample, Slot
 
 if TYPE_CHECKING:
     from llfsm.whiteboard.subscription import Stream, Subscription
 
 
+_LONGEST = 200  # characters of a message in a notebook
+
+
 class SlotInfo(NamedTuple):
-    """A slot as listed by its board."""
+    """A slot as its board lists it, for tools that do not have its class."""
 
     name: str
     type_name: str
@@ -31,7 +38,7 @@ class SlotInfo(NamedTuple):
     unusable slot's schema is empty."""
 
     def slot(self) -> Slot[Any]:
-        """Return the slot, with a class made from its schema.
+        """Make the slot, with a class made from its schema.
 
         Raise :class:`.MessageTypeError` for an unusable schema and :class:`.SlotNameError` for an
         invalid name.
@@ -63,7 +70,7 @@ class BoundSlot(ABC, Generic[M]):
 
     @abstractmethod
     def add(self, message: M, /) -> int:
-        """Make this the slot's latest message and return its count; never block.
+        """Make this the slot's latest message and return its count, 1 or more; never block.
 
         Raise :class:`.SlotTypeError` if the message is not exactly of the slot's type,
         :class:`.MessageFieldError` if a field's value is not of its type, and
@@ -91,7 +98,10 @@ class BoundSlot(ABC, Generic[M]):
 
     @abstractmethod
     def encoded(self) -> tuple[bytes, int, int, int] | None:
-        """Return the latest message like :meth:`sample`, but as bytes that are not validated."""
+        """Return the latest message's bytes, not validated, its count, stamp and writer.
+
+        None before the first. It does not count as reading; see :meth:`Board.read_slots`.
+        """
 
     @abstractmethod
     def wait(self, *, after: int, timeout: float | None = None) -> Sample[M] | None:
@@ -114,7 +124,7 @@ class BoundSlot(ABC, Generic[M]):
 
     @abstractmethod
     def retire(self) -> None:
-        """Let this handle add no more: from now on that raises :class:`.SlotRetiredError`.
+        """End adding by this handle: from now on an add raises :class:`.SlotRetiredError`.
 
         For a handle of one's own, of :meth:`Board.publisher`; others are shared.
         """
@@ -122,14 +132,14 @@ class BoundSlot(ABC, Generic[M]):
     def recent(self) -> list[tuple[int, int, int]]:
         """Return count, stamp and writer of the latest messages, in no order.
 
-        These are up to four of each process that adds to the slot; only the latest one on a board
-        that is not in shared memory. Stamps and writers are those of :class:`.Sample`.
+        Up to four of each process that adds to the slot; only the latest one on a board that is
+        not in shared memory. Stamps and writers are those of :class:`.Sample`.
         """
         latest = self.encoded()
         return [] if latest is None else [latest[1:]]
 
     def on_add(self, callback: Callable[[int], None]) -> None:
-        """Call a method with the count of each message, within the add, as long as it exists.
+        """Call a method with the count of each message, within the add; held by a weak reference.
 
         Only a board in one process can: on others nothing is called.
         """
@@ -161,7 +171,7 @@ class BoundSlot(ABC, Generic[M]):
         return Subscription(self, callback, after=after, backlog=backlog, on_error=on_error)
 
     def stream(self, *, after: int | None = None, backlog: int = 1) -> Stream[M]:
-        """Return an asynchronous iterator over newer samples: ``async for sample in ...``.
+        """Iterate asynchronously over newer samples: ``async for sample in bound.stream()``.
 
         ``after`` and ``backlog`` are as in :meth:`subscribe`. Needs a running event loop.
         """
@@ -191,24 +201,24 @@ class Waiter(Protocol):
         otherwise: Callable[[int], bool],
         /,
     ) -> Callable[[], bool]:
-        """Return what to call again and again to sleep for ``duration_ns``, mostly to the end.
+        """Make a function that sleeps for ``duration_ns``, for a loop that calls it each round.
 
         It returns True if there was no message newer than in ``seen``, no :meth:`wake` and no end
         of the board. What the second handle of a pair in ``own`` adds is no new message of the
-        first. Otherwise it ends early and returns what ``otherwise`` does, which gets the time at
-        which the sleep was to end, and may :meth:`wait` to learn what has happened. It gets 0 if
-        none has begun: from the time ``until_ns`` on none does. A board that gains nothing by it
-        always leaves the sleep to ``otherwise``.
+        first. Otherwise it ends early and returns the result of ``otherwise``, which gets the time
+        at which the sleep was to end (by CLOCK_MONOTONIC), and may :meth:`wait` to find out what
+        has happened. It gets 0 if no sleep has begun: from the time ``until_ns`` on none does. A
+        board that gains nothing by it always leaves the sleep to ``otherwise``.
         """
         ...
 
     def wake(self) -> None:
-        """Let the wait return, or the next one if none is under way; from any thread."""
+        """End the wait, or the next one if none is under way; from any thread."""
         ...
 
 
 class _Bound(dict[Slot[Any], BoundSlot[Any]]):
-    """The bound slots; looking up a slot binds it.
+    """The bound slots of a board; looking up a slot binds it.
 
     Only the first slot of a name and type is kept, so that a program may make a new one for each
     message. Finding the first one by itself costs one look-up, without a comparison of names.
@@ -234,7 +244,10 @@ class _Bound(dict[Slot[Any], BoundSlot[Any]]):
 
 
 class Board(ABC):
-    """A whiteboard. Bind a slot with ``board[slot]``, or use the methods that take a slot."""
+    """A whiteboard. Bind a slot with ``board[slot]``, or use the methods that take a slot.
+
+    After :meth:`close`, adding, reading and listing raise :class:`.BoardClosedError`.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -243,7 +256,8 @@ class Board(ABC):
     def __getitem__(self, slot: Slot[M]) -> BoundSlot[M]:
         """Bind a slot; make it if the board does not have it.
 
-        Raise :class:`.SlotTypeError` if it has another type on the board.
+        Raise :class:`.SlotTypeError` if it has another type on the board, and
+        :class:`.BoardFullError` if there is no room to make it.
         """
         return self._bound[slot]
 
@@ -276,10 +290,27 @@ class Board(ABC):
         self.close()
 
     def _repr_html_(self) -> str:
-        """Return the slots with their latest messages, as a notebook shows the board."""
-        from llfsm.whiteboard.poller import board_html  # here, as few boards are in one
+        """Show the users' slots with their latest messages, in a notebook."""
+        from llfsm.whiteboard.message_text import html_table  # here, as few boards are in one
 
-        return board_html(self)
+        rows = (self._row(info) for info in self.slots() if is_users(info.name))
+        return html_table(("slot", "type", "messages", "latest"), rows)
+
+    def _row(self, info: SlotInfo) -> tuple[object, ...]:
+        from llfsm.whiteboard.message_text import message_json
+
+        count, text = 0, ""
+        try:
+            bound = self[info.slot()]
+            count, sample = bound.count, bound.sample()
+            if sample is not None:
+                count, text = sample.count, message_json(sample.message)
+        except BoardClosedError:
+            raise
+        except WhiteboardError as error:
+            text = str(error)
+        shown = text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+        return info.name, info.type_name, count, shown
 
     @abstractmethod
     def publisher(self, slot: Slot[M]) -> BoundSlot[M]:
@@ -291,14 +322,14 @@ class Board(ABC):
 
     @abstractmethod
     def find(self, name: str) -> Slot[Any]:
-        """Return the slot of that name, for callers that do not have its class.
+        """Return the slot of that name, for tools that do not have its class.
 
-        Raise :class:`.SlotNotFoundError`.
+        Raise :class:`.SlotNotFoundError`, and :class:`.MessageTypeError` if it is unusable.
         """
 
     @abstractmethod
     def watcher(self) -> Callable[[float], list[str]]:
-        """Return a function `wait(seconds)` that waits until any slot has a new message.
+        """Make a function `wait(seconds)` that waits until any slot has a new message.
 
         It returns the names of the slots with messages added since its last call; none when the
         time has passed, or :meth:`read_slots` has changed.
@@ -320,10 +351,9 @@ class Board(ABC):
 
     @abstractmethod
     def waiter(self) -> Waiter:
-        """Return a `Waiter`, with which one thread waits for several slots.
+        """Make a :class:`Waiter`, by which one thread waits for several slots of this board.
 
-        The slots must be bound by this board. Messages in others do not wake it, and adding them
-        costs nothing more.
+        Messages in other slots do not wake it, and adding them costs nothing more.
         """
 
     @property

@@ -1,20 +1,28 @@
-"""The files of boards: where they are, and which names they have."""
+"""The files of boards: their folder, their names, and the log of a daemon beside each."""
 
 from __future__ import annotations
 
 import os
 import re
 from pathlib import Path
+from stat import S_ISREG
 
-from llfsm.whiteboard.errors import BoardNotFoundError, SlotNameError, from_errno
+from llfsm.whiteboard.errors import (
+    BoardNotFoundError,
+    BoardPermissionError,
+    SlotNameError,
+    from_errno,
+)
 
 DIRECTORY = Path("/dev/shm")
+"""The folder of boards unless another is given: the host's shared memory, gone at a reboot."""
+
 _PREFIX = "llfsm."
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 
 
 def default_name() -> str:
-    """Return ``$WHITEBOARD_NAME``, or ``whiteboard``."""
+    """Return the name of a board if none is given: ``$WHITEBOARD_NAME``, or ``whiteboard``."""
     return os.environ.get("WHITEBOARD_NAME") or "whiteboard"
 
 
@@ -29,18 +37,53 @@ def board_path(name: str, directory: str | os.PathLike[str] = DIRECTORY) -> Path
 
 
 def board_files(directory: str | os.PathLike[str] = DIRECTORY) -> list[tuple[str, Path]]:
-    """Return the name and path of each file that may be a board, sorted."""
+    """List the name and path of each file that may be a board, sorted by name."""
     paths = sorted(Path(directory).glob(f"{_PREFIX}*"))
     return [(path.name.removeprefix(_PREFIX), path) for path in paths]
 
 
 def version_log_path(board: Path) -> Path:
-    """Return where a daemon keeps the versions of a board's messages; never a board's path."""
+    """Return the path of the file in which a daemon keeps the versions of a board's messages.
+
+    It is beside the board's file, and has a name that no board's file has.
+    """
     return board.with_name("llfsm-mirror." + board.name.removeprefix(_PREFIX))
 
 
+def open_own(path: Path, flags: int = 0, mode: int = 0o600) -> int:
+    """Open a file of this user, to read and write it; return its descriptor.
+
+    For files whose owner could put messages on a board. Raise ``OSError``, also for a link, and
+    :class:`.BoardPermissionError` if it belongs to another user, or is another kind of file.
+    """
+    file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, mode)
+    status = os.fstat(file)
+    if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
+        os.close(file)
+        raise BoardPermissionError(
+            f"{path}: belongs to another user, or is not a regular file; remove it, or choose "
+            f"another name"
+        )
+    return file
+
+
+def lock(file: int) -> bool:
+    """Lock an open file until it is closed; return False if another process has locked it."""
+    import fcntl  # here, as Windows lacks it, where boards of other hosts can be read
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
 def remove_board(name: str, directory: str | os.PathLike[str] = DIRECTORY) -> None:
-    """Remove a board's file, damaged or not, in use or not."""
+    """Remove a board's file, damaged or not, in use or not, and the version log beside it.
+
+    Raise :class:`.SlotNameError` for an invalid name, :class:`.BoardNotFoundError` if there is no
+    such file, and another :class:`.BoardError` if the system refuses it.
+    """
     path = board_path(name, directory)
     try:
         path.unlink()

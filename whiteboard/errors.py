@@ -33,9 +33,7 @@ from collections.abc import Iterable
 from typing import NoReturn
 
 from llfsm.errors import LlfsmError, did_you_mean
-from llfsm.whiteboard.own_slots import is_own
-
-_KEEPS_READ = "/."  # of `messages.fleet`, which cannot be imported here
+from llfsm.whiteboard.slot_names import is_users
 
 
 class WhiteboardError(LlfsmError):
@@ -97,7 +95,7 @@ class SlotNotFoundError(SlotError):
     """The board has no slot of that name; the message lists those it has, without llfsm's own."""
 
     def __init__(self, board: str, name: str, slots: Iterable[str]):
-        known = [s for s in slots if not is_own(s) and not s.endswith(_KEEPS_READ)]
+        known = list(filter(is_users, slots))
         super().__init__(
             f"board {board!r} has no slot {name!r}; its slots: {', '.join(known) or 'none'}"
             f"{did_you_mean(name, known)}"
@@ -148,8 +146,11 @@ class MessageUnreadableError(MessageError):
         self.count = count
 
 
+# What follows makes errors in one wording for boards in shared memory and in one process.
+
+
 def too_large(slot: str, length: int, capacity: int) -> MessageTooLargeError:
-    """Return the error for a message that does not fit."""
+    """Make the error for a message of `length` bytes that does not fit."""
     return MessageTooLargeError(
         f"slot {slot!r}: the message takes {length} bytes, the slot holds {capacity}; "
         f"give the Slot a larger capacity where the board is first used"
@@ -157,21 +158,21 @@ def too_large(slot: str, length: int, capacity: int) -> MessageTooLargeError:
 
 
 def wrong_type(slot: str, wanted: type, message: object) -> SlotTypeError:
-    """Return the error for a message of another class."""
+    """Make the error for a message of another class."""
     return SlotTypeError(
         f"slot {slot!r} accepts {wanted.__qualname__} messages, not {type(message).__qualname__}"
     )
 
 
 def wrong_field(slot: str, kind: type, cause: object) -> MessageFieldError:
-    """Return the error for a message with a wrong value in a field."""
+    """Make the error for a message with a wrong value in a field."""
     return MessageFieldError(
         f"slot {slot!r}: the {kind.__qualname__} was not added: {name_fields(kind, cause)}"
     )
 
 
 def name_fields(kind: type, cause: object) -> str:
-    """Return the decoder's error text with field names in place of array indices."""
+    """Put field names in place of array indices in a decoder's error: ``$[0][2]`` is ``a.z``."""
     from msgspec import inspect as mi
 
     with_items = mi.StructType, mi.TupleType, mi.VarTupleType, mi.FrozenSetType
@@ -193,7 +194,7 @@ def name_fields(kind: type, cause: object) -> str:
     return re.sub(r"`\$((\[\d+\])+)`", names, str(cause))
 
 
-_FULL = {
+_FULL = {  # LWB_NO_SPACE, LWB_NO_SLOT, LWB_NO_WRITER
     6: "no space left in the file system of the board; remove boards with "
     "`llfsm whiteboard rm`, or use smaller capacities",
     7: "the board has no room for another slot (4096 at most)",
@@ -202,9 +203,10 @@ _FULL = {
 
 
 def raise_status(status: int, number: int, where: str | None, detail: object) -> NoReturn:
-    """Raise the error for a status of the C protocol (``enum lwb_status``) or of the extension.
+    """Raise the error for a status, as the extension calls it.
 
-    ``number`` is the C ``errno``; ``where`` is the board's path or the slot's name.
+    ``status`` is one of the C protocol (``enum lwb_status``), or a negative one of the extension;
+    ``number`` is the C ``errno``, and ``where`` the board's path or the slot's name.
     """
     match status, detail:
         case -1, _:
@@ -261,7 +263,7 @@ def raise_status(status: int, number: int, where: str | None, detail: object) ->
 
 
 def from_errno(number: int, where: str) -> BoardError:
-    """Return the error for a failed system call on a board's file."""
+    """Make the error for a failed system call on a board's file."""
     text = f"{where}: {os.strerror(number)}"
     match OSError(number, ""):
         case PermissionError():

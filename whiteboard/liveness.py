@@ -1,4 +1,9 @@
-"""Whether a process still runs. A process id is not enough: the system reuses ids."""
+"""Find out whether a process still runs, by a message that it has left.
+
+A process id is not enough: the system reuses ids, and each container counts its own. So a process
+is named by its id, the time at which it started, its host and its PID namespace. One that cannot be
+looked up, as it is elsewhere, is judged by the age of its messages, by whoever reads them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +19,7 @@ if TYPE_CHECKING:
 
 @cache
 def host_name() -> str:
-    """Return the name of this host."""
+    """Return this host's name in its network."""
     return socket.gethostname()
 
 
@@ -28,7 +33,7 @@ def pid_namespace() -> int:
 
 
 class Process(Protocol):
-    """What names a process of any host: a message that one has left."""
+    """Names a process of any host; messages that processes leave have these fields."""
 
     @property
     def pid(self) -> int:
@@ -37,7 +42,7 @@ class Process(Protocol):
 
     @property
     def born(self) -> int:
-        """When it started, as `born` returns it."""
+        """The time at which it started, as from `born`."""
         ...
 
     @property
@@ -52,12 +57,12 @@ class Process(Protocol):
 
 
 def identity(process: Process) -> tuple[str, int, int, int]:
-    """Return what no other process has: containers may share a host's name, and use equal ids."""
+    """Return a key that no other process has: containers may share a host's name and ids."""
     return process.host, process.namespace, process.pid, process.born
 
 
 def is_local(process: Process) -> bool:
-    """Return whether this process can look the other one up."""
+    """Check that this process can look the other one up: on this host, in this PID namespace."""
     return process.host == host_name() and process.namespace == pid_namespace()
 
 
@@ -68,7 +73,7 @@ def this_process() -> tuple[int, int, str, int]:
 
 
 def process_text(process: Process, word: str = "pid") -> str:
-    """Return a process's id after `word`, and where that is if not here."""
+    """Describe a process for people: its id after `word`, and its place if that is not here."""
     if is_local(process):
         return f"{word} {process.pid}"
     here = process.host == host_name()
@@ -76,7 +81,7 @@ def process_text(process: Process, word: str = "pid") -> str:
 
 
 def born(pid: int) -> int:
-    """Return when a process started, in clock ticks since boot; 0 if it does not run."""
+    """Look up the start of a process, in clock ticks since boot; 0 if it does not run."""
     try:
         with open(f"/proc/{pid}/stat", "rb") as file:
             # The second field is the name, in parentheses, which may contain anything. The rest
@@ -88,15 +93,15 @@ def born(pid: int) -> int:
 
 
 def lives(pid: int, started: int) -> bool:
-    """Return whether the process that started at `started` (see `born`) still runs."""
+    """Check that the process that started at `started` (see `born`) still runs."""
     return started != 0 and born(pid) == started
 
 
 def is_alive(process: Process, *, elsewhere: bool) -> bool:
-    """Return whether a process still runs; `elsewhere` is the answer where it cannot be looked up.
+    """Check that a process still runs; `elsewhere` is the answer where it cannot be looked up.
 
-    That is in another PID namespace, as of a container, and on another host. The reader decides by
-    what else it knows, such as how old the process's latest message is.
+    That is on another host, and in another PID namespace, as of a container. The caller decides it
+    by what else it knows, such as the age of the process's latest message.
     """
     if is_local(process):
         return lives(process.pid, process.born)
@@ -104,7 +109,7 @@ def is_alive(process: Process, *, elsewhere: bool) -> bool:
 
 
 def writer_lives(sample: Sample[Any]) -> bool:
-    """Return whether the process that added a message still runs.
+    """Check that the process that added a message still runs.
 
     A process with the same id that started after the message was added is a different one.
     """

@@ -1,4 +1,9 @@
-"""A board in one process: for tests, simulation, and systems without shared memory."""
+"""A board in one process: for tests, simulation, and systems without shared memory.
+
+It keeps each message encoded, and every handle decodes it for itself, as in shared memory: so the
+checks and errors are the same, and slots of one name may have classes of their own. One lock is
+held for an add and for a wait. The clock can be given, for simulated time.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +38,13 @@ class _Added(NamedTuple):
 
 
 class _Cell:
-    """A slot of the board."""
+    """A slot of the board, which all handles of its name share."""
 
     def __init__(self, slot: Slot[Any]) -> None:
         self.slot = slot
         self.latest: _Added | None = None
         self.on_add: list[weakref.WeakMethod[Callable[[int], None]]] = []
-        self.awaited_by: list[threading.Condition] = []  # of those that wait for several slots
+        self.awaited_by: list[threading.Condition] = []  # of waiters for several slots
         self.readers: weakref.WeakSet[_LocalSlot[Any]] = weakref.WeakSet()
 
     @property
@@ -159,7 +164,13 @@ class _LocalSlot(BoundSlot[M]):
 
 
 class LocalBoard(Board):
-    """A whiteboard for the threads of one process; a new one is empty."""
+    """A whiteboard for the threads of one process; a new one is empty.
+
+    Args:
+        name: for error texts only.
+        now_ns: the clock of the messages' stamps, in nanoseconds; by default CLOCK_MONOTONIC.
+
+    """
 
     def __init__(self, name: str = "local", now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         super().__init__(name)
@@ -197,7 +208,7 @@ class LocalBoard(Board):
         return self._cells[name].slot
 
     def watcher(self) -> Callable[[float], list[str]]:
-        """Return a function that waits until any slot has a new message."""
+        """Make a function that waits for a new message in any slot; see :meth:`.Board.watcher`."""
         counts: dict[str, int] = {}
         seen = self._wakes
 
@@ -222,16 +233,16 @@ class LocalBoard(Board):
         return self._wakes
 
     def read_slots(self) -> set[str]:
-        """Return the names of the slots that are read."""
+        """Return the names of the slots that are read; see :meth:`.Board.read_slots`."""
         self.check_open()
         return {name for name, cell in list(self._cells.items()) if len(cell.readers)}
 
     def waiter(self) -> Waiter:
-        """Return what waits, in one thread, for new messages in any of several slots."""
+        """Make a waiter for new messages in any of several slots; see :meth:`.Board.waiter`."""
         return _LocalWaiter(self)
 
     def wake_watchers(self) -> None:
-        """Let each watcher return, also without a new message."""
+        """End the wait of each watcher, also without a new message."""
         with self.changed:
             self._wakes += 1
             self.changed.notify_all()

@@ -1,4 +1,9 @@
-"""Messages: immutable, typed values on a whiteboard."""
+"""Messages: immutable, typed values on a whiteboard, and classes for foreign ones.
+
+A message class is checked when it is made, as far as its annotations resolve: a field that is
+mutable, or without a type, is an error at the class and not in the first reader. Tools meet slots
+whose class they cannot import; :func:`type_from_schema` makes one from the slot's schema.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +59,7 @@ class _MessageMeta(msgspec.StructMeta):
         return cls
 
 
-_PLAIN = (bool, int, float, str, bytes, tuple, msgspec.Struct)
+_PLAIN = (bool, int, float, str, bytes, tuple, msgspec.Struct)  # what looks like a field's default
 
 
 def _is_untyped(cls: type, name: str) -> bool:
@@ -87,11 +92,11 @@ _in_use: WeakValueDictionary[bytes, type[Message]] = WeakValueDictionary()
 
 
 def type_from_schema(schema: Schema) -> type[Message]:
-    """Return a class for a slot whose Python class is not available, as tools need it.
+    """Make a class for a slot whose Python class is not available, as tools need it.
 
-    As long as a class is in use, it is returned for each equal schema. It checks everything in the
-    schema but patterns. Raise :class:`.MessageTypeError` unless it is a schema as :func:`.describe`
-    makes it, neither too deep nor too large.
+    Equal schemas have one class as long as it is in use. Its messages are checked by everything in
+    the schema but patterns. Raise :class:`.MessageTypeError` unless it is a schema as
+    :func:`.describe` makes it, neither too deep nor too large.
     """
     try:
         if too_much := excess(schema):

@@ -1,4 +1,4 @@
-"""Messages and message types as users write them: a JSON object, ``geometry_msgs/Twist``."""
+"""Messages as texts: JSON objects, names of types as users write them, tables for notebooks."""
 
 from __future__ import annotations
 
@@ -15,15 +15,20 @@ from llfsm.errors import did_you_mean
 from llfsm.whiteboard import messages
 from llfsm.whiteboard.errors import MessageFieldError, MessageTypeError, name_fields
 from llfsm.whiteboard.message import Message
-from llfsm.whiteboard.schema import from_plain
+from llfsm.whiteboard.schema import from_plain, to_plain
 from llfsm.whiteboard.slots import Slot
 
 
-def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
-    """Return the message, of a slot's type, that a JSON object describes.
+def message_json(message: Message) -> str:
+    """Write a message as a JSON object, its bytes in base64; for :func:`parse_message`."""
+    return msgspec.json.encode(to_plain(message)).decode(errors="replace")
 
-    Omitted fields are zero, empty or false. Raise :class:`.MessageFieldError` if it is not a JSON
-    object with the type's fields.
+
+def parse_message(slot: Slot[Message], text: str | bytes) -> Message:
+    """Make a message of a slot's type from a JSON object.
+
+    Omitted fields are zero, empty or false. Raise :class:`.MessageFieldError` if the text is not a
+    JSON object with the type's fields.
     """
     try:
         value = json.loads(text)
@@ -45,9 +50,9 @@ def _no_object(slot: Slot[Message]) -> str:
 
 
 def message_class(name: str) -> type[Message]:
-    """Return the class ``package.module:Class``, or a shipped type as ``geometry_msgs/Twist``.
+    """Import the class ``package.module:Class``, or a shipped type, as ``geometry_msgs/Twist``.
 
-    Raise :class:`.MessageTypeError`.
+    Raise :class:`.MessageTypeError` if there is none, or it is not a Message class.
     """
     module, colon, attribute = name.partition(":")
     if not colon:
@@ -68,7 +73,7 @@ def message_class(name: str) -> type[Message]:
 
 @cache
 def shipped_types() -> tuple[type[Message], ...]:
-    """Return the types of ROS's packages that ship; the messages of llfsm's processes are none."""
+    """Return the types of ROS's packages that ship, without the messages of llfsm's processes."""
     found = iter_modules(messages.__path__, f"{messages.__name__}.")
     return tuple(
         value
@@ -102,7 +107,7 @@ def _shipped(name: str) -> type[Message]:
 
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return an HTML table; every cell is text, whatever it contains."""
+    """Make an HTML table for a notebook; every cell is shown as text, whatever it contains."""
     lines = ["<table>", _row("th", head), *(_row("td", row) for row in rows), "</table>"]
     return "\n".join(lines)
 

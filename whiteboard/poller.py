@@ -7,20 +7,16 @@ with its problem, and does not affect the others.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Set
 from typing import Any
-
-import msgspec
 
 from llfsm.whiteboard.board import Board, BoundSlot, SlotInfo
 from llfsm.whiteboard.errors import BoardClosedError, MessageTypeError, WhiteboardError
 from llfsm.whiteboard.message import Message, type_from_schema
-from llfsm.whiteboard.message_text import html_table
 from llfsm.whiteboard.messages.llfsm import (
     COMMANDERS,
     DEFINITIONS,
     JOURNALS,
-    KEEPS_READ,
     MACHINES,
     REQUESTS,
     Commanders,
@@ -28,8 +24,8 @@ from llfsm.whiteboard.messages.llfsm import (
     MachineRequest,
     MachineStatus,
 )
-from llfsm.whiteboard.own_slots import is_own
-from llfsm.whiteboard.schema import describe, to_plain
+from llfsm.whiteboard.schema import describe
+from llfsm.whiteboard.slot_names import KEEPS_READ
 from llfsm.whiteboard.slots import Sample, Slot
 
 _OURS: dict[str, type[Message]] = {
@@ -86,7 +82,7 @@ class BoardPoller:
         self._unusable: list[PolledSlot] = []  # found since the last poll
 
     def poll(self) -> list[PolledSlot]:
-        """Return the slots with a new message or a new problem since the last poll.
+        """Read the slots; return those with a new message or a new problem since the last poll.
 
         Raise :class:`.BoardClosedError` if this process has closed the board.
         """
@@ -143,12 +139,12 @@ def _read(polled: PolledSlot, bound: BoundSlot[Any]) -> None:
 
 
 def is_data(name: str) -> bool:
-    """Return whether a slot holds data: no channel for journals, nor what keeps a folder read."""
+    """Check that a slot has messages to show: it carries no journal, and keeps no folder read."""
     return not name.startswith(JOURNALS) and not name.endswith(KEEPS_READ)
 
 
 def class_of(info: SlotInfo) -> type[Message]:
-    """Return the class of a slot's messages: llfsm's own, or one made from its schema.
+    """Find the class of a slot's messages: llfsm's own, or one made from its schema.
 
     Raise :class:`.MessageTypeError` if the slot's schema is invalid.
     """
@@ -158,22 +154,3 @@ def class_of(info: SlotInfo) -> type[Message]:
         if info.name.startswith(prefix) and info.schema == _SCHEMAS[prefix]:
             return cls
     return type_from_schema(info.schema)
-
-
-_LONGEST = 200  # characters of a message
-
-
-def board_html(board: Board) -> str:
-    """Return the slots of a board but llfsm's own, with the latest message of each."""
-    return html_table(("slot", "type", "messages", "latest"), _slots(board))
-
-
-def _slots(board: Board) -> Iterator[Sequence[object]]:
-    poller = BoardPoller(board, wants=lambda name: is_data(name) and not is_own(name))
-    poller.poll()
-    for slot in poller.slots.values():
-        text = slot.problem
-        if slot.sample is not None:
-            text = msgspec.json.encode(to_plain(slot.sample.message)).decode(errors="replace")
-        shown = text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
-        yield slot.name, slot.info.type_name, slot.count, shown

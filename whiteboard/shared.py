@@ -1,4 +1,16 @@
-"""A board in shared memory: one file that every process of this host maps."""
+"""A board in shared memory: one file that every process of this host maps.
+
+The protocol is in C, ``include/llfsm_whiteboard.h``, for programs without Python, too; it needs
+memory orders and system calls that Python lacks. The extension ``_shm`` puts a handle of Python on
+it. In an add or a get it runs all of the common path without a call of Python: it compares the
+message's fields with the kinds that `_fields` has listed once for the slot, has msgspec encode the
+message into a buffer of the slot, and returns the object of the last get while the count is the
+same. All that is rare, as errors and the schemas of other processes, is left to Python: a status
+becomes an exception in :func:`.errors.raise_status`, and a slot's schema is compared there.
+
+What another process has written is never trusted: a record of the file may be damaged, a schema may
+be any text. Listing slots therefore describes an unusable one by its `problem`.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +38,7 @@ from llfsm.whiteboard.schema import Schema, excess
 from llfsm.whiteboard.slots import Slot
 
 try:
-    from llfsm.whiteboard import _shm
+    import llfsm.whiteboard._shm as _shm
 except ImportError as error:  # no Linux, or no compiler when it was installed
     _MISSING: ImportError | None = error
 else:
@@ -37,9 +49,10 @@ if TYPE_CHECKING:
     from llfsm.whiteboard.local import LocalBoard
 
 
-_MOST_SLOTS = 4096
+_MOST_SLOTS = 4096  # LWB_MAX_SLOTS
 
 Field = tuple[str, int, int, int, Any, tuple["Field", ...]]
+"""Name, kind, least and largest value or length, class of a message, fields within."""
 
 
 class Whiteboard(Board):
@@ -51,7 +64,12 @@ class Whiteboard(Board):
         create: make the board if it does not exist; else raise :class:`.BoardNotFoundError`.
 
     All threads of a process may use one object; a forked child may continue to use it. Messages
-    live as long as the board's file, until :meth:`remove`; closing only releases it.
+    live as long as the board's file, until :meth:`remove` or a reboot; closing only releases it.
+
+    Raises:
+        SharedMemoryUnavailableError: this installation has no shared memory.
+        SlotNameError: the name is invalid.
+        BoardError: the file cannot be used; which error of the tree says why.
 
     """
 
@@ -69,7 +87,7 @@ class Whiteboard(Board):
 
     @staticmethod
     def local(name: str = "local") -> LocalBoard:
-        """Return a new, empty board for this process only, with the same interface."""
+        """Make a new, empty board for this process only, with the same interface."""
         from llfsm.whiteboard.local import LocalBoard
 
         return LocalBoard(name)
@@ -83,7 +101,7 @@ class Whiteboard(Board):
         as_: str = "",
         fleet: Sequence[str] = (),
     ) -> Board:
-        """Return a board of other hosts, for a process without shared memory or a daemon.
+        """Open a board of other hosts, for a process without shared memory or a daemon.
 
         Args:
             endpoint: the Zenoh endpoint on which a daemon listens: ``tcp/robot:7447``.
@@ -126,7 +144,7 @@ class Whiteboard(Board):
     def find(self, name: str) -> Slot[Message]:
         """Return a slot that is on the board, with a class made from its schema.
 
-        For tools that do not have the slot's own class. Raise :class:`.SlotNotFoundError`, or
+        For tools that do not have its own class. Raise :class:`.SlotNotFoundError`, and
         :class:`.MessageTypeError` if its schema is invalid.
         """
         record = self._core.find(name)
@@ -138,7 +156,7 @@ class Whiteboard(Board):
         raise SlotNotFoundError(self.name, name, slots)
 
     def watcher(self) -> Callable[[float], list[str]]:
-        """Return a function that waits until any slot has a new message."""
+        """Make a function that waits for a new message in any slot; see :meth:`.Board.watcher`."""
         words, readings = bytearray(8 * _MOST_SLOTS), self._core.readings()
 
         def wait(timeout: float) -> list[str]:
@@ -164,7 +182,7 @@ class Whiteboard(Board):
         self._core.vacate(slot.name)
 
     def waiter(self) -> Waiter:
-        """Return what waits, in one thread, for new messages in any of several slots."""
+        """Make a waiter for new messages in any of several slots; see :meth:`.Board.waiter`."""
         return _SharedWaiter(self._core)
 
     @property
@@ -184,6 +202,8 @@ class Whiteboard(Board):
 
 
 class _SharedWaiter:
+    """A :class:`.Waiter`; a wake from another thread is one byte, which the C code looks at."""
+
     def __init__(self, core: _shm.Board) -> None:
         self._core = core
         self._woken = bytearray(1)
@@ -200,9 +220,9 @@ class _SharedWaiter:
 def _info(
     name: str, type_name: str, text: bytes | None, _fingerprint: int, capacity: int
 ) -> SlotInfo:
-    """Describe a slot; a damaged record does not prevent listing the others."""
-    damaged: Schema = {}
-    schema, problem = damaged, "its record in the board's file is damaged"
+    """Describe a slot from its record; one without `text` is damaged."""
+    schema: Schema = {}
+    problem = "its record in the board's file is damaged"
     if text is not None:
         schema, problem = _schema(text)
     if not name.isprintable():  # for example bytes that are not UTF-8
@@ -213,7 +233,7 @@ def _info(
 
 @lru_cache(maxsize=1024)  # slots are listed again and again, and many have the same type
 def _schema(text: bytes) -> tuple[Schema, str]:
-    """Return a schema and "", or an empty schema and why the text is invalid."""
+    """Decode a schema; return it and "", or an empty one and the reason why it is invalid."""
     try:
         schema = msgspec.json.decode(text, type=Schema)
     except (msgspec.DecodeError, RecursionError) as error:
@@ -236,11 +256,11 @@ class BoardInfo(NamedTuple):
 
     name: str
     used: bool
-    """Whether a process has it open; False for one that a crash left behind."""
+    """True while a process has it open; False for one that a crash has left."""
 
 
 def boards(directory: str | os.PathLike[str] = DIRECTORY) -> list[BoardInfo]:
-    """List this user's boards, including damaged ones (as not used)."""
+    """List this user's boards by name, also damaged ones, as not used."""
     require_shared_memory()
     found = []
     for name, path in board_files(directory):
@@ -267,7 +287,10 @@ _SMALLEST, _LARGEST = -(2**63), 2**63 - 1
 
 
 def _fields(node: mi.Type) -> tuple[Field, ...]:
-    """Return how the extension recognises an obviously valid message (see ``_fields.h``)."""
+    """List a message's fields for the extension, which by them recognises an obviously valid one.
+
+    A field of kind `_OTHER` is decoded to be checked. ``_fields.h`` is the other side of this.
+    """
     assert isinstance(node, mi.StructType)
     return tuple(_field(f.name, f.type) for f in node.fields)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from functools import cached_property
 from typing import Any, Generic, NamedTuple
-from zlib import crc32
 
 import msgspec
 
@@ -15,7 +14,6 @@ from llfsm.whiteboard.schema import Schema, describe, differences, fingerprint
 
 DEFAULT_CAPACITY = 1024
 _NAME = re.compile(r"[^\s\x00-\x1f\x7f\ud800-\udfff]{1,255}")
-_MAX_PART = 230  # bytes of another name that fit into a slot's name
 
 
 class Slot(Generic[M]):
@@ -75,16 +73,16 @@ class Slot(Generic[M]):
 
     @cached_property
     def encoder(self) -> msgspec.msgpack.Encoder:
-        """The slot's encoder."""
+        """The encoder of the slot's messages, to MessagePack."""
         return msgspec.msgpack.Encoder()
 
     @cached_property
     def decoder(self) -> msgspec.msgpack.Decoder[M]:
-        """The slot's decoder, which validates every field."""
+        """The decoder of the slot's messages, which validates every field."""
         return msgspec.msgpack.Decoder(self.type)
 
     def clash(self, theirs: Schema) -> SlotTypeError:
-        """Return the error for a slot of this name that has another type on the board."""
+        """Make the error for a slot of this name that has another type on the board."""
         try:
             how = "; ".join(differences(theirs, self.schema))
         except Exception:  # another process may write anything as a schema
@@ -97,7 +95,7 @@ class Slot(Generic[M]):
 
 
 class Sample(NamedTuple, Generic[M]):
-    """A message with its count, stamp and writer."""
+    """A message as it was added: with its count, stamp and writer."""
 
     message: M
     count: int  # type: ignore[assignment]  # hides tuple.count, which is useless here
@@ -106,11 +104,3 @@ class Sample(NamedTuple, Generic[M]):
     """When it was added: nanoseconds of this host's CLOCK_MONOTONIC."""
     writer: int
     """The id of the process that added it."""
-
-
-def legal_name(name: str) -> str:
-    """Return the name of a machine or slot in a form that is valid in another slot's name."""
-    visible = re.sub(r"[\s\x00-\x1f\x7f]", "_", name).encode("utf-8", "replace")
-    if len(visible) > _MAX_PART:  # a checksum keeps the names distinct
-        visible = visible[: _MAX_PART - 9] + b"~%08x" % crc32(visible)
-    return visible.decode("utf-8", "ignore")

@@ -1,9 +1,12 @@
-"""A callback for messages added to a slot: PUSH, for programs that need it.
+"""Each new message of a slot: to a callback in a thread, or to an ``async for``.
 
 A slot keeps only its latest message and its writers never wait. So no reader is guaranteed every
 message: a reader that reads too late misses some, and the counts show how many.
 
-An asynchronous iterator over the messages added to a slot.
+Both ways follow the slot by a `Cursor`, which waits for a count newer than its own and accounts for
+those in between. A `Backlog` is a thread that does so all the time and keeps some messages for a
+reader that is slower for a while: bounded, and the oldest go first. Every error is either about one
+message (it cannot be decoded), after which reading goes on, or the end.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from llfsm.whiteboard.slots import Sample
 _log = logging.getLogger(__name__)
 
 POLL_S = 0.05
-"""Seconds that a close may take; a wait in shared memory sleeps at most as long."""
+"""Seconds after which a wait looks whether it is to end, and so the most that a close takes."""
 
 
 class Waitable(Protocol[M]):
@@ -76,7 +79,7 @@ class Cursor(Generic[M]):
         return sample
 
     def finish(self) -> None:
-        """Return the current message once more if it is new, without waiting, and end."""
+        """End after one more :meth:`next`, which does not wait."""
         self._finishing = True
 
     def _advance(self, count: int) -> None:
@@ -109,7 +112,7 @@ class Backlog(Generic[M]):
 
     @property
     def missed(self) -> int:
-        """The number of messages that were not, and will not be, taken."""
+        """The number of messages that :meth:`take` has not returned, and will not return."""
         return self._cursor.missed + self._dropped
 
     def take(self) -> Sample[M] | None:
@@ -135,7 +138,7 @@ class Backlog(Generic[M]):
         self._cursor.finish()
 
     def stop(self) -> None:
-        """Let the thread end, soon, and discard the messages that were not taken."""
+        """Discard the messages that were not taken, and have the thread end soon."""
         with self._changed:
             self._over = True
             self._kept.clear()
@@ -212,10 +215,10 @@ class Subscription(Generic[M]):
         return not self._over and self._thread.is_alive()
 
     def finish(self) -> None:
-        """Let the subscription deliver the messages added by now, and then end.
+        """Deliver the messages added by now, and then end; return at once.
 
-        Returns at once. To end several subscriptions, finish all of them, and then :meth:`close`
-        each, which waits for its end.
+        To end several subscriptions, finish all of them, and then :meth:`close` each, which waits
+        for its end.
         """
         self._finishing = True
         self._source.finish()

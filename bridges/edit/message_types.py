@@ -16,8 +16,8 @@ from llfsm.bridges.ros2.types import TypeLibrary
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.message_text import shipped_types
-from llfsm.whiteboard.own_slots import is_own
 from llfsm.whiteboard.schema import Schema, limits
+from llfsm.whiteboard.slot_names import is_own
 
 _PLAIN = {"boolean": "bool", "integer": "int", "number": "float", "string": "str", "null": "None"}
 _ZERO = {"boolean": "False", "integer": "0", "number": "0.0", "string": '""', "null": "None"}

@@ -40,7 +40,7 @@ from llfsm.bridges.ros2.types import RosMessage, TypeLibrary
 from llfsm.bridges.ros2.types.definition import bundled, unbundled
 from llfsm.runtime.engine.failure import logger
 from llfsm.whiteboard import Message, Sample, Slot, WhiteboardError
-from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.slot_names import is_own
 
 CDR = "cdr"
 

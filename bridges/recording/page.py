@@ -40,7 +40,7 @@ from llfsm.whiteboard.messages.llfsm import (
     variables_slot,
     why_slot,
 )
-from llfsm.whiteboard.slots import legal_name
+from llfsm.whiteboard.slot_names import legal_name
 
 SILENT_NS: Final = round(SILENT_S * 1e9)
 _READ_NS: Final = 10_000_000  # of reading at a time, or more for one chunk

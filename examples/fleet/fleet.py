@@ -15,7 +15,7 @@ Shape = Literal["row", "circle", "end"]
 
 
 class Order(Message):
-    """What the fleet is to form; "end" lets all machines end."""
+    """The shape that the fleet is to form; "end" ends all machines."""
 
     number: int = 0
     shape: Shape = "row"
@@ -34,7 +34,7 @@ CMD_VEL = Slot("turtle1/cmd_vel", Twist)
 
 
 def place(shape: Shape, number: int) -> tuple[float, float]:
-    """Return where a turtle, 1 to `SIZE`, has its place."""
+    """Return the place of a turtle, 1 to `SIZE`, in metres."""
     if shape == "row":
         return float(number), 1.0
     angle = 2 * pi * number / SIZE
@@ -59,7 +59,7 @@ class Member(Machine):
     end = State()
 
     def way(self) -> tuple[float, float]:
-        """Return how far it is, and how much to the left."""
+        """Return the metres to its place, and the angle to the left in radians."""
         assert self.pose is not None
         x, y = place(self.order.shape, self.number)
         angle = atan2(y - self.pose.y, x - self.pose.x) - self.pose.theta
@@ -69,7 +69,7 @@ class Member(Machine):
 
     @wait.to(travel)
     def new_order(self) -> bool:
-        """Return whether there is an order that it has not carried out."""
+        """Check for an order that it has not carried out."""
         return self.pose is not None and self.order.number > self.obeyed
 
     @travel.internal
@@ -87,12 +87,12 @@ class Member(Machine):
         self.drive(Twist())
 
     def rests(self) -> bool:
-        """Return whether it stands still, as its pose, which is of a moment ago, knows."""
+        """Check that it stands still, by its pose, which is of a moment ago."""
         return self.pose is not None and self.pose.linear_velocity == 0
 
     @settle.to(travel)
     def has_rolled_on(self) -> bool:
-        """Return whether it stopped too late: the network may be slow."""
+        """Check that it stopped too late: the network may be slow."""
         return self.rests() and self.way()[0] > 2 * NEAR
 
     settle.to(arrived, when=rests)

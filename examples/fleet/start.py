@@ -73,7 +73,7 @@ def arrive(board: Whiteboard, order: Order) -> float:
 
 
 def farthest(board: Whiteboard, shape: Shape) -> float:
-    """Return how far from its place the worst turtle is, as the field knows it."""
+    """Return the metres of the worst turtle from its place, by the poses on the field."""
     distances = []
     for number in NUMBERS:
         pose = board.get_message(Slot(f"turtle{number}/pose", Pose))

@@ -51,16 +51,16 @@ class Arena:
         self.space.step(seconds)
 
     def touched(self) -> bool:
-        """Return whether the rover touches something."""
+        """Check that the rover touches something."""
         return bool(self.space.shape_query(self.rover))
 
     def ranges(self) -> Ranges:
-        """Return what the range sensors measure."""
+        """Measure the distances of the five range sensors."""
         rays = (self.look(self.body.angle + side, REACH + RADIUS) for side in SIDES)
         return Ranges(*(distance - RADIUS for distance, _ in rays))
 
     def picture(self) -> bytes:
-        """Return what the camera sees: the nearer a wall, the taller and the brighter."""
+        """Make the picture of the camera: the nearer a wall, the taller and the brighter."""
         columns = []
         for column in range(COLUMNS):
             side = atan2(FOCUS - column, FOCUS)
@@ -72,7 +72,7 @@ class Arena:
         return b"".join(columns)
 
     def look(self, angle: float, reach: float) -> tuple[float, bool]:
-        """Return how far it is to what a ray hits, and whether that is the beacon."""
+        """Return the metres to the first thing that a ray hits, and True if that is the beacon."""
         begin = self.body.position
         end = begin + pymunk.Vec2d(reach * cos(angle), reach * sin(angle))
         hit = self.space.segment_query_first(begin, end, 0, self.rover.filter)

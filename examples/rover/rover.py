@@ -33,7 +33,7 @@ class Spotter(Machine):
 
     @look.to(answer)
     def new_picture(self) -> bool:
-        """Return whether there is a picture that it has not looked at."""
+        """Check for a picture that it has not looked at."""
         return self.picture is not None and self.picture.number != self.seen
 
     @answer.on_entry
@@ -66,15 +66,15 @@ class Rover(Machine):
     parked = State(suspend=True)
 
     def sees_nothing(self) -> bool:
-        """Return whether the range sensors are silent."""
+        """Check that the range sensors are silent."""
         return self.ranges is None
 
     def bumped(self) -> bool:
-        """Return whether something touches it."""
+        """Check that something touches it."""
         return self.bumper.pressed
 
     def in_sight(self) -> bool:
-        """Return whether the latest picture shows the beacon."""
+        """Check that the latest picture shows the beacon."""
         return self.beacon.columns > 0
 
     @blind.on_entry
@@ -84,7 +84,7 @@ class Rover(Machine):
 
     @blind.to(follow)
     def sees(self) -> bool:
-        """Return whether the range sensors work."""
+        """Check that the range sensors work."""
         return self.ranges is not None
 
     follow.to(blind, when=sees_nothing)
@@ -93,7 +93,7 @@ class Rover(Machine):
 
     @follow.to(turn)
     def wall_ahead(self) -> bool:
-        """Return whether it must turn away to the left."""
+        """Check for a wall, from which it must turn away to the left."""
         return self.ranges is not None and self.ranges.ahead < CLOSE
 
     @follow.internal
@@ -115,7 +115,7 @@ class Rover(Machine):
 
     @turn.to(follow, after_ms=300)
     def free_ahead(self) -> bool:
-        """Return whether it may drive ahead."""
+        """Check that it may drive ahead."""
         return self.ranges is not None and self.ranges.ahead > 2 * CLOSE
 
     approach.to(blind, when=sees_nothing)

@@ -1,4 +1,4 @@
-"""What the rover and its world exchange: 100 times a second, and pictures ten times."""
+"""The messages between the rover and its world: 100 times a second, and pictures ten times."""
 
 from llfsm.whiteboard import Message, Slot
 
@@ -16,7 +16,7 @@ class Ranges(Message):
 
 
 class Bumper(Message):
-    """Whether something touches the rover."""
+    """The bumper, pressed while something touches the rover."""
 
     pressed: bool = False
 
@@ -29,7 +29,7 @@ class Picture(Message):
 
 
 class Beacon(Message):
-    """Where the latest picture shows the beacon."""
+    """The place of the beacon in the latest picture."""
 
     columns: int = 0  # that show it; 0: it is not in the picture
     middle: float = 0.0  # of them: -1 on the left edge of the picture, 1 on the right one

@@ -41,6 +41,6 @@ class World(Machine):
 
     @driving.to(over)
     def rests_at_the_beacon(self) -> bool:
-        """Return whether the rover has arrived and stands still."""
+        """Check that the rover has arrived and stands still."""
         distance = self.arena.body.position.get_distance(PLACE)
         return distance < 0.6 and self.arena.left == self.arena.right == 0

@@ -478,14 +478,10 @@ def summary_publisher(board: Board, *, died_s: float = 3600.0) -> Callable[[Mirr
 def _summary(status: MirrorStatus, slots: StatusSlots, died_s: float) -> HostSummary:
     samples = dict(sorted(_samples(slots, died_s)))
     troubles = [each for name, sample in samples.items() for each in _troubles(name, sample)]
-    return HostSummary(
+    return HostSummary.of(
+        status,
         system=socket.gethostname()[:255],
         sent_ns=time.time_ns(),
-        leave_rate=status.leave_rate,
-        enter_rate=status.enter_rate,
-        sent_rate=status.sent_rate,
-        received_rate=status.received_rate,
-        refused=sum(each.count for each in status.refused),
         machines=len(samples),
         troubled=len(troubles),
         troubles=tuple(troubles[:_MOST]),

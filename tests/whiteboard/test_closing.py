@@ -41,5 +41,5 @@ print(*set(found), len(found))
 def test_a_message_and_the_closing_end_a_wait_at_the_same_time(
     tmp_path: Path, run_python: Callable[..., str], wait: str
 ) -> None:
-    """What the thread waited on may not be mapped any more when it goes on."""
+    """The memory on which the thread waited may not be mapped any more when it goes on."""
     assert run_python(SCRIPT, tmp_path, wait) == "BoardClosedError 300\n"

@@ -1,4 +1,4 @@
-"""What every kind of board promises, asked of each."""
+"""The promises of a board, kept by every kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every kind of board refuses, and how it ends; asked of each."""
+"""The refusals of a board, and its end; the same for every kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the asynchronous iteration promises on every kind of board."""
+"""The promises of the asynchronous iteration, on every kind of board."""
 
 from __future__ import annotations
 

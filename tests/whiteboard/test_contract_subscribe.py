@@ -1,4 +1,4 @@
-"""What `subscribe` promises on every kind of board."""
+"""The promises of `subscribe`, on every kind of board."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from html import unescape
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -90,6 +91,9 @@ def test_a_deep_schema_makes_a_slot_unusable_and_no_other(board: Whiteboard, dep
     polled = {each.name: each for each in BoardPoller(board).poll()}
     assert polled["deeper"].problem
     assert polled["lamp"].sample is not None
+    table = unescape(board._repr_html_())
+    assert infos["deeper"].problem[:150] in table
+    assert '{"data":true}' in table
     assert board.get_message(board.find("lamp")).data is True  # type: ignore[union-attr]
 
 

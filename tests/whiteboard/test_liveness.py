@@ -1,4 +1,4 @@
-"""Whether processes still run, asked of real ones."""
+"""Real processes are known to run, or to have ended."""
 
 from __future__ import annotations
 

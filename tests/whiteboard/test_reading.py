@@ -1,4 +1,4 @@
-"""Which slots are read: what a daemon fetches from other hosts, and no more than that."""
+"""The slots that are read, which a daemon fetches from other hosts, and no others."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ def test_a_stream_raises_it_once_and_goes_on(add_junk: Callable[[], int], tmp_pa
 
 
 def test_a_subscription_ends_if_the_slot_is_damaged(tmp_path: Path) -> None:
-    """What no later message can mend is the end: reported, and not again and again."""
+    """An error that no later message can mend is the end: reported once."""
     errors: queue.SimpleQueue[Exception] = queue.SimpleQueue()
     with Whiteboard("board", directory=tmp_path) as board:
         number = board[NUMBER]

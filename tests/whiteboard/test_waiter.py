@@ -198,14 +198,14 @@ print(board.waiter().wait({a: a.count}, 600) == [a], flush=True)
 
 
 def alarms(board: Whiteboard) -> int:
-    """Return how often those who wait for several slots were woken."""
+    """Count the times at which waiters for several slots were woken."""
     with board.path.open("rb") as file:
         file.seek(52)
         return int.from_bytes(file.read(4), "little")
 
 
 def is_armed(board: Whiteboard) -> bool:
-    """Return whether the board's first slot may be one that somebody waits for."""
+    """Check that the board's first slot may be one that somebody waits for."""
     with board.path.open("rb") as file:
         file.seek(448)
         file.seek(int.from_bytes(file.read(8), "little") + 76)

@@ -1,19 +1,21 @@
-"""Messages between llfsm's own processes: the status of machines, and requests to them.
+"""Messages between llfsm's own processes, and the slots in which they are.
 
-What the daemon that mirrors a board publishes of itself and of other hosts.
+All are under ``llfsm/``, most in a folder for each kind: ``llfsm/machine/Wall`` has the status of
+the machine `Wall`. In order: machines and requests to them; debugging; commanders and last wills;
+recording; the daemon that mirrors a board; other hosts of a fleet.
 
-Messages by which a host finds the others of its fleet, and what they have.
-
-What a debugger publishes of machines.
+A process is named by its id, its start, its host and its PID namespace (see :mod:`.liveness`). Ages
+are seconds before a message's stamp, so that they mean the same on a host with another clock.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Any, Literal, Self, TypeAlias
 
 from llfsm.whiteboard.message import Message
-from llfsm.whiteboard.slots import Slot, legal_name
+from llfsm.whiteboard.slot_names import KEEPS_READ, legal_name
+from llfsm.whiteboard.slots import Slot
 
 __all__ = [
     "BELL",
@@ -75,74 +77,14 @@ __all__ = [
     "will_slot",
 ]
 
+_LARGE = 1 << 16  # bytes: the capacity of slots about many hosts
 
-class PeerStatus(Message):
-    """Another host, as seen by the daemon of a board."""
-
-    name: str
-    host: str
-    silent_s: float
-    lag_ms: float  # from sending a batch to receiving it; as accurate as the clocks
-    received: int  # batches
-    lost: int  # batches that did not arrive
-    certificate: str = ""  # the name in it, if that is known
-
-
-class QuotaStatus(Message):
-    """What a host has taken of its quota, since the daemon started."""
-
-    name: str  # in its certificate; empty for all hosts that share a quota
-    slots: int  # that it has made here
-    max_slots: int
-    bytes: int  # of shared memory for them
-    max_bytes: int
-    over_rate: int  # messages of the network that were dropped
-
-
-class Refusal(Message):
-    """A kind of message or connection that was refused, and how often."""
-
-    what: str
-    count: int
-
-
-class MirrorStatus(Message):
-    """The status of the daemon that mirrors a board, published once a second.
-
-    Rates are per second since the previous status, of slots or of bytes. A conflict is a message
-    from another host that arrived after a newer one of the same slot.
-    """
-
-    host: str = ""
-    pid: int = 0
-    slots: int = 0
-    left: int = 0
-    entered: int = 0
-    leave_rate: float = 0.0
-    enter_rate: float = 0.0
-    conflicts: int = 0
-    held_back: int = 0  # messages of slots that arrive too often; the newest enters later
-    peers: tuple[PeerStatus, ...] = ()
-    quotas: tuple[QuotaStatus, ...] = ()
-    refused: tuple[Refusal, ...] = ()
-    partition_s: float = 3.0  # a host that was silent for so long counts as dead
-    name: str = ""  # of the host; empty if it has none
-    fleet: tuple[str, ...] = ()  # globs of the others' names
-    sent_rate: float = 0.0  # bytes; a batch counts once, however many hosts read it
-    received_rate: float = 0.0
-
-
-MIRROR = Slot("llfsm/mirror", MirrorStatus, capacity=1 << 16)
-
+# ---- Machines -------------------------------------------------------------------------------
 
 MACHINES = "llfsm/machine/"
+REQUESTS = "llfsm/request/"
 DEFINITIONS = "llfsm/definition/"
 VARIABLES = "llfsm/variables/"
-REQUESTS = "llfsm/request/"
-WILLS = "llfsm/will/"
-COMMANDERS = "llfsm/commander/"
-JOURNALS = "llfsm/journal/"
-"""Slots that carry bytes from arrangements to a recorder; tools do not show or record them."""
 
 Debugging: TypeAlias = Literal[
     "pause", "renew", "step", "continue", "break", "clear", "override", "release"
@@ -151,9 +93,9 @@ Action: TypeAlias = Literal["suspend", "resume", "restart", "reload", "stop"] | 
 
 
 class OverriddenSensor(Message):
-    """A sensor that finds what a debugger has given it, not what is in its slot.
+    """A sensor that finds a message which a debugger has given it, in place of the slot's.
 
-    That ends `left_s` seconds after the message's stamp, unless it is renewed; without a time, only
+    It ends `left_s` seconds after the message's stamp, unless it is renewed; without a time, only
     when the sensor is released.
     """
 
@@ -170,15 +112,15 @@ class MachineStatus(Message):
     request that takes effect at its next ringlet; `obeyed` is the count of the latest request seen.
     The process has id `pid` in PID namespace `namespace` of `host`, and started `born` clock ticks
     after boot. After its code has raised, the machine is `failed` until it is resumed or restarted:
-    `error` describes it in one line, with section, file and line, `error_state` is the state whose
-    code that was, and `error_s` is how many seconds before the message's stamp. While its code is
-    `hung`, a watchdog publishes the status, and `error` is where that is. `realtime` is the
+    `error` describes that in one line, with section, file and line, `error_state` is the state of
+    that code, and `error_s` the seconds from then to the message's stamp. While its code is `hung`,
+    a watchdog publishes the status, and `error` is the place in the code. `realtime` is the
     priority at which it has its turns, or 0, and `cpu` the only core for them, or -1. While a
-    debugger has paused the machines of its process, `paused` is why; they go on `paused_left_s`
-    seconds after the message's stamp, unless that is renewed, without a time only when they are
-    continued. Meanwhile the states' `clock` runs on, stands still, or is a simulation's. `caller`
-    is the machine that has called this one as a submachine, while that is loaded; `refusal` is why
-    it is not reloaded.
+    debugger has paused the machines of its process, `paused` is the reason; they go on
+    `paused_left_s` seconds after the message's stamp, unless that is renewed, without a time only
+    when they are continued. Meanwhile the states' `clock` runs on, stands still, or is a
+    simulation's. `caller` is the machine that has called this one as a submachine, while that is
+    loaded; `refusal` is the reason why it was not reloaded.
     """
 
     state: str = ""
@@ -217,8 +159,8 @@ class MachineRequest(Message):
     A "reload" restarts it from the current version of its bundle. Those from "pause" to "clear"
     are for all machines of its process. A pause by "pause", "step" or a breakpoint, and an
     "override", last for `lease_s` seconds; "renew" lets them last so long from then on. `argument`
-    is what to step, the breakpoint to add by "break" or to remove by "clear", the sensor to
-    "release", or the one to "override", then a space and the message, in JSON, that it finds.
+    is the kind of step, the breakpoint to add by "break" or to remove by "clear", the sensor to
+    "release", or the one to "override", then a space and the message for it in JSON.
     """
 
     action: Action
@@ -233,30 +175,6 @@ class Bell(Message):
 
 
 BELL = Slot("llfsm/bell", Bell)
-
-
-class Commander(Message):
-    """A machine that posts to a slot, and claims to be the only one if `exclusive`.
-
-    It is run by process `pid` in PID namespace `namespace` of `host`, which started `born` clock
-    ticks after boot; `number` distinguishes the claims of that process. Without a name, it is no
-    machine, but that process, which was seen to post.
-    """
-
-    machine: str
-    pid: int
-    born: int
-    host: str
-    namespace: int
-    number: int
-    exclusive: bool = False
-
-
-class Commanders(Message):
-    """Who posts to `slot`, where machines do; a process that has died may have left its own."""
-
-    slot: str
-    commanders: tuple[Commander, ...] = ()
 
 
 class DefinedSection(Message):
@@ -322,6 +240,122 @@ class MachineVariables(Message):
     sensors: tuple[VariableValue, ...] = ()
 
 
+@lru_cache(maxsize=128)  # making a slot takes its time
+def status_slot(machine: str) -> Slot[MachineStatus]:
+    """Return the slot for a machine's status."""
+    return Slot(MACHINES + legal_name(machine), MachineStatus)
+
+
+@lru_cache(maxsize=128)
+def request_slot(machine: str) -> Slot[MachineRequest]:
+    """Return the slot for requests to a machine."""
+    return Slot(REQUESTS + legal_name(machine), MachineRequest)
+
+
+@lru_cache(maxsize=128)
+def definition_slot(machine: str) -> Slot[MachineDefinition]:
+    """Return the slot for a machine's definition."""
+    return Slot(DEFINITIONS + legal_name(machine), MachineDefinition, 32 << 10)
+
+
+@lru_cache(maxsize=128)
+def variables_slot(machine: str) -> Slot[MachineVariables]:
+    """Return the slot for a machine's variables."""
+    return Slot(VARIABLES + legal_name(machine), MachineVariables, 16 << 10)
+
+
+# ---- Debugging ------------------------------------------------------------------------------
+
+WHYS = "llfsm/why/"
+
+
+class Viewer(Message):
+    """Requests :class:`MachineVariables` for two seconds, with `why` :class:`MachineWhy`, too.
+
+    Process `pid` shows them.
+    """
+
+    pid: int
+    why: bool = False
+
+
+VIEWER = Slot("llfsm/viewer", Viewer)
+
+
+class SeenTransition(Message):
+    """A transition as it was evaluated, or would be; no value if that takes a call with effects.
+
+    `seen` is its expression with the values of its parts, or "not evaluated" if an earlier one has
+    fired or raised.
+    """
+
+    target: str
+    label: str
+    value: bool | None
+    seen: str
+
+
+class MachineWhy(Message):
+    """The transitions that keep a machine in `state`, for `llfsm why`; published for a viewer.
+
+    They are as they were evaluated `evaluated_s` seconds before the message's stamp, by the
+    machine's clock; without a time, as they would be then, on the last snapshot. While paused
+    where a transition has fired, from `source`, `before` are those of that state; if the machine
+    has `failed` there, it is the state whose code has raised. The `breakpoints` are those of all
+    machines of its process; `problem` is the reason why the last request was refused, or empty.
+    """
+
+    state: str
+    transitions: tuple[SeenTransition, ...]
+    source: str = ""
+    before: tuple[SeenTransition, ...] = ()
+    breakpoints: tuple[str, ...] = ()
+    problem: str = ""
+    evaluated_s: float | None = None
+    failed: bool = False
+
+
+def viewer_slot(host: str = "") -> Slot[Viewer]:
+    """Return the slot for viewers of a host's machines; by default of this one."""
+    return Slot(f"{VIEWER.name}/{host}/", Viewer) if host else VIEWER
+
+
+@lru_cache(maxsize=128)
+def why_slot(machine: str) -> Slot[MachineWhy]:
+    """Return the slot for why a machine is in its state."""
+    return Slot(WHYS + legal_name(machine), MachineWhy, 16 << 10)
+
+
+# ---- Commanders and last wills --------------------------------------------------------------
+
+COMMANDERS = "llfsm/commander/"
+WILLS = "llfsm/will/"
+
+
+class Commander(Message):
+    """A machine that posts to a slot, and claims to be the only one if `exclusive`.
+
+    It is run by process `pid` in PID namespace `namespace` of `host`, which started `born` clock
+    ticks after boot; `number` distinguishes the claims of that process. Without a name, it is no
+    machine, but that process, which was seen to post.
+    """
+
+    machine: str
+    pid: int
+    born: int
+    host: str
+    namespace: int
+    number: int
+    exclusive: bool = False
+
+
+class Commanders(Message):
+    """The machines that post to `slot`; a process that has died may have left its own here."""
+
+    slot: str
+    commanders: tuple[Commander, ...] = ()
+
+
 class SafeValue(Message):
     """An encoded message, and the slot to which it is posted."""
 
@@ -330,7 +364,7 @@ class SafeValue(Message):
 
 
 class LastWill(Message):
-    """What guards post if the process of a machine dies without shutting down.
+    """The messages that guards post if the process of a machine dies without shutting down.
 
     The machine runs in process `pid` of `host`, which started `born` clock ticks after boot and
     whose id is one of the PID namespace `namespace`. If that publishes no status for `silent_ms`,
@@ -352,18 +386,26 @@ WILL_BELL = Slot("llfsm/wills", Bell)
 """Notifies guards that a machine has left a last will."""
 
 
-class Viewer(Message):
-    """Requests variables for two seconds, and with `why` why states are kept, for viewer `pid`."""
+@lru_cache(maxsize=128)
+def commanders_slot(slot: str) -> Slot[Commanders]:
+    """Return the slot for the machines that post to a slot."""
+    return Slot(COMMANDERS + legal_name(slot), Commanders, 4 << 10)
 
-    pid: int
-    why: bool = False
+
+@lru_cache(maxsize=128)
+def will_slot(machine: str) -> Slot[LastWill]:
+    """Return the slot for a machine's last will."""
+    return Slot(WILLS + legal_name(machine), LastWill, 8 << 10)
 
 
-VIEWER = Slot("llfsm/viewer", Viewer)
+# ---- Recording ------------------------------------------------------------------------------
+
+JOURNALS = "llfsm/journal/"
+"""Slots that carry bytes from arrangements to a recorder; tools do not show or record them."""
 
 
 class Recorder(Message):
-    """The recorder: published when it has taken something, and at least four times a second.
+    """The recorder: published when it has taken a part, and at least four times a second.
 
     It is process `pid` in PID namespace `namespace` of `host`, started `born` clock ticks after
     boot; 0 if there is none. `taken` holds, for each journal slot by its number, the count up to
@@ -400,52 +442,108 @@ class JournalPart(Message):
     data: bytes = b""
 
 
-@lru_cache(maxsize=128)  # making a slot takes its time
-def status_slot(machine: str) -> Slot[MachineStatus]:
-    """Return the slot for a machine's status."""
-    return Slot(MACHINES + legal_name(machine), MachineStatus)
-
-
-@lru_cache(maxsize=128)
-def request_slot(machine: str) -> Slot[MachineRequest]:
-    """Return the slot for requests to a machine."""
-    return Slot(REQUESTS + legal_name(machine), MachineRequest)
-
-
-@lru_cache(maxsize=128)
-def commanders_slot(slot: str) -> Slot[Commanders]:
-    """Return the slot for the machines that post to a slot."""
-    return Slot(COMMANDERS + legal_name(slot), Commanders, 4 << 10)
-
-
-@lru_cache(maxsize=128)
-def definition_slot(machine: str) -> Slot[MachineDefinition]:
-    """Return the slot for a machine's definition."""
-    return Slot(DEFINITIONS + legal_name(machine), MachineDefinition, 32 << 10)
-
-
-@lru_cache(maxsize=128)
-def variables_slot(machine: str) -> Slot[MachineVariables]:
-    """Return the slot for a machine's variables."""
-    return Slot(VARIABLES + legal_name(machine), MachineVariables, 16 << 10)
-
-
-@lru_cache(maxsize=128)
-def will_slot(machine: str) -> Slot[LastWill]:
-    """Return the slot for a machine's last will."""
-    return Slot(WILLS + legal_name(machine), LastWill, 8 << 10)
-
-
 @lru_cache(maxsize=128)
 def journal_slot(number: int) -> Slot[JournalPart]:
     """Return the slot for the journal of that number."""
     return Slot(f"{JOURNALS}{number}", JournalPart, 128 << 10)
 
 
-KEEPS_READ = "/."
-"""The end of the name of a slot that never has a message: who reads it reads its folder."""
+# ---- The daemon that mirrors a board --------------------------------------------------------
 
-_CAPACITY = 1 << 16
+
+class PeerStatus(Message):
+    """Another host, as the daemon of a board knows it."""
+
+    name: str
+    host: str
+    silent_s: float
+    lag_ms: float  # from sending a batch to receiving it; as accurate as the clocks
+    received: int  # batches
+    lost: int  # batches that did not arrive
+    certificate: str = ""  # the name in it, if that is known
+
+
+class QuotaStatus(Message):
+    """The part of its quota that a host has taken since the daemon started."""
+
+    name: str  # in its certificate; empty for all hosts that share a quota
+    slots: int  # that it has made here
+    max_slots: int
+    bytes: int  # of shared memory for them
+    max_bytes: int
+    over_rate: int  # messages of the network that were dropped
+
+
+class Refusal(Message):
+    """A kind of message or connection that was refused, and how often."""
+
+    what: str
+    count: int
+
+
+class MirrorStatus(Message):
+    """The status of the daemon that mirrors a board, published once a second.
+
+    Rates are per second since the previous status, of messages of slots or of bytes. A conflict is
+    a message from another host that arrived after a newer one of the same slot. This is the one
+    list of metrics: :meth:`.Exchange.status` fills it, and the text of `llfsm whiteboard status`,
+    its JSON, and the summary on the page of all hosts are made from it.
+    """
+
+    host: str = ""
+    pid: int = 0
+    slots: int = 0
+    left: int = 0
+    entered: int = 0
+    leave_rate: float = 0.0
+    enter_rate: float = 0.0
+    conflicts: int = 0
+    held_back: int = 0  # messages of slots that arrive too often; the newest enters later
+    peers: tuple[PeerStatus, ...] = ()
+    quotas: tuple[QuotaStatus, ...] = ()
+    refused: tuple[Refusal, ...] = ()
+    partition_s: float = 3.0  # a host that was silent for so long counts as dead
+    name: str = ""  # of the host; empty if it has none
+    fleet: tuple[str, ...] = ()  # globs of the others' names
+    sent_rate: float = 0.0  # bytes; a batch counts once, however many hosts read it
+    received_rate: float = 0.0
+
+    def text(self) -> str:
+        """Write the status for people: a line for each metric, peer, quota and refusal."""
+        lines = [
+            f"mirrored by process {self.pid}, host {self.host}"
+            + (f", as {self.name}" if self.name else ""),
+            f"slots      {self.slots} may leave",
+            f"left       {self.left}, {self.leave_rate:g} a second",
+            f"entered    {self.entered}, {self.enter_rate:g} a second",
+            f"traffic    {self.sent_rate / 1000:.1f} kB/s out, {self.received_rate / 1000:.1f} in",
+            f"conflicts  {self.conflicts}",
+            f"held back  {self.held_back}",
+        ]
+        for peer in self.peers:
+            last = f", the last {peer.silent_s:.1f} s ago" if peer.silent_s > 1 else ""
+            certified = f", certificate {peer.certificate}" if peer.certificate else ""
+            lines.append(
+                f"peer       {peer.host} {peer.name}{certified}: lag {peer.lag_ms:.1f} ms, "
+                f"{peer.received} batches{last}, {peer.lost} lost"
+            )
+        for quota in self.quotas:
+            lines.append(
+                f"quota      {quota.name or 'other hosts'}: {quota.slots} of {quota.max_slots} "
+                f"slots, {quota.bytes >> 20} of {quota.max_bytes >> 20} MiB, {quota.over_rate} "
+                f"over the rate"
+            )
+        lines += [f"refused    {refusal.count} x {refusal.what}" for refusal in self.refused]
+        return "\n".join(lines)
+
+
+MIRROR = Slot("llfsm/mirror", MirrorStatus, capacity=_LARGE)
+
+
+# ---- Other hosts of a fleet -----------------------------------------------------------------
+
+SUMMARIES = "llfsm/summary"
+"""The slot of a host's summary on that host, and the folder of others'."""
 
 
 class Hosts(Message):
@@ -454,27 +552,17 @@ class Hosts(Message):
     names: tuple[str, ...] = ()
 
 
-HOSTS = Slot("llfsm/hosts", Hosts, capacity=_CAPACITY)
+HOSTS = Slot("llfsm/hosts", Hosts, capacity=_LARGE)
 
 
 class Folders(Message):
-    """The folders of a named host's own slots, as others have them."""
+    """The folders of a named host's own slots, by their names for other hosts."""
 
     folders: tuple[str, ...] = ()
 
 
-def folders_slot(host: str = "") -> Slot[Folders]:
-    """Return the slot for the folders of a host; by default of this one, if it has a name."""
-    return Slot(f"llfsm/folders/{host}/" if host else "llfsm/folders", Folders, _CAPACITY)
-
-
-def viewer_slot(host: str = "") -> Slot[Viewer]:
-    """Return the slot for viewers of a host's machines; by default of this one."""
-    return Slot(f"{VIEWER.name}/{host}/", Viewer) if host else VIEWER
-
-
 class MachineTrouble(Message):
-    """A machine that does not do its work: its `condition`, as in `llfsm ps`, and why."""
+    """A machine that does not do its work: its `condition`, as in `llfsm ps`, and the error."""
 
     machine: str
     condition: str
@@ -484,7 +572,7 @@ class MachineTrouble(Message):
 class HostSummary(Message):
     """A named host in a few lines, for others that look at the fleet; published once a second.
 
-    Rates are per second: of messages of slots that leave and enter, of bytes sent and received.
+    Fields of the same name are its daemon's, from :class:`MirrorStatus`.
     """
 
     system: str = ""  # the host's name in its network
@@ -498,53 +586,20 @@ class HostSummary(Message):
     troubled: int = 0  # how many of these are in trouble
     troubles: tuple[MachineTrouble, ...] = ()  # of the first of these
 
+    @classmethod
+    def of(cls, status: MirrorStatus, **of_host: Any) -> Self:
+        """Sum up a daemon's status, with `of_host` for the fields that are not in it."""
+        shared = {*cls.__struct_fields__} & {*MirrorStatus.__struct_fields__}
+        metrics = {name: getattr(status, name) for name in shared}
+        metrics["refused"] = sum(each.count for each in status.refused)
+        return cls(**metrics, **of_host)
 
-SUMMARIES = "llfsm/summary"
-"""The slot of a host's summary on that host, and the folder of others'."""
+
+def folders_slot(host: str = "") -> Slot[Folders]:
+    """Return the slot for the folders of a host; by default of this one, if it has a name."""
+    return Slot(f"llfsm/folders/{host}/" if host else "llfsm/folders", Folders, _LARGE)
 
 
 def summary_slot(host: str = "") -> Slot[HostSummary]:
     """Return the slot for the summary of a host; by default of this one, if it has a name."""
-    return Slot(f"{SUMMARIES}/{host}/" if host else SUMMARIES, HostSummary, _CAPACITY)
-
-
-WHYS = "llfsm/why/"
-
-
-class SeenTransition(Message):
-    """A transition as it was evaluated, or would be; no value if that takes a call with effects.
-
-    `seen` is its expression with the values of its parts; "not evaluated" if one before it has
-    fired, or has raised.
-    """
-
-    target: str
-    label: str
-    value: bool | None
-    seen: str
-
-
-class MachineWhy(Message):
-    """Why a machine is in `state`: its transitions; posted for a viewer.
-
-    They are as they were evaluated `evaluated_s` seconds before the message's stamp, by the
-    machine's clock; without a time, as they would be then, on the last snapshot. While paused
-    where a transition has fired, from `source`, `before` are those of that state; it is the one
-    whose code has raised if the machine has `failed` there. The `breakpoints` are those of all
-    machines of its process; `problem` is why the last request was refused.
-    """
-
-    state: str
-    transitions: tuple[SeenTransition, ...]
-    source: str = ""
-    before: tuple[SeenTransition, ...] = ()
-    breakpoints: tuple[str, ...] = ()
-    problem: str = ""
-    evaluated_s: float | None = None
-    failed: bool = False
-
-
-@lru_cache(maxsize=128)
-def why_slot(machine: str) -> Slot[MachineWhy]:
-    """Return the slot for why a machine is in its state."""
-    return Slot(WHYS + legal_name(machine), MachineWhy, 16 << 10)
+    return Slot(f"{SUMMARIES}/{host}/" if host else SUMMARIES, HostSummary, _LARGE)

@@ -1,6 +1,18 @@
-"""What other hosts send, on its way to the board: checked, held to its rate, and added.
+"""Messages of other hosts on their way to the board: checked, held to their rate, and added.
 
-The route of each slot between the board and the other hosts: its directions and its rate.
+A message passes these gates, in order: it can be decoded; its slot has a name here (see
+:mod:`.naming`); its sender may add to that (`access`); the slot has a route, by which messages
+enter, and the sender's type of it is the board's; its version is not too far ahead of the clock;
+its slot is not over its rate; the slot holds it; it is newer than the board's. One that fails is
+refused alone, counted under its kind, and logged once for each kind.
+
+A slot that the board does not have is made from its declaration, which a sender adds to the first
+message; if that batch was lost, the slot is `unknown` until a query is answered, with declarations.
+
+Nothing a sender does may cost this host more than the sender's quota: a message is charged before
+it is looked at, a declaration by its length, a new slot by its memory, and what could not be used
+before is not tried again. The route of a slot is looked up by its name once, and then kept: names,
+directions, rates.
 """
 
 from __future__ import annotations
@@ -26,18 +38,27 @@ from llfsm.whiteboard.mirror.peers import Peers, Source
 from llfsm.whiteboard.mirror.quotas import Quotas, Refusals, Refused
 from llfsm.whiteboard.mirror.settings import Settings, matcher
 from llfsm.whiteboard.mirror.store import Cell, Outcome, Store
-from llfsm.whiteboard.own_slots import OWN
+from llfsm.whiteboard.slot_names import OWN
 
-_EARLY_NS = 5_000_000
+T = TypeVar("T")
+_VALUES = decoder(Value)
+_DECLARATIONS = decoder(Declaration)
+_EARLY_NS = 5_000_000  # by which a message may pass before its time, for jitter
 _BURST = 2  # arrivals may come at this multiple of the slot's rate; more are held back
+_MAX_UNKNOWN = 4096  # types of senders to keep track of
+_MAX_DECLARATION = 1 << 20  # bytes, as of a schema on a board
+_BYTES_OF_TIME = 64  # of a declaration cost as much time as a message, at least
+_MAX_REASON = 1000  # characters kept of why a slot cannot be used
+_NAMES_NS = 50_000_000  # between two looks for an unknown name: each reads the whole board
+_NOTHING = matcher(())
+_DAY_NS = 86_400 * 10**9
 
 
 class RateLimit:
-    """When the next message may pass.
+    """Limits a slot's messages to one each period, up to 5 ms early if the previous one was not.
 
-    One message may pass each period, up to 5 ms early if the previous one was not: the generic cell
-    rate algorithm of ITU-T I.371. So messages that come at the permitted rate, but with jitter, do
-    not wait each time.
+    This is the generic cell rate algorithm of ITU-T I.371: messages that come at the permitted
+    rate, but with jitter, do not wait each time.
 
     Args:
         period_ns: nanoseconds from one message to the next.
@@ -50,7 +71,7 @@ class RateLimit:
         self._period_ns = period_ns
         self._least_ns = max(0, period_ns - _EARLY_NS)
         self.due_ns = 0
-        """When the next message may pass."""
+        """The time from which the next message may pass."""
 
     def record(self, now_ns: int) -> None:
         """Record that a message passes now."""
@@ -58,7 +79,7 @@ class RateLimit:
 
 
 class Route:
-    """Whether and when messages of a slot leave the board and enter it."""
+    """The way of a slot's messages between the board and other hosts: directions and rates."""
 
     __slots__ = ("arrivals", "cell", "departures", "enters", "group", "leaves", "sent", "wire")
 
@@ -72,6 +93,7 @@ class Route:
         self.departures = RateLimit(period_ns)
         self.arrivals = RateLimit(period_ns // _BURST)
         self.sent: Version | None = None
+        """Of the message that has left last."""
 
 
 class Routes:
@@ -80,21 +102,21 @@ class Routes:
     def __init__(self, store: Store, settings: Settings, refusals: Refusals) -> None:
         self._store = store
         self.naming = Naming(settings.as_, settings.fleet)
-        """The names of slots here and elsewhere."""
+        """Converts the names of slots here into those elsewhere, and back."""
         self._refusals = refusals
         self._period_ns = settings.period_ns()
         self._leaves = matcher(settings.leave)
         self.enters = matcher(() if settings.read_only else settings.enter)
-        """Returns whether other hosts may add to a slot."""
+        """Checks that other hosts may add to a slot of that name."""
         self._routes: dict[str, Route] = {}
         self._groups: dict[str, list[tuple[str, Route]]] = {}
         self.offered: dict[str, bool] = {}
-        """The groups that have messages which may leave, and which of them are about machines."""
+        """The groups that have messages which may leave; True for those about machines."""
 
     def to_receive(self, read: Iterable[str]) -> set[str]:
-        """Return the groups of slots that are read and may enter, and of a named host's own.
+        """Return the groups of slots that are read and may enter, and of a named host's own slots.
 
-        What is for it arrives, also in slots that have no message yet.
+        So messages to its own slots arrive without a reader, also in slots that have none yet.
         """
         if self.naming.host:
             names = (info.name for info in self._store.board.slots())
@@ -103,11 +125,11 @@ class Routes:
         return {group_of(wire) for wire in wires if wire is not None}
 
     def known(self, name: str) -> Route | None:
-        """Return the route of a slot that was asked for before."""
+        """Return the route of a slot if it was asked for before, else None."""
         return self._routes.get(name)
 
     def get(self, name: str) -> Route:
-        """Return the route of a slot; raise `Refused` if its record on the board is unusable."""
+        """Return the route of a slot on the board; raise `Refused` if its record is unusable."""
         route = self._routes.get(name)
         if route is None:
             leaves, enters = self._leaves(name), self.enters(name)
@@ -137,7 +159,7 @@ class Routes:
         return route
 
     def in_order(self, groups: Iterable[str]) -> list[str]:
-        """Return groups with those first that are about machines.
+        """Sort groups, those about machines first.
 
         A machine leaves its will before it commands anything; so it does on other hosts.
         """
@@ -151,19 +173,6 @@ class Routes:
         return [(name, route) for name, route in routes if route is not None]
 
 
-T = TypeVar("T")
-
-_VALUES = decoder(Value)
-_DECLARATIONS = decoder(Declaration)
-_MAX_UNKNOWN = 4096  # types of senders to keep track of
-_MAX_DECLARATION = 1 << 20  # bytes, as of a schema on a board
-_BYTES_OF_TIME = 64  # of a declaration cost as much time as a message, at least
-_MAX_REASON = 1000  # characters kept of why a slot cannot be used
-_NAMES_NS = 50_000_000  # between two looks for an unknown name: each reads the whole board
-_NOTHING = matcher(())
-_DAY_NS = 86_400 * 10**9
-
-
 class _Held(NamedTuple):
     """A message that came too soon after the previous one of its slot."""
 
@@ -173,7 +182,7 @@ class _Held(NamedTuple):
 
 
 class Arrivals:
-    """Adds other hosts' messages to the board. For one thread at a time.
+    """Adds other hosts' messages to the board, for one thread at a time.
 
     Args:
         store: the board, with versions.
@@ -210,17 +219,17 @@ class Arrivals:
         self._wall_ns = wall_ns
         self._access = {name: matcher(globs) for name, globs in settings.access.items()}
         self._held: dict[str, _Held] = {}
-        self._busy_ns = 0  # until when an arriving message may be held back
+        self._busy_ns = 0  # the time until which an arriving message may be held back
         self.unknown: set[str] = set()
         """Slots whose type at a sender has to be queried."""
         self._names: set[str] = set()  # of the board's slots, as read
-        self._names_ns = 0  # when they may be read again
+        self._names_ns = 0  # the time from which they may be read again
         self.entered = 0
         self.conflicts = 0
         self.held_back = 0
 
     def steps(self, source: Source, batch: ReceivedBatch) -> Iterator[None]:
-        """Add the messages of a batch, one in each step; one that cannot enter is refused alone."""
+        """Add the messages of a batch, one in each step; refuse those that cannot enter."""
         account = self._quotas.account(source.name)
         declared = {}
         for raw in batch.declarations:
@@ -253,14 +262,14 @@ class Arrivals:
             yield
 
     def _may_add(self, source: Source, slot: str) -> bool:
-        """Return whether the sender may add to a slot, if the settings list who may."""
+        """Check that the sender is listed for a slot in `access`; count a refusal if not."""
         if self._access.get(source.name, _NOTHING)(slot):
             return True
         self._refusals.add(f"from {source}: {slot}", f"slot {slot!r}: {source} may not add to it")
         return False
 
     def _here(self, sent: Value | None) -> Value | None:
-        """Return a message with the name that its slot has here; None, counted, if it has none."""
+        """Give a message the name of its slot here; return None, counted, if it has none."""
         value = None if sent is None else self._routes.naming.arriving(sent)
         if sent is not None and value is None:
             self._refusals.add(
@@ -279,9 +288,10 @@ class Arrivals:
     def _find_route(
         self, source: Source, value: Value, declaration: Declaration | None
     ) -> Route | None:
-        """Return the route of a slot, made if necessary, if the sender's type is the board's.
+        """Return the route of a slot, made if necessary; None for a message that waits or may not.
 
-        None if the slot may not enter, or the sender has to be queried for its type.
+        It may not enter, or has to wait until the sender was queried for the slot's type. Raise
+        `Refused` if the slot cannot be made, or the sender's type is not the board's.
         """
         name = value.slot
         if not self._routes.enters(name):
@@ -308,7 +318,7 @@ class Arrivals:
         return route
 
     def _exists(self, name: str) -> bool:
-        """Return whether a slot is on the board, or was when all names were read last."""
+        """Check that a slot is on the board, or was when all names were read last."""
         if self._routes.known(name) is not None or name in self._names:
             return True
         now_ns = self._now_ns()
@@ -337,7 +347,7 @@ class Arrivals:
             raise
 
     def _is_timely(self, source: Source, value: Value) -> bool:
-        """Return whether a message's version is not too far ahead of this host's clock."""
+        """Check that a message's version is at most `ahead_s` ahead of this host's clock."""
         ahead_ns = value.version.time - self._wall_ns()
         if ahead_ns <= self._ahead_ns:
             return True
@@ -390,7 +400,7 @@ class Arrivals:
                     self._refuse(held.source, slot, error)
 
     def due_ns(self) -> list[int]:
-        """Return when messages that are held back may enter, or arriving ones at once again."""
+        """Return the times at which held messages may enter, or arriving ones at once again."""
         due = [held.route.arrivals.due_ns for held in self._held.values()]
         if self._now_ns() < self._busy_ns:
             due.append(self._busy_ns)

@@ -1,15 +1,6 @@
-"""What hosts send to each other: MessagePack arrays, each field validated when it is decoded.
+"""The messages between hosts, and the rule by which those of slots are merged.
 
-A sender numbers the batches of each group of slots, so that a receiver notices a lost one and asks
-for the sender's messages of that group again. A heartbeat carries the number of the group's last
-batch, in case that one was lost.
-
-A receiver decodes each message of a batch on its own: one that is malformed does not take the
-others with it.
-
-Which of two messages of a slot is newer: the whole rule.
-
-Each message has a version, assigned once, on the host where it was added:
+**The rule.** Each message of a slot has a version, assigned once, on the host where it was added:
 
 * Its time is the host's clock, or one nanosecond more than the version of the previous message on
   that host's board if that is later. This is a hybrid logical clock (Kulkarni et al., OPODIS 2014)
@@ -25,6 +16,12 @@ any number of times, hold the same one, and no board ever goes back.
 A version may run ahead of this host's clock by a bound, as in uhlc; one that is further ahead
 counts as none. Otherwise, one message with the largest version would close its slot for good:
 nothing could replace it, and what builds on it would leave the range of versions.
+
+**The messages** are MessagePack arrays, each field validated when it is decoded. A sender numbers
+the batches of each group of slots, so that a receiver notices a lost one and asks for the sender's
+messages of that group again. A heartbeat carries the number of the group's last batch, in case that
+one was lost. A receiver decodes each message of a batch on its own: one that is malformed does not
+take the others with it.
 """
 
 from __future__ import annotations
@@ -34,12 +31,27 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+VERSION = 4
+"""The version of this protocol; hosts with another one only report each other."""
+
+_CHUNK = 1 << 16  # bytes of messages in a batch; a longer message travels alone
+_BUFFERS = 4  # of each writer of a slot, as in llfsm_whiteboard.h
+_EACH_SLOT = Meta(max_length=4096)  # of a board; checked before memory is taken for the items
+
 Id = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
 Time = Annotated[int, Meta(ge=0, lt=1 << 62)]  # until the year 2116, and adding never overflows
+_RawItems = Annotated[tuple[msgspec.Raw, ...], _EACH_SLOT]
+_Name = Annotated[str, Meta(min_length=1, max_length=255)]
+
+encode = msgspec.msgpack.encode
+decoder = msgspec.msgpack.Decoder
 
 
 class Version(msgspec.Struct, frozen=True, order=True, array_like=True, forbid_unknown_fields=True):
-    """When and where a message was added; the larger one is newer."""
+    """The time and the host of an add; of two messages, the one with the larger version is newer.
+
+    The order of the fields is the order of versions.
+    """
 
     time: Time
     """Nanoseconds since 1970, of a hybrid logical clock."""
@@ -47,24 +59,12 @@ class Version(msgspec.Struct, frozen=True, order=True, array_like=True, forbid_u
 
 
 def succeed(before: Version | None, wall_ns: int, host: int) -> Version:
-    """Return the version of a message that `host` adds at `wall_ns` on top of another one."""
+    """Make the version of a message that `host` adds at `wall_ns` on top of another one."""
     return Version(wall_ns if before is None else max(wall_ns, before.time + 1), host)
 
 
-VERSION = 4
-"""Of this protocol; hosts with another version only report each other."""
-
-_CHUNK = 1 << 16  # bytes of messages in a batch; a longer message travels alone
-
-_BUFFERS = 4  # of each writer of a slot, as in llfsm_whiteboard.h
-_EACH_SLOT = Meta(max_length=4096)  # of a board; checked before memory is taken for the items
-
-_RawItems = Annotated[tuple[msgspec.Raw, ...], _EACH_SLOT]
-_Name = Annotated[str, Meta(min_length=1, max_length=255)]
-
-
 class Value(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """A slot's message."""
+    """A slot's message, encoded as on the board, with its version."""
 
     slot: _Name
     kind: Annotated[int, Meta(ge=0)]
@@ -82,11 +82,11 @@ class Declaration(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_f
 
 
 class _Head(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Who sends a batch, and when."""
+    """The sender of a batch, and the time of sending."""
 
     sender: Id
     born: Time
-    """When the sender started; its numbers restart with it."""
+    """The time at which the sender started; its numbers restart with it."""
     number: Id
     sent_ns: Time
     """By the sender's clock, since 1970."""
@@ -107,7 +107,7 @@ class ReceivedBatch(_Head, frozen=True, array_like=True, forbid_unknown_fields=T
 
 
 class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Reports to a group's readers that a host is alive, a few times a second."""
+    """Shows a group's readers that a host is alive, a few times a second."""
 
     sender: Id
     born: Time
@@ -115,6 +115,7 @@ class Heartbeat(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fie
     """Of its latest batch."""
     sent_ns: Time
     name: Annotated[str, Meta(max_length=255)]
+    """The host's name in its network."""
 
 
 class StateQuery(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
@@ -123,17 +124,16 @@ class StateQuery(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
     known: Annotated[tuple[tuple[_Name, Version], ...], _EACH_SLOT]
 
 
-encode = msgspec.msgpack.encode
-decoder = msgspec.msgpack.Decoder
-
-
 def footprint(declaration: Declaration) -> int:
-    """Return how many bytes of shared memory a slot takes that this process makes and adds to."""
+    """Count the bytes of shared memory of a slot that this process makes and adds to."""
     return _BUFFERS * declaration.capacity + len(msgspec.json.encode(declaration.schema))
 
 
 def divide(values: list[Value]) -> list[list[Value]]:
-    """Divide messages into batches; return at least one, which may be empty."""
+    """Divide messages into batches of 64 KiB or one message; return at least one batch.
+
+    Small ones come first, so that no large message delays them.
+    """
     if len(values) == 1:
         return [values]
     found: list[list[Value]] = [[]]

@@ -43,9 +43,9 @@ def daemon(board: Whiteboard, settings: Settings) -> Iterator[Mirror]:
 
 
 def status_publisher(board: Whiteboard) -> Callable[[MirrorStatus], None]:
-    """Return a function that publishes a status on the board, for `llfsm whiteboard status`.
+    """Make a function that publishes a status on the board, for `llfsm whiteboard status`.
 
-    The supervisor gets a sign of life with each, and restarts a daemon that publishes none.
+    With each, it feeds the supervisor's watchdog, which restarts a daemon that publishes none.
     """
 
     def publish(status: MirrorStatus) -> None:
@@ -59,7 +59,7 @@ def status_publisher(board: Whiteboard) -> Callable[[MirrorStatus], None]:
 
 
 def notify_supervisor(state: str) -> None:
-    """Notify systemd if it has started this process with ``Type=notify``."""
+    """Notify systemd, as sd_notify(3) does, if it has started this process with ``Type=notify``."""
     address = os.environ.get("NOTIFY_SOCKET")
     if address:
         if address.startswith("@"):  # the name of a socket without a file

@@ -1,9 +1,24 @@
 """One host's part of mirroring: collecting batches to send, and applying those that arrive.
 
-It uses no network and no clock of its own: bytes come in and go out, and clocks are passed in. So
-the daemon, a connected process and the simulation run the same code.
+**What is exchanged.** When a process of this host has added to a slot, the slot's newest message
+leaves in a batch, one for each group of slots (see :mod:`.groups`) that another host reads, as soon
+as the slot's rate permits. Batches of a group are numbered, and heartbeats repeat the last number.
+Who misses a number asks that host for the group's messages, listing the versions of its own; the
+reply is batches, without numbers, of what is newer there. All hosts are asked when a group is read
+for the first time, after connections, and once a minute.
 
-What a host sends and receives, and how much of it in a second.
+**Why it converges.** Versions alone decide which message a board keeps (see :mod:`.batches`), so a
+batch may come twice, late or in any order. Every loss is noticed, by the next batch or heartbeat,
+and a query is repeated until it is answered in full. A batch has only what was added on its
+sender's host, so nothing circles; a reply has whatever is newer there, so the messages of a host
+that is gone spread, too. Once no process adds any more, all readers of a slot that reach each other
+hold its newest message.
+
+**No queue grows.** What waits to leave is a set of slots, and what waits to enter one message for
+each slot. A slow network or a busy host gets fewer messages, not older ones.
+
+It uses no network and no clock of its own: bytes come in and go out, and clocks are passed in. So
+the daemon, a connected process and the simulation in ``examples/mirror`` run the same code.
 """
 
 from __future__ import annotations
@@ -12,7 +27,7 @@ import os
 import socket
 from collections import Counter
 from collections.abc import Callable, Iterable
-from typing import NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -36,43 +51,7 @@ from llfsm.whiteboard.mirror.quotas import Quotas, Refusals
 from llfsm.whiteboard.mirror.settings import Settings
 from llfsm.whiteboard.mirror.store import Store
 
-
-class Rates(NamedTuple):
-    """What one second has brought, on average since the rates before."""
-
-    left: float
-    """Messages of slots."""
-    entered: float
-    sent: float
-    """Bytes."""
-    received: float
-
-
-class Traffic:
-    """Counts what leaves and what comes; not what Zenoh and the network add to it.
-
-    A batch counts once, however many hosts read it: they share it as far as a router forwards it.
-    """
-
-    def __init__(self, now_ns: int) -> None:
-        self.left = 0
-        """Messages of slots that were sent."""
-        self.sent = self.received = 0
-        """Bytes of all kinds of messages between hosts."""
-        self._before = (0, 0, 0, 0)
-        self._before_ns = now_ns
-
-    def rates(self, entered: int, now_ns: int) -> Rates:
-        """Return the rates since the last call; so many messages of slots have `entered` so far."""
-        counts = (self.left, entered, self.sent, self.received)
-        seconds = max((now_ns - self._before_ns) / 1e9, 1e-9)
-        grown = (now - before for now, before in zip(counts, self._before, strict=True))
-        self._before, self._before_ns = counts, now_ns
-        return Rates(*(round(each / seconds, 1) for each in grown))
-
-
 T = TypeVar("T")
-
 _BATCHES = decoder(ReceivedBatch)
 _HEARTBEATS = decoder(Heartbeat)
 _QUERIES = decoder(StateQuery)
@@ -82,7 +61,7 @@ _ANNOUNCE_NS = 2_000_000_000  # from a connection on, so that a lost announcemen
 
 
 class Exchange:
-    """What a board sends and receives. Threads may share it.
+    """Decides what a board sends, and takes what it receives. Threads may share it.
 
     Args:
         store: the board, with versions.
@@ -110,7 +89,7 @@ class Exchange:
         self._lock = store.lock
         self._born = wall_ns()
         self._numbers: Counter[str] = Counter()  # of the latest batch, by group
-        self._announced_ns = 0  # until when all groups are announced
+        self._announced_ns = 0  # the time until which all groups are announced
         self.interest = Interest(settings.eager, now_ns())
         self._changed: dict[str, Route] = {}  # in the order of the changes
         self._traffic = Traffic(now_ns())
@@ -132,7 +111,7 @@ class Exchange:
     # ---- Sending ----------------------------------------------------------------------------
 
     def collect(self, slots: Iterable[str] = (), *, ignore_rates: bool = False) -> list[Packet]:
-        """Return batches to send: the newest message of each slot that has changed and is read.
+        """Make batches to send now: the newest message of each slot that has changed and is read.
 
         `slots` are those that may have changed since the last call. A slot waits until its rate
         permits it to leave, unless `ignore_rates`. One that nobody reads does not leave.
@@ -176,7 +155,7 @@ class Exchange:
             return packets
 
     def _look(self, slots: Iterable[str]) -> None:
-        """Record what has changed, `slots` perhaps among it."""
+        """Record which slots have changed: any of `slots`, and those of which there is news."""
         changed, routes, news = self._changed, self._routes, self._store.news
         for name in slots:
             route = routes.offered_by(name)
@@ -196,7 +175,7 @@ class Exchange:
     def _pack(
         self, values: list[Value], declarations: list[Declaration], group: str | None
     ) -> list[bytes]:
-        """Return batches, with the next numbers of a group; a reply has none."""
+        """Make batches, with the next numbers of a group; those of a reply have none."""
         packed, naming = [], self._routes.naming
         if naming.host:
             values = list(map(naming.leaving, values))
@@ -222,7 +201,7 @@ class Exchange:
             return self._routes.in_order(self._routes.offered)
 
     def heartbeats(self) -> list[Packet]:
-        """Return a heartbeat for each group that is read, and has news of this host.
+        """Make a heartbeat for each group that is read, and has news of this host.
 
         A host that receives only what is read here leaves the rest to who adds it: otherwise, all
         readers of a slot would report to each other. But it does so while hosts connect.
@@ -243,7 +222,7 @@ class Exchange:
             return beats
 
     def begin_sending(self, group: str) -> None:
-        """Send what a group has that was not sent, as another host has begun to read it."""
+        """Have :meth:`collect` send all of a group, as another host has begun to read it."""
         with self._lock:
             routes = self._routes.of(group)
             self._changed.update((name, route) for name, route in routes if route.leaves)
@@ -255,13 +234,13 @@ class Exchange:
             self.interest.connect(to_router)
 
     def read(self, slots: Iterable[str]) -> set[str]:
-        """Return the groups to receive, as these slots are read here; see `Interest.change`."""
+        """Return the groups to receive now that these slots are read; see `Interest.change`."""
         with self._lock:
             self._peers.restart(self.interest.change(self._routes.to_receive(slots)))
             return self.interest.groups
 
     def queries(self) -> list[Query]:
-        """Return the queries to send now."""
+        """Make the queries to send now: for new groups to all hosts, for gaps to one each."""
         with self._lock:
             if self._settings.read_only or not self._settings.enter:
                 return []
@@ -276,17 +255,17 @@ class Exchange:
             return found
 
     def query_for_all(self) -> Query:
-        """Return a query for all that other hosts have."""
+        """Make a query to all hosts for all groups."""
         with self._lock:
             return Query(EVERY_HOST, 0, self._query(EVERY_GROUP)[0])
 
     def _query(self, group: str) -> tuple[bytes, int]:
-        """Return a query for a group's messages, and how many are known."""
+        """Make a query for a group's messages; return it, and the number of those known here."""
         known = tuple(self._known(group))
         return encode(StateQuery(known)), len(known)
 
     def _known(self, group: str) -> list[tuple[str, Version]]:
-        """Return the versions of a group's messages that other hosts may have, too."""
+        """List the versions of a group's messages that other hosts may have, too."""
         shared = (
             (route.wire, self._store.version(route.cell))
             for name, route in self._routes.of(group)
@@ -297,9 +276,9 @@ class Exchange:
         return known
 
     def reply(self, data: bytes, name: str = "", group: str = EVERY_GROUP) -> list[bytes]:
-        """Return the reply to another host's query for a group: the messages that are newer here.
+        """Make the reply to another host's query for a group: the messages that are newer here.
 
-        `name` is the one in its certificate. What it makes this host send counts as its traffic.
+        `name` is the one in its certificate. The reply's bytes count as the traffic of that host.
         """
         query = self._admit(_QUERIES, data, name, "query")
         if query is None:
@@ -362,14 +341,14 @@ class Exchange:
                     return False
 
     def end_reply(self, query: Query, *, complete: bool = True) -> None:
-        """Record that all parts of a reply have arrived, or that none will."""
+        """Record that all parts of a reply have arrived, or that no more will."""
         with self._lock:
             self._peers.end_reply(query.source, query.gaps if complete else 0)
 
     def _admit(
         self, decoder: msgspec.msgpack.Decoder[T], data: bytes, name: str, what: str
     ) -> T | None:
-        """Return decoded data; None if it is malformed, or over the rates of its sender."""
+        """Decode data; return None, counted, if it is malformed or its sender over a rate."""
         with self._lock:
             self._traffic.received += len(data)
             if not self._quotas.account(name).admits(len(data), self._now_ns()):
@@ -394,26 +373,22 @@ class Exchange:
     # ---- Status -----------------------------------------------------------------------------
 
     def due_ns(self) -> int | None:
-        """Return when the next waiting message may leave or enter; None if none waits."""
+        """Return the time at which a waiting message may leave or enter; None if none waits."""
         with self._lock:
             due = [route.departures.due_ns for route in self._changed.values()]
             return min(due + self._arrivals.due_ns(), default=None)
 
     def status(self) -> MirrorStatus:
-        """Return the status; its rates are averages since the last call."""
+        """Fill in the status; its rates are averages since the last call."""
         with self._lock:
             arrivals, now_ns = self._arrivals, self._now_ns()
-            rates = self._traffic.rates(arrivals.entered, now_ns)
             return MirrorStatus(
                 host=f"{self._store.host:016x}",
                 pid=os.getpid(),
                 slots=sum(route.leaves for _, route in self._routes.of(EVERY_GROUP)),
                 left=self._traffic.left,
                 entered=arrivals.entered,
-                leave_rate=rates.left,
-                enter_rate=rates.entered,
-                sent_rate=rates.sent,
-                received_rate=rates.received,
+                **self._traffic.rates(arrivals.entered, now_ns),
                 conflicts=arrivals.conflicts,
                 held_back=arrivals.held_back,
                 peers=tuple(self._peers.status(now_ns))[:_MAX_LISTED],
@@ -423,3 +398,36 @@ class Exchange:
                 name=self._settings.as_,
                 fleet=self._settings.fleet,
             )
+
+
+class Traffic:
+    """Counts messages and bytes between hosts, without what Zenoh and the network add.
+
+    A batch counts once, however many hosts read it: they share it as far as a router forwards it.
+    """
+
+    def __init__(self, now_ns: int) -> None:
+        self.left = 0
+        """Messages of slots that were sent."""
+        self.sent = self.received = 0
+        """Bytes of all kinds of messages between hosts."""
+        self._before: dict[str, int] = {}
+        self._before_ns = now_ns
+
+    def rates(self, entered: int, now_ns: int) -> dict[str, Any]:
+        """Return the rates of a :class:`.MirrorStatus`: per second, since the last call.
+
+        So many messages of slots have `entered` so far.
+        """
+        counts = {
+            "leave_rate": self.left,
+            "enter_rate": entered,
+            "sent_rate": self.sent,
+            "received_rate": self.received,
+        }
+        seconds = max((now_ns - self._before_ns) / 1e9, 1e-9)
+        before, self._before, self._before_ns = self._before, counts, now_ns
+        return {
+            name: round((count - before.get(name, 0)) / seconds, 1)
+            for name, count in counts.items()
+        }

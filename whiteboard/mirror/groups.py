@@ -1,19 +1,17 @@
-"""The groups of slots: what travels together, and what a host reads or does not read.
+"""Groups of slots: the unit of travelling and of being read; and which a host receives.
 
 A group is a folder: the slots whose names are equal up to the last ``/``. Slots that are read
 together are mostly in one folder, as ``robot7/arm/angle`` and ``robot7/arm/speed`` are, and so one
 message carries all that changed among them. With a key for each slot, each would need a message of
 its own; with a fixed number of groups, each would bring a share of what everybody publishes, and
-that grows with the hosts.
+that grows with the hosts. In a key, a folder is a hash of its name: names have characters that keys
+do not have.
 
-In a key, a folder is a hash of its name: names have characters that keys do not have.
-
-Which groups of slots this host receives, and when it asks all other hosts for them.
-
-A host that is connected directly reports itself, and one that adds to a slot reports by heartbeats
-what was missed. Neither is seen of a host that only has what another one has added which is gone
-since, if routers are between them. So what is received is asked for after each connection to a
-router, and once a minute, as routers may have lost and found each other.
+A host receives the groups that are read on it, and asks all others for each at the beginning. Later
+losses are noticed: a host that is connected directly reports itself, and one that adds to a slot
+shows by heartbeats that something was missed. Neither comes from a host that only has messages of
+one that is gone since, if routers are between them. So all groups are asked for again after each
+connection to a router, and once a minute, as routers may have lost and found each other.
 """
 
 from __future__ import annotations
@@ -24,16 +22,15 @@ from hashlib import blake2b
 EVERY_GROUP = ""
 """In place of a group: all of them."""
 
+_ASK_AGAIN_NS = 60_000_000_000  # between two queries to all hosts for the groups received
+_NEW_AT_ONCE = 16  # groups: a process that reads thousands must not stop this host from sending
+
 
 @lru_cache(maxsize=8192)
 def group_of(slot: str) -> str:
     """Return the group of a slot."""
     folder = slot.rpartition("/")[0].encode(errors="surrogateescape")
     return blake2b(folder, digest_size=8).hexdigest()
-
-
-_ASK_AGAIN_NS = 60_000_000_000
-_NEW_AT_ONCE = 16  # groups: a process that reads thousands must not stop this host from sending
 
 
 class Interest:
@@ -43,14 +40,14 @@ class Interest:
         self._is_eager = eager
         self.groups = {EVERY_GROUP} if eager else set[str]()
         self.is_complete = True
-        """Whether these are all that are wanted."""
+        """False while some that are wanted are not received yet; see :meth:`change`."""
         self._asked: set[str] = set()
         self._again_ns = now_ns + _ASK_AGAIN_NS
 
     def change(self, wanted: set[str]) -> set[str]:
-        """Receive these groups from now on; return the new ones, which are asked for.
+        """Receive these groups from now on; return the new ones, for which all hosts are asked.
 
-        These are a few at a time, as each takes a while: call it again for the others.
+        A few new ones at a time, as each takes a while: call it again for the others.
         """
         new = set(sorted(wanted - self.groups)[:_NEW_AT_ONCE])
         self.groups = (self.groups & wanted) | new
@@ -67,7 +64,7 @@ class Interest:
             self._asked |= self.groups
 
     def take(self, now_ns: int) -> list[str]:
-        """Return the groups to ask all hosts for now."""
+        """Return the groups for which to ask all hosts now, once."""
         if now_ns >= self._again_ns:
             self._again_ns = now_ns + _ASK_AGAIN_NS
             self._asked |= self.groups

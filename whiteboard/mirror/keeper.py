@@ -1,8 +1,8 @@
 """A file in which the latest messages of chosen slots outlive all hosts of a board.
 
-The file is written anew as a whole and then takes the place of the previous one, so that whoever is
-killed, or loses power, leaves one of the two. Its messages carry their versions: what is restored
-from it is as old as it was, and replaces nothing that is newer.
+The file is written anew as a whole and then takes the place of the previous one, so that a daemon
+that is killed, or loses power, leaves one of the two. Its messages carry their versions: a restored
+one is as old as it was, and replaces none that is newer.
 
 A daemon locks its file. The lock is taken before the file has its name, so there is no moment at
 which another daemon could have it.
@@ -14,29 +14,28 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
-from stat import S_ISREG
 from typing import NamedTuple, TypeAlias
 from zlib import crc32
 
 import msgspec
 
+from llfsm.whiteboard.board_files import lock, open_own
 from llfsm.whiteboard.errors import (
     BoardCorruptError,
     BoardError,
     BoardMirroredError,
-    BoardPermissionError,
     WhiteboardError,
 )
 from llfsm.whiteboard.mirror.batches import Declaration, Value
 from llfsm.whiteboard.mirror.quotas import Refused
 from llfsm.whiteboard.mirror.settings import KeepSettings, matcher
 from llfsm.whiteboard.mirror.store import Store
-from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.slot_names import is_own
 
 _MAGIC = b"LLKEPT1\n"
 _CHECKSUM = 4  # bytes after it
 Refuse: TypeAlias = Callable[[str, str], object]
-"""Counts what was refused, and why, and logs it once."""
+"""Counts a refusal under its kind, the first argument; logs the reason, the second, once."""
 
 _PAUSE_S = 1.0  # between two writes
 
@@ -91,7 +90,7 @@ class Keeper:
     def _open(self) -> None:
         """Lock the file and read it; make one if there is none."""
         try:
-            self._file = _open_own(self._path)
+            self._file = open_own(self._path)
         except FileNotFoundError:
             self._replace()
             return
@@ -122,7 +121,7 @@ class Keeper:
         return content
 
     def restore(self, store: Store, refuse: Refuse) -> None:
-        """Add what the file has to a board that has nothing newer; report what cannot be added."""
+        """Add the file's messages to a board where it has none newer; report those that fail."""
         for name, kept in self._slots.items():
             try:
                 store.declare(kept.declaration)
@@ -134,7 +133,7 @@ class Keeper:
                 refuse(f"from {self._path}", str(error))
 
     def follow(self, changed: Iterable[str], store: Store, now_s: float, refuse: Refuse) -> None:
-        """Keep what has changed, now or soon: the file is written once a second at most."""
+        """Keep the slots that have changed, now or soon: it writes once a second at most."""
         self._changed.update(filter(self._keeps, changed))
         if now_s >= self._due_s and (self._writing is None or self._writing.done()):
             self._report(refuse)
@@ -145,7 +144,7 @@ class Keeper:
                 self._writing = self._writer.submit(self._replace)
 
     def finish(self, store: Store, refuse: Refuse) -> None:
-        """Keep what has changed, and wait until it is written."""
+        """Keep all that has changed, and wait until it is written."""
         self.wait_written()
         self.follow((), store, self._due_s, refuse)
         self.wait_written()
@@ -187,7 +186,7 @@ class Keeper:
         """Write the file, and put it in place of the previous one."""
         packed = msgspec.msgpack.encode(_Content(self._board, tuple(self._slots.values())))
         new = self._path.with_name(f"{self._path.name}.new")
-        file = _open_own(new, os.O_CREAT)
+        file = open_own(new, os.O_CREAT, 0o644)
         try:
             self._lock(file)
             os.truncate(file, 0)
@@ -208,12 +207,8 @@ class Keeper:
             os.close(folder)
 
     def _lock(self, file: int) -> None:
-        import fcntl  # here, as Windows lacks it, where boards of other hosts can be read
-
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise self._is_kept() from None
+        if not lock(file):
+            raise self._is_kept()
 
     def _is_kept(self) -> BoardMirroredError:
         return BoardMirroredError(
@@ -221,22 +216,9 @@ class Keeper:
         )
 
     def close(self) -> None:
-        """Release the file."""
+        """Wait for a write that has begun, and release the file."""
         self._writer.shutdown()
         os.close(self._file)
-
-
-def _open_own(path: Path, flags: int = 0) -> int:
-    """Open a file of this user: whoever owns it could put messages on the board."""
-    file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, 0o644)
-    status = os.fstat(file)
-    if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
-        os.close(file)
-        raise BoardPermissionError(
-            f"{path}: belongs to another user, or is not a regular file; messages cannot be kept: "
-            f"remove it, or choose another file"
-        )
-    return file
 
 
 def _checksum(packed: bytes) -> bytes:

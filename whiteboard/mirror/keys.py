@@ -35,7 +35,7 @@ _ALL = "all"  # for `EVERY_GROUP`, as no part of a key is empty
 
 
 def usable_name(name: str | None) -> str:
-    """Return the name of a certificate, or ``-`` if it cannot be part of a key."""
+    """Return the name in a certificate, or ``-`` if it cannot be part of a key."""
     return name if name and _NAME.fullmatch(name) else "-"
 
 
@@ -87,7 +87,7 @@ class Keys:
         return f"{self._root}/hosts/*/{called}/*"
 
     def is_own(self, token: str) -> bool:
-        """Return whether a token is this host's."""
+        """Check that a token is this host's."""
         return token.endswith(f"/{self._id}")
 
     def answer(self, asked: Asked) -> str:
@@ -96,40 +96,40 @@ class Keys:
 
 
 def host_in(token: str) -> tuple[str, str]:
-    """Return the name in the certificate of a token's host, and what it is called."""
+    """Read from a token the name in its host's certificate, and the host's own name."""
     _, name, called, _ = token.rsplit("/", 3)
     return name, called
 
 
 def version_in(key: str) -> str:
-    """Return the protocol's version in a key."""
+    """Read the protocol's version from a key."""
     return key.split("/", 2)[1]
 
 
 def board_in(key: str) -> str:
-    """Return the name of the board in a key."""
+    """Read the name of the board from a key."""
     return key.split("/", 3)[2]
 
 
 @lru_cache(maxsize=8192)
 def sender_in(key: str) -> tuple[str, str, bool]:
-    """Return the name of the host that has published under a key, its group, and if it beats."""
+    """Read from a key the name of its publisher, the group, and True if it is of heartbeats."""
     _, name, group, kind = key.rsplit("/", 3)
     return name, group, kind == "beat"
 
 
 class Asked(NamedTuple):
-    """What the key of a query or a reply says."""
+    """The parts of the key of a query or a reply."""
 
     name: str
-    """Of the host that replies."""
+    """In the certificate of the host that replies."""
     group: str
     asker: str
     asker_id: str
 
 
 def asked_in(key: str) -> Asked | None:
-    """Return what the key of a query or a reply says; None for one that no host has made."""
+    """Split the key of a query or a reply; None for one that no host has made."""
     parts = key.split("/")
     if len(parts) != _PARTS:
         return None
@@ -138,10 +138,10 @@ def asked_in(key: str) -> Asked | None:
 
 
 def access_control(names: Iterable[str]) -> dict[str, Any]:
-    """Return Zenoh's configuration of access control: what hosts with these names may use.
+    """Make Zenoh's configuration of access control for hosts with these names.
 
-    Each may read what this host sends, but publish, ask and reply under its own name only. What it
-    forwards for others is not accepted, as their certificates are not seen here.
+    Each may read all that this host sends, but publish, ask and reply under its own name only.
+    Messages that it forwards for others are not accepted, as their certificates are not seen here.
     """
     sent = ["put", "query", "reply", "declare_subscriber", "declare_queryable", *_TOKENS]
     read = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]

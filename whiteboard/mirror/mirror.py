@@ -1,4 +1,10 @@
-"""A mirrored board: the exchange and the network, in a loop that waits on the board."""
+"""A mirrored board: the exchange and the network, in a loop that waits on the board.
+
+One thread runs the loop: it waits for changes of the board, and sends them at most every 5 ms, so
+that changes in between travel together. The network's threads apply what arrives, and may send
+queries. What the loop offers to others, it offers before it looks whether anybody reads it: a
+message that is withheld because nobody reads it is asked for by whoever begins to.
+"""
 
 from __future__ import annotations
 
@@ -67,11 +73,11 @@ class Mirror:
         if keeper is not None:
             keeper.restore(store, self._exchange.refuse)
         self._eager = settings.eager
-        self._hello_s = _HEARTBEAT_S  # until the next one
+        self._hello_s = _HEARTBEAT_S  # from one greeting to the next, which doubles
         self._stop = threading.Event()
         self._replied = threading.Event()
-        self._readings = -1  # of the board, when it was looked what is read
-        self._look_s = 0.0  # when to look again
+        self._readings = -1  # of the board, at the last look for slots that are read
+        self._look_s = 0.0  # the time of the next look
         self._leaves = matcher(settings.leave)
         self._hosts: tuple[str, ...] | None = None  # as published
         self._offered: set[str] = set()  # slots whose groups were offered when they changed first
@@ -128,7 +134,7 @@ class Mirror:
         return self._network.listens
 
     def stop(self) -> None:
-        """Let :meth:`run` send what is left and return, soon."""
+        """Have :meth:`run` send what is left and return, soon."""
         self._stop.set()
 
     def close(self) -> None:
@@ -136,7 +142,7 @@ class Mirror:
         self._network.close()
 
     def wait_for_reply(self, timeout_s: float) -> bool:
-        """Ask all hosts until one has sent its messages; return whether one did in time."""
+        """Ask all hosts until one has sent its messages; return False if none did in time."""
         end = time.monotonic() + timeout_s
         while not self._replied.is_set() and time.monotonic() < end:
             self._network.send_query(self._exchange.query_for_all())
@@ -163,7 +169,7 @@ class Mirror:
                     self._look_s = now
 
     def _publish_hosts(self) -> None:
-        """Publish which hosts there are, while a process reads that."""
+        """Publish the names of the hosts that can be reached, while a process reads them."""
         hosts = self._network.hosts.names
         if hosts is not None and hosts != self._hosts:
             with suppress(WhiteboardError):  # too many, or no room: mirroring goes on without
@@ -171,7 +177,7 @@ class Mirror:
         self._hosts = hosts
 
     def _offer(self, changed: Sequence[str] = ()) -> None:
-        """Let other hosts read new groups, before any message of theirs is sent or withheld."""
+        """Offer new groups to other hosts, before any message of theirs is sent or withheld."""
         offered = self._network.offer(self._exchange.groups(changed))
         self._offered.update(changed)
         for group in offered:
@@ -181,7 +187,7 @@ class Mirror:
             self._publish_folders()
 
     def _publish_folders(self) -> None:
-        """Publish the folders of a named host's own slots, for others that look at all it has."""
+        """Publish the folders of a named host's own slots, for others that look at all of them."""
         if not self._naming.host:
             return
         with suppress(WhiteboardError):  # too many, or no room: mirroring goes on without
@@ -208,11 +214,11 @@ class Mirror:
             self._network.send_query(query)
 
     def refuse(self, what: str, why: str) -> None:
-        """Count something that the network has refused, and log it once."""
+        """Count something that the network has refused, under `what`; log the first with `why`."""
         self._exchange.refuse(what, why)
 
     def refusals(self) -> list[str]:
-        """Return what was refused, the most frequent first."""
+        """List the kinds of what was refused, the most frequent first."""
         return [refusal.what for refusal in self._exchange.status().refused]
 
     # ---- In the network's threads -----------------------------------------------------------
@@ -227,7 +233,7 @@ class Mirror:
         self._send_queries()
 
     def receive_foreigner(self) -> None:
-        """Let a host with which nothing is exchanged learn of this one, and why."""
+        """Greet more often, so that a host with which nothing is exchanged reports the reason."""
         self._hello_s = min(self._hello_s, _FOREIGN_S)
 
     def receive_reader(self, group: str) -> None:
@@ -260,5 +266,5 @@ class Mirror:
 
 
 def _wall_ns(stamp_ns: int) -> int:
-    """Return the time since 1970 of a stamp of the monotonic clock; never in the future."""
+    """Convert a stamp of the monotonic clock to the time since 1970; never in the future."""
     return time.time_ns() - max(0, time.monotonic_ns() - stamp_ns)

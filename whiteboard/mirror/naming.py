@@ -28,7 +28,7 @@ from msgspec.structs import replace
 from llfsm.whiteboard.errors import NetworkError
 from llfsm.whiteboard.messages.llfsm import WILLS, LastWill
 from llfsm.whiteboard.mirror.batches import Declaration, Value
-from llfsm.whiteboard.own_slots import OWN
+from llfsm.whiteboard.slot_names import OWN
 
 T = TypeVar("T", Value, Declaration)
 
@@ -47,7 +47,7 @@ def require_host_name(name: str) -> None:
 
 
 class Naming:
-    """The names of one host.
+    """Converts names of slots between this host's board and those that travel.
 
     Args:
         host: its name; empty if it has none.
@@ -69,7 +69,7 @@ class Naming:
         """Return the name here of a slot that travels; None if it has none."""
 
     def is_own(self, local: str) -> bool:
-        """Return whether a slot on this board is this host's own."""
+        """Check that a slot on this board is this host's own; without a name, all are."""
         return not self.host or self.wire(local) != local
 
     def owner(self, local: str) -> str:
@@ -103,7 +103,7 @@ class Naming:
         return local if local and self._wire(local) == wire else None
 
     def why_none(self, local: str) -> str:
-        """Return why a slot here has no name for other hosts."""
+        """Explain why a slot here has no name for other hosts, with the remedy."""
         if _host_in(_split(local)[1])[0] == self.host:
             return (
                 f"slot {local!r} does not leave, as this host is {self.host}: its own slots have "
@@ -112,23 +112,23 @@ class Naming:
         return f"slot {local!r} does not leave: with {self.host}/, its name is too long, or taken"
 
     def leaving(self, item: T) -> T:
-        """Return a message or a declaration of a slot that leaves, as it travels."""
+        """Rename a message or a declaration that leaves, to its slot's name for others."""
         if not self.host:
             return item
         return self._renamed(item, item.slot, self.wire(item.slot), self.wire)
 
     def arriving(self, item: T) -> T | None:
-        """Return what has arrived as it is here; None if its slot has no name here."""
+        """Rename one that has arrived, to its slot's name here; None if that has none."""
         if not self.host:
             return item
         local = self.local(item.slot)
         return None if local is None else self._renamed(item, local, local, self.local)
 
     def _renamed(self, item: T, local: str, name: str | None, of: Callable[[str], str | None]) -> T:
-        """Return an item under another name; an own last will names slots, which change, too.
+        """Give an item another name; an own last will names slots, which change, too.
 
-        Those of others are as they travel: this host may have no name for a slot that another
-        one has, to which it passes them on. Who executes them converts the names (`will`).
+        In other hosts' wills, names are as they travel: this host may pass them on to one that has
+        a slot for which there is no name here. A guard that executes them converts them (`will`).
         """
         if name is None:
             return item
@@ -141,7 +141,7 @@ class Naming:
         return replace(item, slot=name)
 
     def will(self, slot: str, will: LastWill) -> LastWill:
-        """Return the last will that is in a slot here, with the names of slots that they have here.
+        """Convert the names in a last will from a slot here, for a guard that executes it here.
 
         A value for a slot that has no name here is left out.
         """
@@ -157,7 +157,7 @@ def _renamed_will(will: LastWill, rename: Callable[[str], str]) -> LastWill:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Return what is before the place of a host's folder, and the rest."""
+    """Split a name at the place of a host's folder: ``llfsm/machine/Wall`` before ``Wall``."""
     if not name.startswith(OWN):
         return "", name
     kind, _, rest = name.removeprefix(OWN).partition("/")
@@ -165,6 +165,6 @@ def _split(name: str) -> tuple[str, str]:
 
 
 def _host_in(rest: str) -> tuple[str, str]:
-    """Return the first folder, if there is one, and what follows."""
+    """Split off the first folder, or "" if there is none."""
     host, slash, what = rest.partition("/")
     return (host, what) if slash else ("", rest)

@@ -1,6 +1,16 @@
-"""A board's hosts as a Zenoh session reaches them: publishing, queries and their replies.
+"""A board's hosts as a Zenoh session reaches them: publishing, queries, and tokens of names.
 
-Tokens of Zenoh by which hosts with names find each other: each lives as long as its host.
+For each group of slots that this host has, there are a publisher of batches, one of heartbeats, and
+a queryable; for each group that is read here, a subscriber. Zenoh sends a batch only to hosts that
+subscribe, and tells a publisher when the first one does. Which keys they have is in :mod:`.keys`.
+
+Nothing here waits for another host: what cannot be sent at once is dropped, and its number will be
+missing. Batches and heartbeats are handled in Zenoh's threads that have received them. A query,
+whose answer takes time, and a connection are handled in two threads of ours. Zenoh holds locks of
+its own during some calls (a publisher's matching, a token), so those only take a note.
+
+A host with a name declares a token of Zenoh, which lives as long as its session: by these, hosts
+find each other's names, and those that have one name by mistake.
 """
 
 from __future__ import annotations
@@ -38,120 +48,25 @@ from llfsm.whiteboard.mirror.zenoh_internals import (
 if TYPE_CHECKING:
     import zenoh
 
-
-class HostTokens:
-    """The tokens of the hosts of a board, which are received while somebody looks for them.
-
-    Args:
-        liveliness: that of a Zenoh session.
-        keys: of this host.
-        settings: of the daemon. As many tokens are looked at as a host may make slots, as those who
-            show the hosts have slots for each: of each certificate if these are known, else of all.
-
-    """
-
-    def __init__(self, liveliness: Any, keys: Keys, settings: Settings) -> None:
-        self._liveliness = liveliness
-        self._keys = keys
-        self._most = settings.quota.slots
-        self._access = settings.access
-        self._declared: list[Any] = []
-        self._subscriber: Any = None
-        self._tokens = defaultdict[str, set[str]](set)
-        self._names: tuple[str, ...] = ()
-        self._has_changed = True  # since `_names` was made
-        self._has_ignored = False
-
-    def declare(self, name: str, refuse: Callable[[str, str], None]) -> None:
-        """Let other hosts know the name of this one, and report those that have it, too."""
-        import zenoh
-
-        def receive(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.PUT and not self._keys.is_own(str(sample.key_expr)):
-                refuse(
-                    f"another host that is {name!r}",
-                    "slots of both are mixed up; give each host a name of its own (`as`)",
-                )
-
-        self._declared += [
-            self._subscribe(self._keys.named(name), receive),
-            self._liveliness.declare_token(self._keys.alive(name)),
-        ]
-
-    def look(self, wanted: bool) -> None:
-        """Keep `names` up to date from now on, or no more; call it about once a second."""
-        has_room = self._has_ignored and min(map(len, [*self._tokens.values()])) < self._most
-        if self._subscriber is not None and (has_room or not wanted):
-            self._subscriber.undeclare()
-            self._subscriber = None
-        if wanted and self._subscriber is None:
-            self._receive_tokens()
-
-    def _receive_tokens(self) -> None:
-        import zenoh
-
-        self._tokens = tokens = defaultdict[str, set[str]](set)
-        self._has_changed, self._has_ignored = True, False
-
-        def receive(sample: zenoh.Sample) -> None:
-            token = str(sample.key_expr)
-            of_one = tokens[host_in(token)[0] if self._access else ""]
-            if sample.kind != zenoh.SampleKind.PUT:
-                of_one.discard(token)
-            elif len(of_one) < self._most:
-                of_one.add(token)
-            else:
-                self._has_ignored = True
-            self._has_changed = True
-
-        self._subscriber = self._subscribe(self._keys.named("*"), receive)
-
-    @property
-    def names(self) -> tuple[str, ...] | None:
-        """The names of the hosts that can be reached; None while nobody looks for them."""
-        if self._subscriber is None:
-            return None
-        if self._has_changed:
-            self._has_changed = False
-            tokens = [token for of_one in [*self._tokens.values()] for token in of_one.copy()]
-            self._names = tuple(sorted({host_in(token)[1] for token in tokens}))
-        return self._names
-
-    def close(self) -> None:
-        """Withdraw this host's token, and receive no more."""
-        self.look(False)
-        for declared in self._declared:
-            declared.undeclare()
-
-    def _subscribe(self, keys: str, receive: Callable[[zenoh.Sample], None]) -> Any:
-        from zenoh.handlers import Callback
-
-        return self._liveliness.declare_subscriber(
-            keys, Callback(receive, indirect=False), history=True
-        )
-
-
 T = TypeVar("T")
-
 _ALL_TIMEOUT_S = 2.0  # of those that are asked, one may be dead, and not yet known to be
 _MAX_PENDING = 64  # queries that wait to be answered
 _MATCHED_S = 0.2  # for which a group that is read counts as such: asking Zenoh delays a message
 _OFFERED_AT_ONCE = 64  # groups; a host that makes many must not stop this one from sending
-
 _log = logging.getLogger("llfsm.mirror")
 
 
 class Receiver(Protocol):
-    """Receives what arrives from a network, in Zenoh's threads."""
+    """Takes whatever arrives from a network, in its threads."""
 
     def receive_link(self, to_router: bool) -> None:
         """Handle a new connection."""
 
     def receive_foreigner(self) -> None:
-        """Handle a host with which nothing is exchanged, so that it learns of this one."""
+        """Handle a host with which nothing is exchanged: let it know of this one."""
 
     def receive_reader(self, group: str) -> None:
-        """Handle that another host has begun to read a group which nobody has read before."""
+        """Handle a group's first reader; Zenoh may hold locks of its own."""
 
     # The name of the other host is the one in its certificate; empty if that is not proven.
 
@@ -162,7 +77,7 @@ class Receiver(Protocol):
         """Handle a heartbeat."""
 
     def receive_query(self, data: bytes, name: str, group: str) -> list[bytes]:
-        """Return the reply to another host's query, in parts."""
+        """Handle a query; return the reply, in parts."""
 
     def receive_reply(self, data: bytes, name: str, group: str) -> None:
         """Handle one part of the reply to a query of ours."""
@@ -172,37 +87,6 @@ class Receiver(Protocol):
 
     def refuse(self, what: str, why: str) -> None:
         """Count something that was refused."""
-
-
-class _Queries:
-    """The queries that wait for an answer, one of each host: who asks often displaces nobody."""
-
-    def __init__(self) -> None:
-        self._waiting: dict[str, zenoh.Query] = {}
-        self._closed = False
-        self._changed = Condition()
-
-    def put(self, query: zenoh.Query) -> None:
-        """Let a query wait, in place of an earlier one; dropped if too many hosts ask."""
-        key = str(query.key_expr)
-        with self._changed:
-            if key in self._waiting or len(self._waiting) < _MAX_PENDING:
-                self._waiting[key] = query
-                self._changed.notify()
-
-    def take(self) -> zenoh.Query:
-        """Wait for a query; raise EOFError when closed."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._closed)
-            if self._closed:
-                raise EOFError
-            return self._waiting.pop(next(iter(self._waiting)))
-
-    def close(self) -> None:
-        """Drop what waits, and end the wait."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
 
 
 class Network:
@@ -299,9 +183,9 @@ class Network:
         return self._session.declare_queryable(self._keys.answered(group), queries)
 
     def offer(self, groups: Iterable[str]) -> list[str]:
-        """Let other hosts read these groups, and ask for them; return the new ones.
+        """Make publishers and a queryable for groups that have none; return these groups.
 
-        These are a few at a time, as each takes a while: call it again for the others.
+        A few at a time, as each takes a while: call it again for the others.
         """
         new = [group for group in groups if group not in self._batches][:_OFFERED_AT_ONCE]
         if not new:  # at almost every send, of which an import would be a large part
@@ -325,7 +209,7 @@ class Network:
         return new
 
     def receive(self, groups: set[str]) -> None:
-        """Receive these groups from other hosts, and no others."""
+        """Subscribe to these groups, and to no others."""
         import zenoh
 
         for group in self._subscribers.keys() - groups:
@@ -336,7 +220,7 @@ class Network:
             )
 
     def is_read(self, group: str) -> bool:
-        """Return whether another host reads a group that this one offers."""
+        """Check that another host reads a group that this one offers."""
         now, publisher = time.monotonic(), self._batches.get(group)
         if publisher is None or now < self._read_until.get(group, 0.0):
             return publisher is not None
@@ -395,7 +279,7 @@ class Network:
         self._heartbeats[packet.group].put(packet.data)
 
     def send_hello(self) -> None:
-        """Let all hosts, also those of other versions and boards, know of this one."""
+        """Greet all hosts, also those of other versions and boards."""
         self._hello.put(b"")
 
     def send_query(self, query: Query) -> None:
@@ -470,8 +354,39 @@ class Network:
         self._session.close()
 
 
+class _Queries:
+    """Queues queries to be answered, one of each host: who asks often displaces nobody."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, zenoh.Query] = {}
+        self._closed = False
+        self._changed = Condition()
+
+    def put(self, query: zenoh.Query) -> None:
+        """Add a query, in place of an earlier one of its host; drop it if too many hosts ask."""
+        key = str(query.key_expr)
+        with self._changed:
+            if key in self._waiting or len(self._waiting) < _MAX_PENDING:
+                self._waiting[key] = query
+                self._changed.notify()
+
+    def take(self) -> zenoh.Query:
+        """Wait for a query; raise EOFError when closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._closed)
+            if self._closed:
+                raise EOFError
+            return self._waiting.pop(next(iter(self._waiting)))
+
+    def close(self) -> None:
+        """Drop the queries that wait, and end the wait for one."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+
 def _with_port(endpoint: str, listeners: list[tuple[str, int]]) -> str:
-    """Return an endpoint of TCP with the port that it got in place of 0, taken from `listeners`."""
+    """Replace port 0 in an endpoint of TCP by the one that it got, taken from `listeners`."""
     locator, mark, options = endpoint.partition("?")
     protocol, _, where = locator.partition("/")
     address, _, port = where.rpartition(":")
@@ -481,3 +396,95 @@ def _with_port(endpoint: str, listeners: list[tuple[str, int]]) -> str:
     found = (same or listeners)[0]  # an address may be a name
     listeners.remove(found)
     return f"{protocol}/{address}:{found[1]}{mark}{options}"
+
+
+class HostTokens:
+    """The tokens of the hosts of a board; others' are received while somebody looks for them.
+
+    Args:
+        liveliness: that of a Zenoh session.
+        keys: of this host.
+        settings: of the daemon. As many tokens are kept as a host may make slots, because programs
+            that show the hosts have slots for each: of each certificate if known, else of all.
+
+    """
+
+    def __init__(self, liveliness: Any, keys: Keys, settings: Settings) -> None:
+        self._liveliness = liveliness
+        self._keys = keys
+        self._most = settings.quota.slots
+        self._access = settings.access
+        self._declared: list[Any] = []
+        self._subscriber: Any = None
+        self._tokens = defaultdict[str, set[str]](set)
+        self._names: tuple[str, ...] = ()
+        self._has_changed = True  # since `_names` was made
+        self._has_ignored = False  # a token, as there were too many
+
+    def declare(self, name: str, refuse: Callable[[str, str], None]) -> None:
+        """Declare the name of this host, and report to `refuse` each other host that has it."""
+        import zenoh
+
+        def receive(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT and not self._keys.is_own(str(sample.key_expr)):
+                refuse(
+                    f"another host that is {name!r}",
+                    "slots of both are mixed up; give each host a name of its own (`as`)",
+                )
+
+        self._declared += [
+            self._subscribe(self._keys.named(name), receive),
+            self._liveliness.declare_token(self._keys.alive(name)),
+        ]
+
+    def look(self, wanted: bool) -> None:
+        """Keep `names` up to date while `wanted`; call it about once a second."""
+        has_room = self._has_ignored and min(map(len, [*self._tokens.values()])) < self._most
+        if self._subscriber is not None and (has_room or not wanted):
+            self._subscriber.undeclare()
+            self._subscriber = None
+        if wanted and self._subscriber is None:
+            self._receive_tokens()
+
+    def _receive_tokens(self) -> None:
+        import zenoh
+
+        self._tokens = tokens = defaultdict[str, set[str]](set)
+        self._has_changed, self._has_ignored = True, False
+
+        def receive(sample: zenoh.Sample) -> None:
+            token = str(sample.key_expr)
+            of_one = tokens[host_in(token)[0] if self._access else ""]
+            if sample.kind != zenoh.SampleKind.PUT:
+                of_one.discard(token)
+            elif len(of_one) < self._most:
+                of_one.add(token)
+            else:
+                self._has_ignored = True
+            self._has_changed = True
+
+        self._subscriber = self._subscribe(self._keys.named("*"), receive)
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """The names of the hosts that can be reached; None while nobody looks for them."""
+        if self._subscriber is None:
+            return None
+        if self._has_changed:
+            self._has_changed = False
+            tokens = [token for of_one in [*self._tokens.values()] for token in of_one.copy()]
+            self._names = tuple(sorted({host_in(token)[1] for token in tokens}))
+        return self._names
+
+    def close(self) -> None:
+        """Withdraw this host's token, and receive no more."""
+        self.look(False)
+        for declared in self._declared:
+            declared.undeclare()
+
+    def _subscribe(self, keys: str, receive: Callable[[zenoh.Sample], None]) -> Any:
+        from zenoh.handlers import Callback
+
+        return self._liveliness.declare_subscriber(
+            keys, Callback(receive, indirect=False), history=True
+        )

@@ -1,8 +1,11 @@
-"""The other hosts whose slots are read here, and which have messages that are missing here.
+"""The other hosts whose slots are read here, and which of them to ask for missing messages.
 
-A host numbers the batches of each group of slots by themselves, so it is followed by group.
+A host numbers the batches of each group of slots by themselves, so it is followed by group. Each
+time a number is missing, or the host is new, its `gaps` grow; when it has answered in full a query
+that was sent at that many gaps, it has `filled` so many. It is queried until both are equal. So a
+loss during a reply leads to another query, and a reply can be lost.
 
-What an exchange hands to the network: for whom it is, and the bytes.
+The addresses of the exchange are here, too: whom a message is from, what the network is to send.
 """
 
 from __future__ import annotations
@@ -24,21 +27,40 @@ _MAX_PEERS = 1000  # of one certificate; further ones are not tracked, which bou
 
 
 class Source(NamedTuple):
-    """Who has sent a message."""
+    """The sender of a message."""
 
     name: str
     """In its certificate; empty if it is not known."""
     host: int
     """The id that it claims."""
     group: str = EVERY_GROUP
-    """Of slots, in which it has sent it."""
+    """Of the slots in the message."""
 
     def __str__(self) -> str:
         return self.name or f"{self.host:016x}"
 
 
+EVERY_HOST = Source("", -1)
+"""In place of a host: all of them."""
+
+
+class Packet(NamedTuple):
+    """A batch or a heartbeat for all that read a group."""
+
+    group: str
+    data: bytes
+
+
+class Query(NamedTuple):
+    """A query to another host, or to all that have slots of a group."""
+
+    source: Source
+    gaps: int  # of that host; passed back at the end of the reply
+    data: bytes
+
+
 class Peer:
-    """What is known of another host, in one group of slots."""
+    """Another host, as seen in one group of slots."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -52,7 +74,7 @@ class Peer:
         self.gaps = 0  # how often something was missing
         self.filled = 0  # the gaps that its replies have filled
         self.queried_ns: int | None = None
-        self.missed_at_ns: int | None = None  # by this host's clock: something is missing then
+        self.missed_at_ns: int | None = None  # by this host's clock: from then on it has a gap
 
     def receive(self, message: ReceivedBatch | Heartbeat, now_ns: int, wall_ns: int) -> None:
         """Record a message; messages arrive in the order in which they were sent.
@@ -78,15 +100,15 @@ class Peer:
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing of it is missing, now or later."""
+        """True if nothing of it is missing, now or later."""
         return self.filled == self.gaps and self.missed_at_ns is None
 
     def is_waiting(self, now_ns: int) -> bool:
-        """Return whether a reply of it may still come."""
+        """Check that a reply of it may still come."""
         return self.queried_ns is not None and now_ns - self.queried_ns < _RETRY_NS
 
     def status(self, now_ns: int) -> PeerStatus:
-        """Return its status."""
+        """Report on it."""
         return PeerStatus(
             name=self.name,
             host=f"{self.source.host:016x}",
@@ -104,7 +126,7 @@ class Peers:
     def __init__(self) -> None:
         self._peers: dict[Source, Peer] = {}
         self._missing: dict[Source, None] = {}  # those that may have to be queried
-        self._forget_ns = 0  # when to look for those that are silent
+        self._forget_ns = 0  # the time of the next look for those that are silent
 
     def __iter__(self) -> Iterator[Peer]:
         return iter(list(self._peers.values()))
@@ -123,7 +145,7 @@ class Peers:
             self._missing[source] = None
 
     def status(self, now_ns: int) -> list[PeerStatus]:
-        """Return the status of each host, of all its groups together."""
+        """Report on each host, on all its groups together."""
         hosts: dict[Source, PeerStatus] = {}
         for peer in sorted(self, key=lambda peer: peer.received_ns):
             host, latest = peer.source._replace(group=EVERY_GROUP), peer.status(now_ns)
@@ -139,7 +161,7 @@ class Peers:
         return list(hosts.values())
 
     def to_query(self, now_ns: int, wall_ns: int) -> list[Peer]:
-        """Return the hosts to query now: those with a gap and no recent query."""
+        """Choose the hosts to query now: those with a gap and no recent query."""
         found = []
         if now_ns >= self._forget_ns:
             self._forget_ns = now_ns + _LOOK_NS
@@ -174,14 +196,14 @@ class Peers:
             self._missing[source] = None
 
     def miss_later(self, source: Source, at_ns: int) -> None:
-        """Record that a host has to be queried when this host's clock reads `at_ns`."""
+        """Record that a host has to be queried once this host's clock reads `at_ns`."""
         peer = self._peers.get(source)
         if peer is not None:
             peer.missed_at_ns = min(at_ns, peer.missed_at_ns or at_ns)
             self._missing[source] = None
 
     def restart(self, groups: set[str]) -> None:
-        """Record that groups are received from now on: what was sent before was not lost."""
+        """Record that groups are received from now on: earlier messages were not lost."""
         for peer in self if groups else ():
             if peer.source.group in groups:
                 peer.born = -1
@@ -195,22 +217,3 @@ class Peers:
         if peer is not None:
             peer.filled = max(peer.filled, gaps)
             peer.queried_ns = None
-
-
-EVERY_HOST = Source("", -1)
-"""In place of a host: all of them."""
-
-
-class Packet(NamedTuple):
-    """A batch or a heartbeat for all that read a group."""
-
-    group: str
-    data: bytes
-
-
-class Query(NamedTuple):
-    """A query to another host, or to all that have slots of a group."""
-
-    source: Source
-    gaps: int  # of that host; passed back at the end of the reply
-    data: bytes

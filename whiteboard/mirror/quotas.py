@@ -1,10 +1,16 @@
-"""What other hosts may take of this one: shared memory, and the daemon's time.
+"""Quotas of other hosts: the shared memory and the time of this one's daemon that each may take.
 
-A host is known by its certificate if the settings list who may write what. Otherwise, nothing
-proves who has sent a message, and all other hosts share one account: with an account for each id
-that is claimed, a host could have as many as it likes.
+A host is known by its certificate if the settings list who may write what (`access`). Otherwise,
+nothing proves who has sent a message, and all other hosts share one account: with an account for
+each id that is claimed, a host could have as many as it likes.
 
-Messages and connections that were refused: each kind is counted, and logged once.
+Rates are leaky buckets that may overflow once: something passes if nothing is owed, whatever it
+costs, and the debt is paid off at the rate. So a message larger than what passes in a second is not
+shut out for good. An idle host is at most one second ahead. Memory is counted and never given back:
+a slot stays on the board.
+
+Whatever is refused, here or elsewhere, is counted under a kind, and logged once for each kind, so
+that no sender can fill the log.
 """
 
 from __future__ import annotations
@@ -16,48 +22,19 @@ from collections.abc import Iterator
 from llfsm.whiteboard.messages.llfsm import QuotaStatus, Refusal
 from llfsm.whiteboard.mirror.settings import QuotaSettings
 
+_BURST_NS = 10**9  # a host that was idle may be ahead of its rate by what this time allows
 _MAX_KINDS = 200  # a sender can cause any number
 _MAX_LENGTH = 400  # characters of a log message
-
 _log = logging.getLogger("llfsm.mirror")
 
 
-class Refused(Exception):  # noqa: N818  not for users: it is counted and logged
-    """Raised when a message cannot enter the board; the text gives the reason."""
-
-
-class Refusals:
-    """Counts refusals by their kind, and logs the first of each kind."""
-
-    def __init__(self) -> None:
-        self._counts: Counter[str] = Counter()
-
-    def add(self, kind: str, reason: str) -> None:
-        """Count a refusal under `kind`; `reason` is logged for the first one."""
-        if kind not in self._counts and len(self._counts) >= _MAX_KINDS:
-            kind = reason = "everything else"
-        self._counts[kind] += 1
-        if self._counts[kind] == 1:
-            _log.warning("refused: %s", reason[:_MAX_LENGTH])
-
-    def report(self) -> tuple[Refusal, ...]:
-        """Return all refusals, the most frequent first."""
-        return tuple(Refusal(kind, count) for kind, count in self._counts.most_common())
-
-
-_BURST_NS = 10**9  # a host that was idle may be ahead of its rate by what this time allows
-
-
 class _Bucket:
-    """Lets `per_s` of something pass a second: nothing passes while earlier costs are unpaid.
-
-    So one piece may be larger than what passes in a second, and is paid off afterwards.
-    """
+    """Limits something to `per_s` a second: nothing passes while earlier costs are unpaid."""
 
     def __init__(self, per_s: float) -> None:
         self._cost_ns = 1e9 / per_s
         self.paid_ns = 0.0
-        """When all is paid off: something may pass from then on."""
+        """The time at which all is paid off: something may pass from then on."""
 
     def charge(self, amount: int, now_ns: int) -> None:
         """Add to what has to be paid off."""
@@ -65,7 +42,7 @@ class _Bucket:
 
 
 class Account:
-    """What one host has taken."""
+    """Counts how much of its quota one host has taken."""
 
     def __init__(self, settings: QuotaSettings) -> None:
         self._settings = settings
@@ -85,7 +62,7 @@ class Account:
         return True
 
     def is_over(self, now_ns: int) -> bool:
-        """Return whether a batch takes so much that its rest has to be dropped; counted if so."""
+        """Check for a debt of over a second, for which the rest of a batch is dropped; count it."""
         over = self._messages.paid_ns > now_ns + _BURST_NS
         self.over_rate += over
         return over
@@ -97,7 +74,7 @@ class Account:
             self._traffic.charge(size, now_ns)
 
     def failure(self, name: str, kind: int) -> str | None:
-        """Return why a slot with this type could not be used before; None if it was not tried."""
+        """Return the reason why a slot of this type could not be used before, or None."""
         return self._failed.get((name, kind))
 
     def take_slot(self, name: str, memory: int) -> None:
@@ -134,7 +111,7 @@ class Quotas:
         return account
 
     def status(self) -> Iterator[QuotaStatus]:
-        """Return what each host has taken."""
+        """Report how much of its quota each host has taken."""
         for name, taken in self._accounts.items():
             yield QuotaStatus(
                 name=name,
@@ -144,3 +121,26 @@ class Quotas:
                 max_bytes=self._settings.bytes,
                 over_rate=taken.over_rate,
             )
+
+
+class Refused(Exception):  # noqa: N818  not for users: it is counted and logged
+    """Raised when a message cannot enter the board; the text gives the reason."""
+
+
+class Refusals:
+    """Counts refusals by their kind, and logs the first of each kind."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+
+    def add(self, kind: str, reason: str) -> None:
+        """Count a refusal under `kind`; `reason` is logged for the first one."""
+        if kind not in self._counts and len(self._counts) >= _MAX_KINDS:
+            kind = reason = "everything else"
+        self._counts[kind] += 1
+        if self._counts[kind] == 1:
+            _log.warning("refused: %s", reason[:_MAX_LENGTH])
+
+    def report(self) -> tuple[Refusal, ...]:
+        """Return all refusals, the most frequent first."""
+        return tuple(Refusal(kind, count) for kind, count in self._counts.most_common())

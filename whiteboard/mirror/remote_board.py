@@ -19,7 +19,7 @@ class RemoteBoard(LocalBoard):
     """A whiteboard that daemons on other hosts mirror, kept up to date in this process.
 
     Reading costs as much as on a local board. A message added here is on the other hosts' boards
-    soon after; counts and stamps are those of this process.
+    soon after, mostly within 10 ms and a network's delay; counts and stamps are this process's.
 
     Args:
         endpoint: the Zenoh endpoint on which a daemon listens: ``tcp/robot:7447``.
@@ -28,7 +28,7 @@ class RemoteBoard(LocalBoard):
         as_: this process's name among the hosts; see `as` of the daemon.
         fleet: globs of the other hosts' names, for a process with a name.
 
-    Raise :class:`.NetworkError` if no daemon answers there, or `as_` is no name of a host.
+    Raise :class:`.NetworkError` if no daemon answers within 5 s, or `as_` is no name of a host.
 
     """
 

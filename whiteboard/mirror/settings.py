@@ -1,9 +1,7 @@
-"""How a board is mirrored, as given by a file or by flags.
+"""The settings of a daemon, as given by a file or by flags; the names of slots that they match.
 
-What is wrong with the text of a Zenoh endpoint.
-
-Zenoh refuses a text without a protocol, and quotes its grammar. It takes one without a port and
-tries for ever to connect to it.
+The texts of endpoints are checked here, as Zenoh refuses one without a protocol by a quote of its
+grammar, and takes one without a port, to which it then tries to connect for ever.
 """
 
 from __future__ import annotations
@@ -19,58 +17,25 @@ from msgspec import Meta
 
 from llfsm.whiteboard.messages.llfsm import BELL, HOSTS, JOURNALS, MIRROR, RECORDER, WILL_BELL
 from llfsm.whiteboard.mirror.naming import require_host_name
-from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.slot_names import is_own
 
 PORT = 7447
 """Zenoh's own, and so that of a board's daemon and of a router of ROS."""
 
-_WITH_PORT = ("tcp", "tls", "quic", "udp", "ws")
-_ADDRESS = re.compile(r"[^:?#\s]+|\[[^\]?#\s]+\]")
-_ADDRESS_AND_PORT = re.compile(rf"({_ADDRESS.pattern}):\d+")
-
-_HOST = re.compile(r"localhost$|\[|.*\.")  # else a word may be anything
-
-
-def endpoint_problem(text: str) -> str:
-    """Return what is wrong with an endpoint, and what is probably meant; "" if it may be one."""
-    protocol, slash, rest = text.partition("/")
-    if not slash:
-        return _problem(text, "tcp", text)
-    if protocol in _WITH_PORT:
-        address = re.split("[?#]", rest, maxsplit=1)[0]
-        if not _ADDRESS_AND_PORT.fullmatch(address):
-            return _problem(text, protocol, address)
-    return ""
-
-
-def _problem(text: str, protocol: str, address: str) -> str:
-    """Return the error, with `address` completed if it lacks no more than a port or a host."""
-    if _ADDRESS_AND_PORT.fullmatch(address):
-        meant = address
-    elif re.fullmatch(r":?\d+", address):
-        meant = f"localhost:{address.lstrip(':')}"
-    elif _ADDRESS.fullmatch(address) and (text != address or _HOST.match(address)):
-        meant = f"{address}:{PORT}"
-    else:
-        return f"{text!r} is not an endpoint such as tcp/robot.local:{PORT}"
-    return f"{text!r} is not an endpoint; did you mean {protocol}/{meant}?"
-
-
 DEFAULT_ENDPOINT = f"tcp/127.0.0.1:{PORT}"
-
 _CertificateName = Annotated[str, Meta(pattern=r"^[^/*$?#\s]{1,64}$")]
 _Rate = Annotated[float, Meta(gt=0, le=10_000)]
 
 
 class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """When the guards of a board execute the last wills of other hosts' machines."""
+    """The patience of guards with machines of other hosts, before they execute last wills."""
 
     partition_s: Annotated[float, Meta(ge=0.5, le=86_400)] = 3.0
     """Seconds: a machine that publishes no status for so long counts as dead."""
 
 
 class KeepSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which messages outlive all hosts, and where."""
+    """A file, and the slots whose latest messages outlive all hosts in it."""
 
     file: Annotated[str, Meta(min_length=1)]
     slots: Annotated[tuple[str, ...], Meta(min_length=1)]
@@ -82,10 +47,10 @@ class KeepSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class QuotaSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What each other host may take of this one."""
+    """The share of this host that each other one may take; see :mod:`.quotas`."""
 
     slots: Annotated[int, Meta(ge=0, le=4096)] = 1024
-    """How many slots it may make on the board, from the start of the daemon on."""
+    """Slots that it may make on the board, from the start of the daemon on."""
     bytes: Annotated[int, Meta(ge=0, le=1 << 50)] = 1 << 29
     """Of shared memory for these slots: four buffers each, and the schema."""
     messages: Annotated[float, Meta(gt=0, le=1e9)] = 50_000.0
@@ -97,7 +62,11 @@ class QuotaSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class Settings(
     msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True
 ):
-    """Which slots are mirrored, with which hosts, and how often."""
+    """The slots to mirror, the hosts to mirror them with, and the limits of both.
+
+    Raise ``ValueError`` for a name that no host can have; decoding one raises
+    ``msgspec.ValidationError`` for any wrong value.
+    """
 
     listen: tuple[str, ...] | None = None
     """Zenoh endpoints; by default those of the file `zenoh`, else `DEFAULT_ENDPOINT`."""
@@ -121,7 +90,7 @@ class Settings(
     read_only: bool = False
     """Let nothing enter: other hosts may only read this host's board."""
     rate: _Rate = 100.0
-    """How often a slot leaves at most, per second."""
+    """Messages of a slot that leave per second, at most."""
     rates: dict[str, _Rate] = {}
     """The same for slots by glob; the first match counts."""
     largest: Annotated[int, Meta(ge=1, le=1 << 30)] = 1 << 26
@@ -141,11 +110,11 @@ class Settings(
 
     @property
     def ahead_ns(self) -> int:
-        """The same as `ahead_s` in nanoseconds."""
+        """`ahead_s` in nanoseconds."""
         return int(self.ahead_s * 1e9)
 
     def period_ns(self) -> Callable[[str], int]:
-        """Return a function that maps a slot's name to the nanoseconds between its departures."""
+        """Make a function that maps a slot's name to the nanoseconds between its departures."""
         rates = [(re.compile(translate(glob)), rate) for glob, rate in self.rates.items()]
 
         @lru_cache(maxsize=8192)
@@ -157,7 +126,7 @@ class Settings(
 
 
 def matcher(globs: tuple[str, ...]) -> Callable[[str], bool]:
-    """Return a predicate: whether a slot's name matches a glob, in which ``*`` matches ``/`` too.
+    """Make a predicate of slots' names, true for a match of any glob; ``*`` matches ``/``, too.
 
     Slots about the board itself, or for a recorder on this host, never match.
     """
@@ -171,3 +140,36 @@ def matcher(globs: tuple[str, ...]) -> Callable[[str], bool]:
         return pattern.match(slot) is not None
 
     return matches
+
+
+# ---- The text of an endpoint ----------------------------------------------------------------
+
+_WITH_PORT = ("tcp", "tls", "quic", "udp", "ws")
+_ADDRESS = re.compile(r"[^:?#\s]+|\[[^\]?#\s]+\]")
+_ADDRESS_AND_PORT = re.compile(rf"({_ADDRESS.pattern}):\d+")
+_HOST = re.compile(r"localhost$|\[|.*\.")  # else a word may be anything
+
+
+def endpoint_problem(text: str) -> str:
+    """Check the text of an endpoint; return the error, with what is probably meant, or ""."""
+    protocol, slash, rest = text.partition("/")
+    if not slash:
+        return _problem(text, "tcp", text)
+    if protocol in _WITH_PORT:
+        address = re.split("[?#]", rest, maxsplit=1)[0]
+        if not _ADDRESS_AND_PORT.fullmatch(address):
+            return _problem(text, protocol, address)
+    return ""
+
+
+def _problem(text: str, protocol: str, address: str) -> str:
+    """Make the error, with `address` completed if it lacks no more than a port or a host."""
+    if _ADDRESS_AND_PORT.fullmatch(address):
+        meant = address
+    elif re.fullmatch(r":?\d+", address):
+        meant = f"localhost:{address.lstrip(':')}"
+    elif _ADDRESS.fullmatch(address) and (text != address or _HOST.match(address)):
+        meant = f"{address}:{PORT}"
+    else:
+        return f"{text!r} is not an endpoint such as tcp/robot.local:{PORT}"
+    return f"{text!r} is not an endpoint; did you mean {protocol}/{meant}?"

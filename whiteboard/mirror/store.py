@@ -1,10 +1,22 @@
 """A board whose messages have versions, to which the merge rule is applied.
 
-The versions of a board's messages, kept in a file for the next daemon.
+Processes add to the board without knowing of versions. So a message gets its version when it is
+found: from its stamp, the time of the add, and above the version before it (see :mod:`.batches`).
+A cell knows the version of message number `count`; a message with a larger number was added by a
+process here, and is news. Another host's message is added only if the number is still the one
+whose version was compared, so an add of a process in between is compared as well, and none is lost
+to an older one.
 
-The file is beside the board's and mapped, so that it survives a killed daemon. A daemon holds its
-lock while it runs. Each slot has a record of two entries, written alternately, so that one of them
-is always intact.
+A version that is further ahead of the clock than the horizon counts as none, and the message gets a
+new one: the clock may have been wrong when it was assigned, and has been set since.
+
+A restarted daemon must know the versions of what is on the board, or old messages would seem new.
+They are in a file beside the board's, mapped, so that it survives a killed daemon; a daemon holds
+its lock while it runs. Each slot has a record of two entries with checksums, written alternately,
+so that one of them is always intact. An entry names its message by number and writer: the version
+of another host's message is stored before it is added, and if the daemon is killed in between, the
+entry matches no message. A version assigned here may be stored late: from the same stamp, the next
+daemon assigns the same one.
 """
 
 from __future__ import annotations
@@ -17,17 +29,15 @@ import threading
 from collections.abc import Callable
 from enum import Enum, auto
 from pathlib import Path
-from stat import S_ISREG
 from typing import Any, Protocol
 from zlib import crc32
 
 import msgspec
 
 from llfsm.whiteboard.board import Board, BoundSlot
-from llfsm.whiteboard.board_files import version_log_path
+from llfsm.whiteboard.board_files import lock, open_own, version_log_path
 from llfsm.whiteboard.errors import (
     BoardMirroredError,
-    BoardPermissionError,
     MessageTypeError,
     SlotError,
     SlotTypeError,
@@ -39,143 +49,9 @@ from llfsm.whiteboard.mirror.quotas import Refused
 from llfsm.whiteboard.schema import differences
 from llfsm.whiteboard.slots import Slot
 
-_HEAD = struct.Struct("<8sQQQ")  # magic, the board's device and inode, the host's id
-_NAME = struct.Struct("<H254s")
-_FIELDS = struct.Struct("<QQQQ")  # count, writer, time, host
-_ENTRY = struct.Struct(f"<{_FIELDS.size}sQ")  # and their checksum
-_RECORD = 256 + 2 * _ENTRY.size
-_RECORDS = 4096
-_START = 64
-_SIZE = _START + _RECORDS * _RECORD
-_MAGIC = b"LLMIRROR"
-_HOSTS = 1 << 63  # ids of hosts
-
-
-class VersionLog(Protocol):
-    """Stores versions."""
-
-    def note(self, slot: str, count: int, writer: int, version: Version) -> None:
-        """Store the version of message number `count`, which process `writer` has added."""
-
-    def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
-        """Return the version of that message, and the newest known one before it."""
-
-
-class NoVersionLog:
-    """Stores nothing, for a board that ends with its process."""
-
-    def note(self, slot: str, count: int, writer: int, version: Version) -> None:
-        """Do nothing."""
-
-    def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
-        """Return no versions."""
-        return None, None
-
-
-class FileVersionLog:
-    """The versions of a board in shared memory, locked by one daemon at a time.
-
-    A damaged file is begun anew. Raise :class:`.BoardMirroredError` if another daemon holds the
-    lock, and :class:`.BoardPermissionError` if the file belongs to another user, or is another kind
-    of file: whoever owns it could set the versions.
-    """
-
-    def __init__(self, board: Path) -> None:
-        import fcntl  # here, as Windows lacks it, where boards of other hosts can be read
-
-        path = version_log_path(board)
-        try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
-        except OSError as error:
-            raise from_errno(error.errno or 0, str(path)) from error
-        status = os.fstat(self._file)
-        if status.st_uid != os.geteuid() or not S_ISREG(status.st_mode):
-            os.close(self._file)
-            raise BoardPermissionError(
-                f"{path}: belongs to another user, or is not a regular file; remove it, or choose "
-                f"another board name"
-            )
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(self._file)
-            raise BoardMirroredError(
-                f"{board}: another daemon mirrors this whiteboard; see `llfsm whiteboard status`"
-            ) from None
-        os.posix_fallocate(self._file, 0, _SIZE)
-        self._map = mmap.mmap(self._file, _SIZE)
-        self._entries: dict[str, list[int]] = {}  # offsets, the older entry first
-        found = os.stat(board)
-        identity = found.st_dev, found.st_ino
-        magic, *of_board, host = _HEAD.unpack_from(self._map)
-        records = self._read_records()
-        if records is None or (magic, *of_board) != (_MAGIC, *identity) or host >= _HOSTS:
-            self._map[:] = bytes(_SIZE)  # of a removed board, or damaged
-            records, host = {}, secrets.randbelow(_HOSTS)
-            _HEAD.pack_into(self._map, 0, _MAGIC, *identity, host)
-        self._records = records
-        self.host: int = host
-
-    def _read_records(self) -> dict[str, int] | None:
-        """Return the offset of each slot's record; None if the file is damaged."""
-        records: dict[str, int] = {}
-        for record in range(_START, _SIZE, _RECORD):
-            length, name = _NAME.unpack_from(self._map, record)
-            if not length:
-                break
-            try:
-                records[name[:length].decode()] = record
-            except UnicodeDecodeError:
-                return None
-        return records
-
-    def note(self, slot: str, count: int, writer: int, version: Version) -> None:
-        """Store the version of message number `count`, which process `writer` has added."""
-        entries = self._entries.get(slot) or self._find(slot)
-        fields = _FIELDS.pack(count, writer, version.time, version.host)
-        _ENTRY.pack_into(self._map, entries[0], fields, crc32(fields))
-        entries.reverse()
-
-    def _find(self, slot: str) -> list[int]:
-        """Return the offsets of a slot's entries, the older one first."""
-        record = self._records.get(slot) or self._make(slot)
-        entries = sorted(_offsets(record), key=lambda offset: self._read(offset)[0])
-        self._entries[slot] = entries
-        return entries
-
-    def _make(self, slot: str) -> int:
-        record = self._records[slot] = _START + len(self._records) * _RECORD
-        name = slot.encode()
-        _NAME.pack_into(self._map, record, len(name), name)
-        return record
-
-    def _read(self, offset: int) -> tuple[int, int, int, int]:
-        """Return an entry; zeros if there is none, or its writer was killed while writing it."""
-        fields, checksum = _ENTRY.unpack_from(self._map, offset)
-        return _FIELDS.unpack(fields) if crc32(fields) == checksum else (0, 0, 0, 0)
-
-    def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
-        """Return the version of that message, and the newest known one before it."""
-        record = self._records.get(slot)
-        if record is None:
-            return None, None
-        entries = [self._read(offset) for offset in _offsets(record)]
-        exact = [Version(t, h) for c, w, t, h in entries if (c, w) == (count, writer)]
-        before = [Version(t, h) for c, _, t, h in entries if 0 < c < count]
-        return max(exact, default=None), max(before, default=None)
-
-    def close(self) -> None:
-        """Release the lock; the file stays."""
-        self._map.close()
-        os.close(self._file)
-
-
-def _offsets(record: int) -> list[int]:
-    return [record + 256, record + 256 + _ENTRY.size]
-
 
 class Outcome(Enum):
-    """What happened to a message of another host."""
+    """The fate of another host's message: it is on the board now, was there before, or is older."""
 
     ENTERED = auto()
     KNOWN = auto()
@@ -183,7 +59,7 @@ class Outcome(Enum):
 
 
 class Cell:
-    """A slot of the board, with the version of its message number `count`."""
+    """A slot of the board with a handle of ours, and the version of its message number `count`."""
 
     __slots__ = ("bound", "capacity", "count", "decode", "encoded", "kind", "slot", "version")
 
@@ -198,7 +74,7 @@ class Cell:
         self.version: Version | None = None
 
     def has_news(self) -> bool:
-        """Return whether a message was added since `count`."""
+        """Check that a message was added since number `count`."""
         return self.bound.count != self.count
 
 
@@ -247,7 +123,7 @@ class Store:
         return cell
 
     def latest(self, cell: Cell) -> Value | None:
-        """Return the latest message of a slot, or None before the first.
+        """Return the latest message of a slot with its version, or None before the first.
 
         It is not validated here, because the receiver has to do that anyway.
         """
@@ -270,7 +146,7 @@ class Store:
         return cell.version
 
     def _is_credible(self, version: Version | None) -> bool:
-        """Return whether a version is not too far ahead of the clock."""
+        """Check that a version is not too far ahead of the clock."""
         return version is None or version.time <= self._horizon_ns()
 
     def _settle(self, cell: Cell, count: int, stamp_ns: int, writer: int) -> Version:
@@ -315,7 +191,7 @@ class Store:
         self._cells.setdefault(declaration.slot, cell)
 
     def declaration(self, cell: Cell) -> Declaration:
-        """Return the declaration of a slot that is on the board."""
+        """Declare a slot that is on the board, for other hosts."""
         return Declaration(cell.slot.name, cell.capacity, cell.slot.schema)
 
     def clash(self, cell: Cell, theirs: Declaration) -> str:
@@ -363,3 +239,131 @@ class Store:
             what = f"slot {cell.slot.name!r}: the sender's data is not a {cell.slot.type_name}"
             raise Refused(f"{what}: {error}") from error
         return message
+
+
+# ---- Version logs ---------------------------------------------------------------------------
+
+
+class VersionLog(Protocol):
+    """Keeps the versions of a board's messages for its next daemon."""
+
+    def note(self, slot: str, count: int, writer: int, version: Version) -> None:
+        """Store the version of message number `count`, which process `writer` has added."""
+
+    def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
+        """Return the version of that message, and the newest known one before it."""
+
+
+class NoVersionLog:
+    """Stores nothing, for a board that ends with its process."""
+
+    def note(self, slot: str, count: int, writer: int, version: Version) -> None:
+        """Do nothing."""
+
+    def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
+        """Return no versions."""
+        return None, None
+
+
+# The file: a head, and a record for each slot, of its name and two entries.
+_HEAD = struct.Struct("<8sQQQ")  # magic, the board's device and inode, the host's id
+_NAME = struct.Struct("<H254s")
+_FIELDS = struct.Struct("<QQQQ")  # count, writer, time, host
+_ENTRY = struct.Struct(f"<{_FIELDS.size}sQ")  # and their checksum
+_RECORD = _NAME.size + 2 * _ENTRY.size
+_RECORDS = 4096  # slots of a board
+_START = 64
+_SIZE = _START + _RECORDS * _RECORD
+_MAGIC = b"LLMIRROR"
+_HOSTS = 1 << 63  # ids of hosts
+
+
+class FileVersionLog:
+    """The versions of a board in shared memory, locked by one daemon at a time.
+
+    A damaged file is begun anew. Raise :class:`.BoardMirroredError` if another daemon holds the
+    lock, and :class:`.BoardPermissionError` if the file belongs to another user, or is another kind
+    of file: whoever owns it could set the versions.
+    """
+
+    def __init__(self, board: Path) -> None:
+        path = version_log_path(board)
+        try:
+            self._file = open_own(path, os.O_CREAT)
+        except OSError as error:
+            raise from_errno(error.errno or 0, str(path)) from error
+        if not lock(self._file):
+            os.close(self._file)
+            raise BoardMirroredError(
+                f"{board}: another daemon mirrors this whiteboard; see `llfsm whiteboard status`"
+            )
+        os.posix_fallocate(self._file, 0, _SIZE)
+        self._map = mmap.mmap(self._file, _SIZE)
+        self._entries: dict[str, list[int]] = {}  # offsets, the older entry first
+        found = os.stat(board)
+        identity = found.st_dev, found.st_ino
+        magic, *of_board, host = _HEAD.unpack_from(self._map)
+        records = self._read_records()
+        if records is None or (magic, *of_board) != (_MAGIC, *identity) or host >= _HOSTS:
+            self._map[:] = bytes(_SIZE)  # of a removed board, or damaged
+            records, host = {}, secrets.randbelow(_HOSTS)
+            _HEAD.pack_into(self._map, 0, _MAGIC, *identity, host)
+        self._records = records
+        self.host: int = host
+
+    def _read_records(self) -> dict[str, int] | None:
+        """Find the offset of each slot's record; None if the file is damaged."""
+        records: dict[str, int] = {}
+        for record in range(_START, _SIZE, _RECORD):
+            length, name = _NAME.unpack_from(self._map, record)
+            if not length:
+                break
+            try:
+                records[name[:length].decode()] = record
+            except UnicodeDecodeError:
+                return None
+        return records
+
+    def note(self, slot: str, count: int, writer: int, version: Version) -> None:
+        """Store the version of message number `count`, which process `writer` has added."""
+        entries = self._entries.get(slot) or self._find(slot)
+        fields = _FIELDS.pack(count, writer, version.time, version.host)
+        _ENTRY.pack_into(self._map, entries[0], fields, crc32(fields))
+        entries.reverse()
+
+    def _find(self, slot: str) -> list[int]:
+        """Find the offsets of a slot's entries, the older one first; make its record if needed."""
+        record = self._records.get(slot) or self._make(slot)
+        entries = sorted(_offsets(record), key=lambda offset: self._read(offset)[0])
+        self._entries[slot] = entries
+        return entries
+
+    def _make(self, slot: str) -> int:
+        record = self._records[slot] = _START + len(self._records) * _RECORD
+        name = slot.encode()
+        _NAME.pack_into(self._map, record, len(name), name)
+        return record
+
+    def _read(self, offset: int) -> tuple[int, int, int, int]:
+        """Read an entry: zeros if there is none, or a daemon was killed while writing it."""
+        fields, checksum = _ENTRY.unpack_from(self._map, offset)
+        return _FIELDS.unpack(fields) if crc32(fields) == checksum else (0, 0, 0, 0)
+
+    def recall(self, slot: str, count: int, writer: int) -> tuple[Version | None, Version | None]:
+        """Return the version of that message, and the newest known one before it."""
+        record = self._records.get(slot)
+        if record is None:
+            return None, None
+        entries = [self._read(offset) for offset in _offsets(record)]
+        exact = [Version(t, h) for c, w, t, h in entries if (c, w) == (count, writer)]
+        before = [Version(t, h) for c, _, t, h in entries if 0 < c < count]
+        return max(exact, default=None), max(before, default=None)
+
+    def close(self) -> None:
+        """Release the lock; the file stays."""
+        self._map.close()
+        os.close(self._file)
+
+
+def _offsets(record: int) -> list[int]:
+    return [record + _NAME.size, record + _NAME.size + _ENTRY.size]

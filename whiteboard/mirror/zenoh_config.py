@@ -1,6 +1,8 @@
-"""A Zenoh session's configuration, from our defaults, the user's file and the settings.
+"""A Zenoh session's configuration: our defaults, under the user's file, under the settings.
 
-The name in a certificate, which Python's library reads only from those of a connection.
+Times are chosen so that boards agree soon after a broken connection. With `access`, hosts are known
+by the names in their certificates; the name in this host's own is read here, as Python's library
+reads names only from the certificates of a connection.
 """
 
 from __future__ import annotations
@@ -20,60 +22,17 @@ from llfsm.whiteboard.mirror.zenoh_internals import error_text, open_client
 if TYPE_CHECKING:
     import zenoh
 
-
-_FIRST = re.compile(r"-----BEGIN CERTIFICATE-----.*?-----END CERTIFICATE-----", re.DOTALL)
-_VERSION = 0xA0  # the tag of an optional field before the others
-_SUBJECT = 4  # fields before it: serial number, algorithm, issuer, validity
-_COMMON_NAME = bytes((0x55, 0x04, 0x03))
-
-
-def common_name(pem: str) -> str | None:
-    """Return the common name of the first certificate in a PEM text; None if there is none.
-
-    Raise ValueError for a text that is not a certificate.
-    """
-    found = _FIRST.search(pem)
-    if found is None:
-        raise ValueError("not a certificate in PEM")
-    try:
-        (certificate,) = _fields(ssl.PEM_cert_to_DER_cert(found[0]))
-        fields = _fields(_fields(certificate[1])[0][1])
-        if fields[0][0] == _VERSION:
-            del fields[0]
-        for _, relative_name in _fields(fields[_SUBJECT][1]):
-            for _, attribute in _fields(relative_name):
-                (_, kind), (_, value) = _fields(attribute)
-                if kind == _COMMON_NAME:
-                    return value.decode()
-    except (IndexError, ValueError) as error:
-        raise ValueError(f"not a certificate: {error}") from error
-    return None
-
-
-def _fields(data: bytes) -> list[tuple[int, bytes]]:
-    """Return the tags and contents of consecutive DER values."""
-    found = []
-    at = 0
-    while at < len(data):
-        tag, length, at = data[at], data[at + 1], at + 2
-        if length & 0x80:
-            size = length & 0x7F
-            length, at = int.from_bytes(data[at : at + size], "big"), at + size
-        if at + length > len(data):
-            raise ValueError("it ends too early")
-        found.append((tag, data[at : at + length]))
-        at += length
-    return found
-
-
 # A broken connection is noticed within this time and retried at this interval, so that boards
 # agree soon after it. (A connection that survived the break would wait for TCP's own, doubling
 # pauses.)
 LEASE_MS = 1500
+
 _OPEN_MS = 500
+
 # Who connects must give up first: if the other side does, while its last answer is on its way, who
 # connects takes for open what nobody reads, and never tries again (Zenoh 1.10).
 _ACCEPT_MS = 4 * _OPEN_MS
+
 _RETRY = {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1.0}
 _ATTEMPT_MS = 1000  # at least, of a client to connect
 _OVERHEAD = 1 << 22  # bytes sent in addition to the largest message: names and schemas
@@ -83,7 +42,7 @@ _FULL_MESH = {"router": ["router", "peer"], "peer": ["router", "peer"], "client"
 
 
 def configure(settings: Settings, mode: str) -> zenoh.Config:
-    """Return the configuration of a session in mode ``peer`` or ``client``.
+    """Make the configuration of a session in mode ``peer`` or ``client``.
 
     Settings override the user's file, which overrides our defaults. Raise :class:`.NetworkError`
     for an unreadable file, and for a value that Zenoh does not accept.
@@ -130,17 +89,6 @@ def configure(settings: Settings, mode: str) -> zenoh.Config:
     return config
 
 
-def open_session(config: zenoh.Config, connect_s: float) -> zenoh.Session:
-    """Open a session; a client tries to connect for so long. Raise ``zenoh.ZError``."""
-    import zenoh
-
-    is_client = json.loads(config.get_json("mode")) == "client"
-    if not (is_client and endpoints(config, "connect")):
-        return zenoh.open(config)
-    open_ms = json.loads(config.get_json("transport/unicast/open_timeout"))
-    return open_client(config, max(_ATTEMPT_MS, 2 * open_ms), connect_s)
-
-
 def _defaults(mode: str) -> dict[str, Any]:
     return {
         "mode": mode,
@@ -153,6 +101,17 @@ def _defaults(mode: str) -> dict[str, Any]:
         "transport/unicast/open_timeout": _OPEN_MS,
         "transport/unicast/accept_timeout": _ACCEPT_MS,
     }
+
+
+def _read(path: str) -> zenoh.Config:
+    import zenoh
+
+    if not Path(path).is_file():
+        raise NetworkError(f"{path}: no such Zenoh configuration file", ("zenoh",))
+    try:
+        return zenoh.Config.from_file(path)
+    except zenoh.ZError as error:
+        raise NetworkError(f"{path}: {error_text(error)}") from error
 
 
 def _check_certificates(config: zenoh.Config) -> None:
@@ -169,8 +128,33 @@ def _check_certificates(config: zenoh.Config) -> None:
         )
 
 
+def open_session(config: zenoh.Config, connect_s: float) -> zenoh.Session:
+    """Open a session; a client tries to connect for `connect_s` seconds.
+
+    Raise ``zenoh.ZError`` if it cannot.
+    """
+    import zenoh
+
+    is_client = json.loads(config.get_json("mode")) == "client"
+    if not (is_client and endpoints(config, "connect")):
+        return zenoh.open(config)
+    open_ms = json.loads(config.get_json("transport/unicast/open_timeout"))
+    return open_client(config, max(_ATTEMPT_MS, 2 * open_ms), connect_s)
+
+
+def endpoints(config: zenoh.Config, which: str) -> tuple[str, ...]:
+    """Return a session's endpoints to listen at or to connect to: `which` is that word."""
+    found = json.loads(config.get_json(f"{which}/endpoints"))
+    if isinstance(found, dict):  # one list for each mode
+        found = found.get(json.loads(config.get_json("mode")) or "peer", [])
+    return tuple(str(endpoint) for endpoint in found)
+
+
 def certificate_name(config: zenoh.Config) -> str:
-    """Return the name in this host's certificate, or ``-``; raise :class:`.NetworkError`."""
+    """Read the name in this host's certificate; ``-`` if it has none that can be in a key.
+
+    Raise :class:`.NetworkError` for a file that cannot be read, or is no certificate.
+    """
     for side in ("connect", "listen"):
         key = f"transport/link/tls/{side}_certificate"
         path, encoded = (json.loads(config.get_json(key + end)) for end in ("", "_base64"))
@@ -184,20 +168,48 @@ def certificate_name(config: zenoh.Config) -> str:
     return "-"
 
 
-def _read(path: str) -> zenoh.Config:
-    import zenoh
+# ---- Certificates ---------------------------------------------------------------------------
 
-    if not Path(path).is_file():
-        raise NetworkError(f"{path}: no such Zenoh configuration file", ("zenoh",))
+_FIRST = re.compile(r"-----BEGIN CERTIFICATE-----.*?-----END CERTIFICATE-----", re.DOTALL)
+_VERSION = 0xA0  # the tag of an optional field before the others
+_SUBJECT = 4  # fields before it: serial number, algorithm, issuer, validity
+_COMMON_NAME = bytes((0x55, 0x04, 0x03))
+
+
+def common_name(pem: str) -> str | None:
+    """Read the common name of the first certificate in a PEM text; None if there is none.
+
+    Raise ValueError for a text that is not a certificate.
+    """
+    found = _FIRST.search(pem)
+    if found is None:
+        raise ValueError("not a certificate in PEM")
     try:
-        return zenoh.Config.from_file(path)
-    except zenoh.ZError as error:
-        raise NetworkError(f"{path}: {error_text(error)}") from error
+        (certificate,) = _fields(ssl.PEM_cert_to_DER_cert(found[0]))
+        fields = _fields(_fields(certificate[1])[0][1])
+        if fields[0][0] == _VERSION:
+            del fields[0]
+        for _, relative_name in _fields(fields[_SUBJECT][1]):
+            for _, attribute in _fields(relative_name):
+                (_, kind), (_, value) = _fields(attribute)
+                if kind == _COMMON_NAME:
+                    return value.decode()
+    except (IndexError, ValueError) as error:
+        raise ValueError(f"not a certificate: {error}") from error
+    return None
 
 
-def endpoints(config: zenoh.Config, which: str) -> tuple[str, ...]:
-    """Return the endpoints of a session, where `which` is ``listen`` or ``connect``."""
-    found = json.loads(config.get_json(f"{which}/endpoints"))
-    if isinstance(found, dict):  # one list for each mode
-        found = found.get(json.loads(config.get_json("mode")) or "peer", [])
-    return tuple(str(endpoint) for endpoint in found)
+def _fields(data: bytes) -> list[tuple[int, bytes]]:
+    """Split DER (ITU-T X.690) into consecutive values, each a tag and its content."""
+    found = []
+    at = 0
+    while at < len(data):
+        tag, length, at = data[at], data[at + 1], at + 2
+        if length & 0x80:
+            size = length & 0x7F
+            length, at = int.from_bytes(data[at : at + size], "big"), at + size
+        if at + length > len(data):
+            raise ValueError("it ends too early")
+        found.append((tag, data[at : at + length]))
+        at += length
+    return found

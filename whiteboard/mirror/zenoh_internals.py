@@ -1,4 +1,4 @@
-"""Everything that relies on undocumented behaviour of Zenoh; nothing else in llfsm does.
+"""Workarounds that rely on undocumented behaviour of Zenoh; nothing else in llfsm does.
 
 Each function states the behaviour that it assumes. A test of its own checks each assumption
 against the installed version (tests/whiteboard/mirror/test_zenoh_internals.py), and pyproject.toml
@@ -43,7 +43,7 @@ def use_few_threads() -> None:
 def callback_in_receiver(
     receive: Callable[[str, bytes], object],
 ) -> zenoh.handlers.Callback[zenoh.Sample]:
-    """Return a handler that calls `receive` with key and payload, in the thread that received them.
+    """Make a handler that calls `receive` with key and payload, in the thread that received them.
 
     Assumes that this is one of a few threads of Zenoh's pool, and that each callback creates a
     thread state of Python and deletes it at its end, which costs more than the callback. One
@@ -103,8 +103,8 @@ def limit_link(link: zenoh.Link, timeout_ms: int) -> bool:
     connections, so hosts that vanish would silence all others.
 
     Assumes that a connection is a TCP socket of this process, and that the link's addresses end in
-    its ports: Zenoh has no setting for this, and does not give access to its sockets. Return
-    whether the socket was found. Does nothing except on Linux.
+    its ports: Zenoh has no setting for this, and does not give access to its sockets. Return False
+    if the socket was not found. Does nothing except on Linux.
     """
     here, there = _port(link.src), _port(link.dst)
     found = False
@@ -133,7 +133,7 @@ def listeners() -> set[tuple[str, int]]:
 
 
 def _own_sockets() -> Iterator[socket.socket]:
-    """Return a copy of each socket of this process, open until the next one is asked for."""
+    """Duplicate each socket of this process in turn; a duplicate is closed before the next one."""
     if sys.platform != "linux":
         return
     for number in sorted(map(int, os.listdir("/proc/self/fd"))):
@@ -204,7 +204,7 @@ def refusal_log() -> Iterator[RefusalLog]:
 
 
 def parse_refusal(line: str) -> tuple[str, str] | None:
-    """Return what a line of the log reports as refused, and why; None for any other line.
+    """Find a refusal in a line of the log: what was refused, and why; None for any other line.
 
     Assumes the wording of Zenoh's log. Outgoing connections that fail because the other host is
     not up are not refusals.
@@ -222,7 +222,7 @@ def parse_refusal(line: str) -> tuple[str, str] | None:
 
 
 def error_text(error: Exception) -> str:
-    """Return the text of one of Zenoh's errors without positions in Zenoh's sources.
+    """Take the text of one of Zenoh's errors, without positions in Zenoh's sources.
 
     Assumes that positions have the form `` at /path/file.rs:1``, and how errors in JSON5 are
     wrapped. If that changes, the whole text is returned.

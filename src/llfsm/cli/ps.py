@@ -27,10 +27,10 @@ from llfsm.runtime.presence.slot_ownership import contested_slots, described
 from llfsm.whiteboard import Board, BoardNotFoundError, Message, Sample, WhiteboardError
 from llfsm.whiteboard.messages.llfsm import Commander, MachineStatus, status_slot
 from llfsm.whiteboard.messages.turtlesim import Pose
-from llfsm.whiteboard.own_slots import is_own
 from llfsm.whiteboard.poller import BoardPoller, is_data
 from llfsm.whiteboard.schema import to_plain
 from llfsm.whiteboard.shared import boards
+from llfsm.whiteboard.slot_names import is_own
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

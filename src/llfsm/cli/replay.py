@@ -22,8 +22,8 @@ from llfsm.cli.options import (
     topics_option,
 )
 from llfsm.runtime.engine.realtime import stop_on_signals
-from llfsm.whiteboard.own_slots import is_own
 from llfsm.whiteboard.schema import to_plain
+from llfsm.whiteboard.slot_names import is_own
 
 
 @click.command()

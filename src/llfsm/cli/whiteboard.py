@@ -272,7 +272,7 @@ def _located(error: NetworkError, config: Path | None, flags: dict[str, object])
 def status(board: BoardPlace, as_json: bool) -> None:
     """Print the status of a whiteboard's daemon: hosts, rates, lag, conflicts, refusals."""
     latest = read_status(board)
-    click.echo(json.dumps(to_plain(latest)) if as_json else _text(board.name, latest))
+    click.echo(json.dumps(to_plain(latest)) if as_json else f"{board.name}: {latest.text()}")
 
 
 def read_status(board: BoardPlace, *, stale_s: float = 3.0) -> MirrorStatus:
@@ -294,30 +294,3 @@ def read_status(board: BoardPlace, *, stale_s: float = 3.0) -> MirrorStatus:
             f"it has published no status for {silent_s:.1f} s"
         )
     return sample.message
-
-
-def _text(board: str, latest: MirrorStatus) -> str:
-    lines = [
-        f"{board}: mirrored by process {latest.pid}, host {latest.host}"
-        + (f", as {latest.name}" if latest.name else ""),
-        f"slots      {latest.slots} may leave",
-        f"left       {latest.left}, {latest.leave_rate:g} a second",
-        f"entered    {latest.entered}, {latest.enter_rate:g} a second",
-        f"traffic    {latest.sent_rate / 1000:.1f} kB/s out, {latest.received_rate / 1000:.1f} in",
-        f"conflicts  {latest.conflicts}",
-        f"held back  {latest.held_back}",
-    ]
-    for peer in latest.peers:
-        last = f", the last {peer.silent_s:.1f} s ago" if peer.silent_s > 1 else ""
-        certified = f", certificate {peer.certificate}" if peer.certificate else ""
-        lines.append(
-            f"peer       {peer.host} {peer.name}{certified}: lag {peer.lag_ms:.1f} ms, "
-            f"{peer.received} batches{last}, {peer.lost} lost"
-        )
-    for quota in latest.quotas:
-        lines.append(
-            f"quota      {quota.name or 'other hosts'}: {quota.slots} of {quota.max_slots} slots, "
-            f"{quota.bytes >> 20} of {quota.max_bytes >> 20} MiB, {quota.over_rate} over the rate"
-        )
-    lines += [f"refused    {refusal.count} x {refusal.what}" for refusal in latest.refused]
-    return "\n".join(lines)

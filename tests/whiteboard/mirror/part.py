@@ -64,7 +64,7 @@ def batch(
     host: int = 2,
     declare: bool = True,
 ) -> bytes:
-    """What another host sends."""
+    """Make a batch as another host sends it."""
     payload = (
         message if isinstance(message, bytes) else msgspec.msgpack.encode(message or slot.type())
     )

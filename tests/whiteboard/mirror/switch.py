@@ -38,7 +38,7 @@ class Switch:
             self.join(i)
 
     def prefix(self, host: int) -> list[str]:
-        """Return how a command is run on a host: in its network, and under its name."""
+        """Make the command that runs another one on a host: in its network, and under its name."""
         rename = ["sh", "-c", f'hostname {self.hosts[host]} && exec "$@"', "sh"]
         return ["ip", "netns", "exec", self.hosts[host], "unshare", "--uts", *rename]
 

@@ -1,4 +1,4 @@
-"""Who may add to which slots, by the names in certificates made here."""
+"""The right to add to slots, by the names in certificates made here."""
 
 from __future__ import annotations
 

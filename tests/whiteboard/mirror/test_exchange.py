@@ -1,4 +1,4 @@
-"""How one host handles what another one sends: what enters and leaves, and what it asks for."""
+"""One host's part of mirroring: messages enter and leave, and missed ones are asked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How one host handles versions where the clock of a host is wrong, or is set."""
+"""Versions where the clock of a host is wrong, or is set."""
 
 from __future__ import annotations
 

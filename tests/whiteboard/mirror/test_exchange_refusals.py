@@ -1,4 +1,4 @@
-"""What one host refuses of what another one sends, whatever it is."""
+"""Messages of another host that are refused, and without harm to others."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ def test_hosts_find_each_other_through_a_router(make_host: MakeHost, tmp_path: P
 
 
 def test_interest_ends_with_the_command(fleet: Fleet) -> None:
-    """What was shown is read no more, nor does the daemon look for hosts."""
+    """Afterwards, its slots are read no more, nor does the daemon look for hosts."""
     pose, theirs = number_slot("arm/angle"), number_slot("robot7/arm/angle")
     fleet.robot.add(1, pose)
     wait_for(lambda: "robot7/Counts" in fleet.ps("--fleet"))

@@ -1,13 +1,18 @@
-"""What a host costs in a fleet does not depend on the fleet, and a partition ends soon."""
+"""The costs of a host do not depend on the size of its fleet, and a partition ends soon."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from llfsm.whiteboard.mirror.fleets import SITE, Fleet, measure
+import fleets
+from fleets import SITE, Fleet, measure
+
+PROGRAM = fleets.__file__
 
 
 def test_the_traffic_of_a_host_does_not_grow_with_the_fleet() -> None:
@@ -53,3 +58,10 @@ def test_what_a_dead_host_has_added_reaches_another_site_that_was_cut_off(tmp_pa
         fleet.now_ns += 60_000_000_000
         fleet.run(300)
         assert fleet.agrees()
+
+
+@pytest.mark.parametrize("word", ["abc", "1", "-3"])
+def test_what_is_not_a_number_of_hosts_ends_it_with_one_line(word: str) -> None:
+    done = subprocess.run([sys.executable, PROGRAM, word], text=True, capture_output=True)
+    assert done.returncode == 1
+    assert done.stderr == f"{word!r} is not a number of hosts: a fleet has 2 or more\n"

@@ -18,8 +18,8 @@ from llfsm.whiteboard.mirror.exchange import Exchange
 from llfsm.whiteboard.mirror.groups import group_of
 from llfsm.whiteboard.mirror.peers import EVERY_HOST
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.simulation import World, fleet
 from llfsm.whiteboard.mirror.store import NoVersionLog, Store
+from simulation import World, fleet
 from thoroughness import examples
 
 from .part import Number, Part, batch
@@ -111,7 +111,7 @@ def test_what_nobody_reads_does_not_travel(tmp_path: Path) -> None:
 def test_a_first_read_has_the_latest_message_within_one_round_trip(
     tmp_path: Path, readers: int
 ) -> None:
-    """Whether or not others read it already, so that its host sends no more than it did."""
+    """Also if others read it already, so that its host sends no more than it did."""
     world = lazy_world(tmp_path, 3, delay_ms=(DELAY_MS, DELAY_MS))
     world.add(0, 0)
     for reader in range(readers):

@@ -17,7 +17,7 @@ from llfsm.whiteboard.mirror.batches import Value, Version
 from llfsm.whiteboard.mirror.groups import group_of
 from llfsm.whiteboard.mirror.naming import Naming
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.simulation import Numbered, World
+from simulation import Numbered, World
 from thoroughness import examples
 
 from .part import NUMBER, Number, Part

@@ -1,4 +1,4 @@
-"""What another host may take: slots, shared memory, and the daemon's time."""
+"""Quotas of another host: slots, shared memory, and the daemon's time."""
 
 from __future__ import annotations
 

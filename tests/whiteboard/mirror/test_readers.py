@@ -1,4 +1,4 @@
-"""What daemons fetch for the processes beside them, over Zenoh: what these read, while they run."""
+"""Daemons fetch the slots that processes beside them read, over Zenoh, while these run."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_an_eager_host_gets_all_and_a_connected_process_too(make_host: MakeHost,
 
 
 def losses(host: Host) -> int:
-    """Return how many messages of another host were lost on their way."""
+    """Count the messages of another host that were lost on their way."""
     status = host.board[MIRROR]
     count = status.count
     wait_for(lambda: status.count > count, "a status")

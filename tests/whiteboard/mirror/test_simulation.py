@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from llfsm.whiteboard.mirror.batches import Version
-from llfsm.whiteboard.mirror.simulation import World
+from simulation import World
 from thoroughness import examples
 
 HOSTS, SLOTS = 3, 2

@@ -1,4 +1,4 @@
-"""What a daemon leaves to the next one of its board."""
+"""The log of versions that a daemon leaves to the next one of its board."""
 
 from __future__ import annotations
 

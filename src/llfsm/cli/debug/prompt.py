@@ -17,7 +17,7 @@ from llfsm.runtime.engine.failure import one_line
 from llfsm.runtime.engine.state import SECTIONS
 from llfsm.runtime.value_text import ValueText
 from llfsm.whiteboard.message_text import parse_message
-from llfsm.whiteboard.own_slots import is_own
+from llfsm.whiteboard.slot_names import is_own
 
 if TYPE_CHECKING:
     from llfsm.bridges.recording.reversing.client import Client

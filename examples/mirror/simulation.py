@@ -1,20 +1,21 @@
 """Hosts mirroring a board over a network with delays, losses and partitions, with clock skew.
 
-Everything but the network is the real code; time is virtual and random numbers are seeded. After
-each step it is checked that no board has gone back to an older message. Run as a program, it
-prints how the traffic grows::
+Everything but the network is the real code; time is virtual and random numbers are seeded, so a run
+can be repeated. Each step of 5 ms delivers what is due and runs one tick of every daemon, and then
+checks two invariants: no board has gone back to an older message, and a message has one version on
+all hosts. Run as a program, it prints how the traffic grows if all hosts read all slots::
 
-    python -m llfsm.whiteboard.mirror.simulation
+    python examples/mirror/simulation.py
 
-and with numbers of hosts, how it does not if hosts read only what a few others add.
+and with numbers of hosts, that it does not grow if each reads what two others add.
 """
 
 from __future__ import annotations
 
-import argparse
 import heapq
 import itertools
 import random
+import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -86,7 +87,7 @@ class Host:
             self.receive(set())
 
     def wall_ns(self, stamp_ns: int) -> int:
-        """Return the time on its clock for a stamp."""
+        """Convert a stamp of virtual time to the time on its clock."""
         return START_NS + stamp_ns + self.skew_ns
 
     def read_clock_ns(self) -> int:
@@ -131,7 +132,7 @@ class Host:
         return [] if self.version_log is None else self.exchange.groups()
 
     def is_read(self, group: str) -> bool:
-        """Return whether another host receives a group."""
+        """Check that another host receives a group."""
         return any(host is not self for host in self.world.receivers(group))
 
     def check(self) -> None:
@@ -187,7 +188,7 @@ class World:
             self.hosts.append(Host(self, index, skew_ns, chosen[index]))
 
     def slot(self, number: Any) -> Slot[Numbered]:
-        """Return one of the slots, by what `name` needs."""
+        """Make one of the slots, by the number or numbers in its name."""
         return Slot(self.name.format(number), Numbered)
 
     def add(self, host: int, slot: Any, payload: bytes = b"") -> None:
@@ -199,13 +200,13 @@ class World:
         return self.readers[group] | self.readers[EVERY_GROUP]
 
     def connect(self, started: Host | None = None) -> None:
-        """Let all hosts know that some have connected: one that has started, or after a cut."""
+        """Tell all hosts that some have connected: one that has started, or after a cut."""
         for host in self.hosts:
             if host.version_log is not None:
                 host.exchange.connect()
 
     def begin_sending(self, group: str) -> None:
-        """Let all hosts know that a group is read, which was not."""
+        """Tell all hosts that a group is read, which was not."""
         for host in self.hosts:
             if host.version_log is not None:
                 host.exchange.begin_sending(group)
@@ -282,7 +283,7 @@ class World:
         return max((v for (s, _), v in self.versions.items() if s == name), default=None)
 
     def is_settled(self, slots: int) -> bool:
-        """Return whether all boards hold the newest message of each slot."""
+        """Check that all boards hold the newest message of each slot."""
         return all(
             host.versions.get(self.slot(number).name) == self.newest(number)
             for host in self.hosts
@@ -312,7 +313,7 @@ _FLEET_LINE = "{:>5} {:>5} {:>9} | {:>10} {:>9} {:>10}"
 
 
 def traffic(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> str:
-    """Return one line of the table: each host adds 64 bytes to each slot `rate` times a second."""
+    """Measure one line of the table: each host adds 64 bytes to each slot `rate` times a second."""
     with tempfile.TemporaryDirectory() as folder:
         world = World(1, hosts, Path(folder))
         adds = list(itertools.product(range(hosts), range(slots)))
@@ -323,7 +324,7 @@ def traffic(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> str:
 
 
 def fleet(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> tuple[float, float]:
-    """Return messages and bytes of a host a second, if each reads what two others add.
+    """Measure messages and bytes of a host a second, if each reads the slots of two others.
 
     Each host adds to slots of its own, in a folder, and none is eager.
     """
@@ -340,7 +341,7 @@ def fleet(hosts: int, slots: int, rate: int, seconds: float = 0.5) -> tuple[floa
 def _measure(
     world: World, adds: list[tuple[int, Any]], rate: int, seconds: float
 ) -> tuple[float, float]:
-    """Return how many messages and bytes are sent in a second, once all hosts agree."""
+    """Count the messages and bytes that all hosts send in a second, once they agree."""
     try:
         for host, slot in adds:
             world.add(host, slot, bytes(64))
@@ -363,13 +364,13 @@ _FLEET_SLOTS, _FLEET_RATE = 2, 20
 
 
 def table() -> str:
-    """Return the first table in docs/how-to/hosts.md."""
+    """Make the first table in docs/how-to/hosts.md."""
     heads = "hosts", "slots", "adds/s", "adds/s all", "msgs/link", "msgs/host", "kB/s host"
     return "\n".join([_LINE.format(*heads), *(traffic(*row) for row in ROWS)])
 
 
 def fleet_table(sizes: Iterable[int]) -> str:
-    """Return the second one: hosts that read what two others add."""
+    """Make the second one: hosts that read the slots of two others."""
     lines = [_FLEET_LINE.format("hosts", "slots", "adds/s", "adds/s all", "msgs/host", "kB/s host")]
     for hosts in sizes:
         messages, size = fleet(hosts, _FLEET_SLOTS, _FLEET_RATE)
@@ -380,13 +381,11 @@ def fleet_table(sizes: Iterable[int]) -> str:
 
 
 def sizes() -> list[int]:
-    """Return the numbers of hosts that the command line lists."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("hosts", type=int, nargs="*")
-    hosts: list[int] = parser.parse_args().hosts
-    if min(hosts, default=2) < 2:
-        parser.error("a fleet has at least 2 hosts")
-    return hosts
+    """Read the numbers of hosts from the command line; end with one line for a wrong one."""
+    for word in sys.argv[1:]:
+        if not word.isdecimal() or int(word) < 2:
+            sys.exit(f"{word!r} is not a number of hosts: a fleet has 2 or more")
+    return [int(word) for word in sys.argv[1:]]
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
 """Fleets in virtual time: hosts that read what few others add, behind routers that may be cut off.
 
-The hosts are those of :mod:`.simulation`: the real code, whose boards are checked after each step.
+The hosts are those of ``simulation.py``: the real code, whose boards are checked after each step.
 Each router serves a site of `SITE` hosts, and the routers reach each other. A host reads the
 folder of the next host of its site and that of one at another site. Run as a program, this prints
 what a host sends and receives and a router forwards, and how soon all agree after a partition::
 
-    python -m llfsm.whiteboard.mirror.fleets 10 100 1000
+    python examples/mirror/fleets.py 10 100 1000
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from llfsm.whiteboard.mirror.peers import Packet
 from llfsm.whiteboard.mirror.settings import Settings
-from llfsm.whiteboard.mirror.simulation import MS, TICK_NS, Host, World, sizes
+from simulation import MS, TICK_NS, Host, World, sizes
 
 SITE = 10
 SLOTS, RATE = 2, 20  # of each host, which adds to each slot so often a second
@@ -79,7 +79,7 @@ class Fleet(World):
             counter["bytes"] += number * size
 
     def connect(self, started: Host | None = None) -> None:
-        """Let a host know that it has connected; those behind routers do not notice any of it."""
+        """Tell a host that it has connected; those behind routers do not notice any of it."""
         if started is not None:
             started.exchange.connect(to_router=True)
 
@@ -92,7 +92,7 @@ class Fleet(World):
         self.groups = [0] * len(self.hosts)
 
     def agrees(self) -> bool:
-        """Return whether each host has the newest messages of all that it reads."""
+        """Check that each host has the newest messages of all slots that it reads."""
         return all(
             host.versions.get(name) == self.hosts[of].versions.get(name)
             for host in self.hosts
@@ -162,7 +162,7 @@ def measure(hosts: int) -> Row:
 
 
 def table(sizes: Iterable[int]) -> str:
-    """Return the table in docs/concepts/fleets.md."""
+    """Make the table in docs/concepts/fleets.md."""
     lines = ["hosts routers | sent/s kB/s sent  received | kB/s router | agree ms"]
     for size in sizes:
         row = measure(size)
