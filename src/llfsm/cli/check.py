@@ -9,14 +9,13 @@ from pathlib import Path
 
 import click
 
-from llfsm.cli.machine_names import (
+from llfsm.cli.machines import (
     MachineImportError,
     find_bundle,
     find_machine_class,
+    parse_arguments,
     search_modules_in,
-    with_called_bundles,
 )
-from llfsm.cli.run.arguments import parse_arguments
 from llfsm.errors import LlfsmError
 from llfsm.runtime.checking import (
     Finding,
@@ -25,6 +24,7 @@ from llfsm.runtime.checking import (
     check_class,
     check_types,
 )
+from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.engine.environment import BoardEnvironment
 from llfsm.runtime.engine.errors import FsmError, UnreachableStateWarning
 from llfsm.runtime.engine.machine import Machine
@@ -78,7 +78,7 @@ def _check_file(file: Path) -> list[Finding]:
     except FsmError as error:
         return [*found, Finding(str(file.absolute()), 1, "error", str(error))]
     found += _check_verification(file, resolved.plan)
-    called = with_called_bundles(resolved.classes) if resolved.plan.breakpoints else {}
+    called = callable_machines(resolved.classes) if resolved.plan.breakpoints else {}
     return found + check_arrangement(file.absolute(), resolved.plan, resolved.classes, called)
 
 

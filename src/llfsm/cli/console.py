@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from types import FrameType
@@ -22,6 +23,14 @@ def log_to_console(level: int, *handlers: logging.Handler, is_on: bool = True) -
     if not is_on:
         used = (logging.NullHandler(),)  # without a handler, Python would print warnings
     logging.basicConfig(level=level, format="%(message)s", handlers=used)
+
+
+def log_machines(*, is_on: bool) -> None:
+    """Log messages of machines to standard output, warnings and errors to standard error."""
+    messages, problems = logging.StreamHandler(sys.stdout), logging.StreamHandler(sys.stderr)
+    messages.addFilter(lambda record: record.levelno < logging.WARNING)
+    problems.setLevel(logging.WARNING)
+    log_to_console(logging.INFO, messages, problems, is_on=is_on)
 
 
 SIGNALS = ("SIGINT", "SIGTERM")

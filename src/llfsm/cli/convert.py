@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import output_option
 from llfsm.runtime.bundles import (
     SUFFIX,

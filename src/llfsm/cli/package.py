@@ -18,7 +18,7 @@ from xml.sax.saxutils import escape
 
 import click
 
-from llfsm.cli.machine_names import find_bundle, find_machine_class
+from llfsm.cli.machines import find_bundle, find_machine_class
 from llfsm.cli.options import output_option
 from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import read_bundle, require_python

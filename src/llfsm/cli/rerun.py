@@ -26,9 +26,9 @@ from llfsm.bridges.recording.reversing.client import Travelled, travelling
 from llfsm.bridges.recording.reversing.worker import Serve
 from llfsm.bridges.ros2.bridging.bridge_plan import used_slots
 from llfsm.cli.bridge.configured import Configured
-from llfsm.cli.machine_names import with_called_bundles
+from llfsm.cli.machines import ResolvedPlan, parse_arguments
 from llfsm.cli.options import given_option, recording_argument, topics_option, trust_option
-from llfsm.cli.run.arguments import ResolvedPlan, parse_arguments
+from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.plans import DispatchTable, Plan, PlannedMachine, assemble
 from llfsm.runtime.verification import Member
 
@@ -80,7 +80,7 @@ def travel_through(
         assemble(plan, resolved.classes, rerun.environment, library=library)
         return rerun
 
-    library = with_called_bundles(resolved.classes)
+    library = callable_machines(resolved.classes)
     return travelling(again, library, recording.span_ns[0], serve, read_line)
 
 

@@ -11,7 +11,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,18 +20,16 @@ import click
 from llfsm.cli.dap.framing import Message, MessageStream, ProtocolError
 from llfsm.cli.dap.inspection import Inspection, breakpoints_at
 from llfsm.cli.debug.session import Session, clock_of
-from llfsm.cli.run.arguments import parse_arguments
+from llfsm.cli.machines import parse_arguments
 from llfsm.cli.run.running import place_of_call
 from llfsm.cli.run.world import recorded
 from llfsm.errors import LlfsmError
-from llfsm.runtime.debugging.breakpoints import machines_beside
 from llfsm.runtime.engine.failure import one_line
 from llfsm.whiteboard import Whiteboard
 from llfsm.whiteboard.board_files import default_name
 
 if TYPE_CHECKING:
     from llfsm.runtime.debugging.debugger import Debugger, Step
-    from llfsm.runtime.engine.machine import Machine
 
 
 _THREAD: Final = 1
@@ -266,7 +264,7 @@ class Adapter:
     def _set_breakpoints(self, arguments: Message) -> Message:
         file = str(arguments.get("source", {}).get("path", ""))
         texts, answers = [], []
-        machines = self._machines
+        machines = self._launched.library
         for wanted in arguments.get("breakpoints") or ():
             line = int(wanted.get("line", 0))
             places = breakpoints_at(machines, file, line)
@@ -286,12 +284,6 @@ class Adapter:
         self._break()
         return {"breakpoints": answers}
 
-    @property
-    def _machines(self) -> Mapping[str, type[Machine]]:
-        """The machines, and those that they may call, by name."""
-        library = self._launched.library
-        return {**machines_beside(library.values()), **library}
-
     def _set_function_breakpoints(self, arguments: Message) -> Message:
         self._functions, answers = [], []
         for wanted in arguments.get("breakpoints") or ():
@@ -305,7 +297,7 @@ class Adapter:
 
     def _set_exception_breakpoints(self, arguments: Message) -> None:
         wanted = _FAILURES in (arguments.get("filters") or ())
-        self._failures = [f"{machine}!" for machine in self._machines] if wanted else []
+        self._failures = [f"{machine}!" for machine in self._launched.library] if wanted else []
         self._break()
 
     def _problem(self, texts: list[str]) -> str:

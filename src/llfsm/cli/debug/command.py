@@ -18,8 +18,8 @@ from rich.console import Console
 
 from llfsm.cli.debug.prompt import LivePrompt, Prompt
 from llfsm.cli.debug.session import Session, clock_of
+from llfsm.cli.machines import parse_arguments
 from llfsm.cli.options import BoardPlace, board_option, break_option, given_option, trust_option
-from llfsm.cli.run.arguments import parse_arguments
 from llfsm.cli.run.world import recorded
 from llfsm.errors import LlfsmError
 

@@ -6,8 +6,8 @@ import threading
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Self
 
-from llfsm.cli.machine_names import with_called_bundles
-from llfsm.cli.run.arguments import ResolvedPlan
+from llfsm.cli.machines import ResolvedPlan
+from llfsm.runtime.debugging.breakpoints import callable_machines
 from llfsm.runtime.debugging.debugger import Debugger, Step
 from llfsm.runtime.engine.clock import Clock, DebugClock
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
@@ -38,7 +38,7 @@ class Session:
         self.arrangement: Arrangement = assemble(
             plan, resolved.classes, environment, library=resolved.library
         )
-        self.library: Mapping[str, type[Machine]] = with_called_bundles(resolved.classes)
+        self.library: Mapping[str, type[Machine]] = callable_machines(resolved.classes)
         self.debugger = Debugger(self.arrangement, on_pause=plan.on_pause)
         self.break_at(*plan.breakpoints)
         self.error: Exception | None = None

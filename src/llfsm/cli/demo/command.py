@@ -24,9 +24,9 @@ from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator, run
 from llfsm.cli.demo.processes import LiveBoard, Processes, ProcessStatus, show
 from llfsm.cli.demo.ros_graph import RosGraph, graph_options
+from llfsm.cli.machines import parse_arguments
 from llfsm.cli.options import BoardPlace, Number, board_option, given_option, local_option
 from llfsm.cli.ps import Watcher
-from llfsm.cli.run.arguments import parse_arguments
 from llfsm.cli.view import TOKEN_VARIABLE, VIEW_PORT, listen, make_server, page_address, page_token
 from llfsm.runtime.plans import assemble
 from llfsm.runtime.presence.live import LiveEnvironment

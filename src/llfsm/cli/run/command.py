@@ -11,6 +11,8 @@ import click
 from msgspec.structs import replace
 
 from llfsm.cli import VERSION
+from llfsm.cli.console import log_machines
+from llfsm.cli.machines import parse_arguments
 from llfsm.cli.options import (
     BoardPlace,
     Integer,
@@ -22,8 +24,6 @@ from llfsm.cli.options import (
     supervised_options,
 )
 from llfsm.cli.ros_options import RosCommand, require_ros, ros_arguments, ros_options
-from llfsm.cli.run.arguments import parse_arguments
-from llfsm.cli.run.report import log_machines
 from llfsm.cli.run.running import Reports, load_machines, run_machines, run_nonstop
 from llfsm.cli.run.world import RosOptions, WorldOptions, open_world
 from llfsm.runtime.plans import Plan

@@ -11,8 +11,7 @@ import click
 import msgspec
 from msgspec.structs import replace
 
-from llfsm.cli.machine_names import find_object
-from llfsm.cli.run.arguments import ResolvedPlan, parse_arguments
+from llfsm.cli.machines import ResolvedPlan, find_object, parse_arguments
 from llfsm.errors import did_you_mean
 from llfsm.runtime.plans import Plan, PlannedMachine, Verification
 from llfsm.runtime.verification import NO_FAILURE, Member, Property

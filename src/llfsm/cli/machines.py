@@ -1,6 +1,8 @@
-"""Machines as a command line names them: ``RosPingPong``, ``patrol.py:Patrol``, a bundle.
+"""Machines as a command line names them: one by its name, several as a plan with their classes.
 
-The bundles that other bundles may call: breakpoints can be set before these run.
+A name is tried as a bundle in the folders that are searched, then as a machine that ships, then as
+a module's file or an import, with the class behind a colon. So a user's own machine comes before
+one that ships under the same name, and nothing is imported but what is named.
 """
 
 from __future__ import annotations
@@ -9,20 +11,24 @@ import importlib
 import re
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import ModuleType
 from typing import Any
 
 import click
+import msgspec
+from msgspec.structs import replace
 
 import llfsm
 from llfsm.errors import LlfsmError, did_you_mean, nearby_file
 from llfsm.runtime.bundles import SUFFIX, load_bundle
 from llfsm.runtime.engine.machine import Machine
+from llfsm.runtime.plans import Plan, PlannedMachine, names_of, read_dispatch_table, read_plan
 
 _HERE = (Path(),)
 _PYTHON = ".py"
+_PLAN = ".toml"
 _NOT_THEIRS = (*llfsm.__path__, "<frozen ", importlib.__file__)
 
 
@@ -236,28 +242,139 @@ def _place(error: BaseException) -> tuple[str, int] | None:
     return None
 
 
-def with_called_bundles(classes: Mapping[str, type[Machine]]) -> dict[str, type[Machine]]:
-    """Return machines, by name, and the bundles beside theirs that their code names.
+class ResolvedPlan:
+    """A plan with the class of each machine, by the name that it gets, in the plan's order."""
 
-    Raise what `load_bundle` raises.
-    """
-    found, waiting = dict(classes), [*classes.values()]
-    while waiting:
-        for other in _named_by(waiting.pop()):
-            if other.stem not in found:
-                found[other.stem] = load_bundle(other)
-                waiting.append(found[other.stem])
-    return found
+    def __init__(self, plan: Plan, folders: Sequence[Path], source: str = ""):
+        found = [_find(planned, folders, source) for planned in plan.machines]
+        names = names_of(plan, [cls.__name__ for cls in found])
+        self.classes = dict(zip(names, found, strict=True))
+        self.plan = plan
+        beside = [Path(cls.table.path) for cls in found]
+        bundles = [path.parent for path in beside if path.suffix == SUFFIX]
+        self.library = _MachineFinder(self.classes.values(), dict.fromkeys([*folders, *bundles]))
+
+    def set(self, texts: Iterable[str]) -> None:
+        """Set variables and slots by ``name:variable=value`` and ``name:slot:=other``.
+
+        Raise ``click.UsageError`` for a text that names no machine, variable or slot.
+        """
+        machines = dict(zip(self.classes, self.plan.machines, strict=True))
+        for text in texts:
+            place, _, value = text.partition("=")
+            name, _, what = place.partition(":")
+            if name not in machines:
+                known = ", ".join(machines) or "none"
+                raise click.UsageError(
+                    f"{text!r}: no machine {name!r}; there are: {known}"
+                    f"{did_you_mean(name, machines)}"
+                )
+            planned = machines[name]
+            if planned.preload:
+                raise click.UsageError(
+                    f"{text!r}: {name} is only preloaded; the machine that loads it sets that"
+                )
+            if what.endswith(":"):
+                slot = _slot(text, name, self.classes[name], what[:-1])
+                machines[name] = replace(planned, slots={**planned.slots, slot: value})
+            else:
+                typed = _typed(text, name, self.classes[name], what, value)
+                machines[name] = replace(planned, variables={**planned.variables, what: typed})
+        self.plan = replace(self.plan, machines=tuple(machines.values()))
 
 
-def _named_by(cls: type[Machine]) -> Iterator[Path]:
-    folder = Path(cls.table.path)
-    if folder.suffix != SUFFIX:
-        return
-    for state in cls.table.states:
-        for code in state.sections.values():
-            for text in code.__code__.co_consts if isinstance(code, FunctionType) else ():
-                if isinstance(text, str) and text.isidentifier():
-                    other = folder.with_name(f"{text}{SUFFIX}")
-                    if other.is_dir():
-                        yield other
+class _MachineFinder:
+    """Find the machines that code loads by name: those of the plan, and bundles beside them."""
+
+    def __init__(self, classes: Iterable[type[Machine]], folders: Iterable[Path]):
+        self._classes = {cls.__name__: cls for cls in classes}
+        self._folders = (Path(), *folders)
+
+    def __call__(self, name: str) -> type[Machine] | None:
+        """Return the machine class of that name, or None."""
+        if name in self._classes:
+            return self._classes[name]
+        try:
+            return find_machine_class(name, self._folders)
+        except click.UsageError:
+            return None  # the arrangement's error names the machines that can be loaded
+
+
+def parse_arguments(
+    arguments: Iterable[str],
+    table: Path | None,
+    suspended: Iterable[str],
+    preloaded: Iterable[str],
+) -> ResolvedPlan:
+    """Return the plan of the arguments of ``llfsm run``; raise ``click.UsageError``."""
+    sets = [text for text in arguments if ":" in text.partition("=")[0] and "=" in text]
+    machines = [text for text in arguments if text not in sets]
+    files = [Path(text) for text in machines if text.endswith(_PLAN)]
+    if table is not None:
+        files.append(table)
+    if len(files) > 1 or (files and len(machines) > (table is None)):
+        raise click.UsageError("name one arrangement file or one dispatch table, without machines")
+    more = [PlannedMachine(definition=text, suspended=True) for text in suspended]
+    more += [PlannedMachine(definition=text, preload=True) for text in preloaded]
+    if files:
+        file = files[0]
+        folders = [file.absolute().parent, Path()]
+        if file.suffix == _PLAN:
+            plan = read_plan(file)
+        else:
+            plan = read_dispatch_table(file)
+            folders.reverse()  # as in clfsm, paths are relative to the current folder
+    else:
+        plan = Plan(machines=tuple(_named(text) for text in machines))
+        folders = [Path()]
+    plan = replace(plan, machines=(*plan.machines, *more))
+    if all(planned.preload for planned in plan.machines):
+        only = f"; {sets[0]!r} sets a variable or a slot of one" if sets else ""
+        raise click.UsageError(f"name a machine to run{only}; `llfsm run --help` shows examples")
+    resolved = ResolvedPlan(plan, folders, f"{files[0]}: " if files else "")
+    resolved.set(sets)
+    return resolved
+
+
+def _named(text: str) -> PlannedMachine:
+    """Read ``definition`` or ``name=definition``."""
+    name, equals, definition = text.partition("=")
+    if not equals:
+        return PlannedMachine(definition=text)
+    return PlannedMachine(definition=definition, name=name)
+
+
+def _find(planned: PlannedMachine, folders: Sequence[Path], source: str) -> type[Machine]:
+    """Return the class of a machine; `source` is the file that names it, "" for an argument."""
+    try:
+        return find_machine_class(planned.definition, folders)
+    except click.UsageError as error:
+        why = f"{source}{error.message}"
+        if planned.name is not None and not source:
+            why = f"{planned.name}={planned.definition}: {why}"
+            why += "; a variable is set by name:variable=value"
+        raise click.UsageError(why) from error
+
+
+def _slot(text: str, name: str, cls: type[Machine], slot: str) -> str:
+    known = cls.table.slots
+    if slot not in known:
+        names = ", ".join(known) or "none"
+        raise click.UsageError(
+            f"{text!r}: {name} uses no slot {slot!r}; it uses: {names}{did_you_mean(slot, known)}"
+        )
+    return slot
+
+
+def _typed(text: str, name: str, cls: type[Machine], variable: str, value: str) -> Any:
+    known = cls.table.variables
+    if variable not in known:
+        names = ", ".join(known) or "none"
+        raise click.UsageError(
+            f"{text!r}: {name} has no variable {variable!r}; it has: {names}"
+            f"{did_you_mean(variable, known)}"
+        )
+    try:
+        return msgspec.convert(value, known[variable].type, strict=False)
+    except msgspec.ValidationError as error:
+        raise click.UsageError(f"{text!r}: {error}") from error
