@@ -26,6 +26,7 @@ import asyncio
 import errno
 import ipaddress
 import logging
+import re
 import secrets
 import socket
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -237,8 +238,14 @@ _TYPES: Final = {
 }
 
 
+_PART: Final = re.compile(rb"<!--(\w+\.html)-->")
+
+
 class PageFiles:
-    """The files of some folders, by their names; of two with one name, that of the later folder."""
+    """The files of some folders, by their names; of two with one name, that of the later folder.
+
+    In a page, a comment such as ``<!--head.html-->`` stands for what all pages have of it.
+    """
 
     def __init__(self, *folders: Path):
         self._files = {
@@ -247,6 +254,9 @@ class PageFiles:
             for path in folder.iterdir()
             if path.suffix in _TYPES
         }
+        for name, data in self._files.items():
+            if name.endswith(".html"):
+                self._files[name] = _PART.sub(lambda part: self._files[part[1].decode()], data)
 
     async def respond(self, request: Request) -> Response:
         """Return the file that a request names, by default the page itself."""
