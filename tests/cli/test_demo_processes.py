@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from llfsm.cli.demo.processes import ProcessDiedError, Processes
+from llfsm.cli.demo.parts import ProcessDiedError, Processes
 from waiting import wait_for
 
 from .conftest import alive

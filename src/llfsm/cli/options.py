@@ -8,9 +8,6 @@ An error calls them what users do: click speaks of an "integer range", also wher
 from __future__ import annotations
 
 import functools
-import os
-import signal
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -113,6 +110,14 @@ local_option = click.option(
     help="Use a whiteboard private to this process, which needs no shared memory.",
 )
 
+record_option = click.option(
+    "--record",
+    "recording",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
+)
+
 recording_argument = click.argument("file", type=click.Path(path_type=Path))
 
 host_option = click.option(
@@ -193,17 +198,3 @@ def given_option(*names: str) -> str | None:
         if parameter.name in names and source is click.core.ParameterSource.COMMANDLINE:
             return parameter.opts[-1]
     return None
-
-
-def end_with_input() -> None:
-    """Send this process SIGTERM when its standard input is closed.
-
-    A supervisor that holds the other end of the pipe thus ends its processes even if it is killed.
-    """
-
-    def wait() -> None:
-        while os.read(0, 4096):
-            pass
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=wait, name="until-eof", daemon=True).start()

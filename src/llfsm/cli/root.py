@@ -72,7 +72,7 @@ _COMMANDS = {
     ),
     "stop": ("llfsm.cli.requests:stop", "Stop a running machine."),
     "debug": ("llfsm.cli.debug.command:debug", "Run machines from a prompt, step by step."),
-    "dap": ("llfsm.cli.dap.command:dap", "Let an editor debug machines."),
+    "dap": ("llfsm.cli.dap.adapter:dap", "Let an editor debug machines."),
     "pause": ("llfsm.cli.requests:pause", "Pause running machines between two turns."),
     "step": ("llfsm.cli.requests:step", "Let paused machines go on for a turn, or further."),
     "continue": ("llfsm.cli.requests:continue_", "Let paused machines go on."),

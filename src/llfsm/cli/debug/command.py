@@ -19,7 +19,14 @@ from rich.console import Console
 from llfsm.cli.debug.prompt import LivePrompt, Prompt
 from llfsm.cli.debug.session import Session, clock_of
 from llfsm.cli.machines import parse_arguments
-from llfsm.cli.options import BoardPlace, board_option, break_option, given_option, trust_option
+from llfsm.cli.options import (
+    BoardPlace,
+    board_option,
+    break_option,
+    given_option,
+    record_option,
+    trust_option,
+)
 from llfsm.cli.run.world import recorded
 from llfsm.errors import LlfsmError
 
@@ -36,13 +43,7 @@ _RECORDING = ".mcap"
 @click.command()
 @click.argument("machines", nargs=-1, required=True)
 @break_option
-@click.option(
-    "--record",
-    "recording",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
-)
+@record_option
 @click.option(
     "--pdb",
     "place",

@@ -11,7 +11,7 @@ import click
 
 from llfsm.bridges.ros2.defaults import ROUTER, TRANSPORTS, default_domain, needs_router
 from llfsm.bridges.ros2.opening import loopback_address, serves
-from llfsm.cli.demo.processes import Processes
+from llfsm.cli.demo.parts import Processes
 from llfsm.cli.options import BoardPlace
 from llfsm.cli.ros_options import (
     Command,

@@ -11,16 +11,16 @@ import click
 from msgspec.structs import replace
 
 from llfsm.cli import VERSION
-from llfsm.cli.console import log_machines
+from llfsm.cli.console import end_with_input, log_machines
 from llfsm.cli.machines import parse_arguments
 from llfsm.cli.options import (
     BoardPlace,
     Integer,
     board_option,
     break_option,
-    end_with_input,
     given_option,
     local_option,
+    record_option,
     supervised_options,
 )
 from llfsm.cli.ros_options import RosCommand, require_ros, ros_arguments, ros_options
@@ -127,13 +127,7 @@ class _Priority(Integer):
 @click.option(
     "--debug-clock", is_flag=True, help="Let the states' clocks stand still while paused."
 )
-@click.option(
-    "--record",
-    "recording",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Record the whiteboard and everything that the machines do, for llfsm rerun.",
-)
+@record_option
 @click.option(
     "--ros-time",
     is_flag=True,
