@@ -1,4 +1,4 @@
-"""What the page of the editor shows of a bundle, as plain data in parts that change apart."""
+"""A document as plain data for the editor's page, in parts that change independently."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from llfsm.whiteboard.messages.llfsm import MACHINES, MachineStatus
 
 
 def machine_data(document: Document) -> dict[str, Any]:
-    """Return the machine of a document; raise `BundleError` if it cannot be read.
+    """Describe the machine of a document; raise `BundleError` if it cannot be read.
 
     `boxes`, `edges` and `texts` have keys, by which only what has changed is sent.
     """
@@ -54,7 +54,7 @@ def machine_data(document: Document) -> dict[str, Any]:
 
 
 def findings_data(document: Document) -> dict[str, Any]:
-    """Return what `llfsm check` finds in the texts, and what code can use: names and fields.
+    """Check the texts as `llfsm check` does; add the names and fields that code can use.
 
     `fields` are those of the messages that names hold, `classes` those of message classes.
     """
@@ -69,7 +69,7 @@ def findings_data(document: Document) -> dict[str, Any]:
 
 
 def live_data(source: PageSource, name: str) -> dict[str, Any]:
-    """Return where the machine of a name stands on a board; without a state if none is live."""
+    """Return state and condition of the machine of a name on a board; no state if none is live."""
     snapshot = source.snapshot()
     sample = snapshot.samples.get(MACHINES + name)
     live: dict[str, Any] = {"board": source.title, "state": None, "condition": "ended"}
@@ -124,7 +124,7 @@ def _name(text: Fragment) -> str:
 
 
 def _unreachable(bundle: Bundle, dead: Collection[str]) -> list[str]:
-    """Return the states to which no transitions lead that can fire."""
+    """Find the states to which no transitions lead that can fire."""
     first = bundle.states[0].name
     targets = {
         state.name: [
@@ -139,7 +139,7 @@ def _unreachable(bundle: Bundle, dead: Collection[str]) -> list[str]:
 
 
 def _dead(bundle: Bundle) -> list[str]:
-    """Return the transitions that can never fire: by their condition, or one before them."""
+    """Find the transitions that can never fire, by their condition or one before them."""
     dead = []
     for state in bundle.states:
         truths = [_truth(each.expression, bundle.language) for each in state.transitions]
@@ -151,7 +151,7 @@ def _dead(bundle: Bundle) -> list[str]:
 
 
 def _truth(expression: Fragment | None, language: str) -> bool | None:
-    """Return what a condition always is, as far as its text alone shows it."""
+    """Return the constant value of a condition; None if its text alone does not show one."""
     if expression is None or expression.text.strip() == "true":
         return True
     return _python_truth(expression.text) if language in (PYTHON, CLASS) else None

@@ -1,11 +1,12 @@
-"""What pages ask of a simulation: one for all windows of a bundle.
+"""The simulation of a machine for the editor's page: one for all windows of a document.
 
-A machine of a bundle under a manual clock: stepped, fed and described as the page shows it.
+The machine runs in a process of its own, as its code may fail, hang or end it. The process reads a
+JSON array per line, and answers each with an object. It ends with its input, also if the machine's
+code does not return: another thread reads the input.
 
-A simulation in a process of its own: the machine's code may fail, hang or end it.
-
-The process reads a JSON object per line and answers each with one. It ends with its input, also if
-the machine's code does not return.
+There, the machine is alone on a board of its own, under a manual clock. The clock always stands at
+the next round, so a message that is posted is read by that round. Time passes only by rounds, at
+any speed, and a simulation can be saved as a test that does the same.
 """
 
 from __future__ import annotations
@@ -70,10 +71,10 @@ def test_{name}() -> None:
 
 
 class SimulatedMachine:
-    """The machine in a bundle, alone on a board of its own; its text is run.
+    """The machine that `load_machine` finds, alone on a board of its own; its text is run.
 
-    The clock always stands at the next round, so what is posted is read by that. Rounds follow each
-    other as in `run_until`. Raise `BundleError` or `DefinitionError` for a machine that cannot run.
+    Rounds follow each other as in `run_until`. Raise `BundleError` or `DefinitionError` for a
+    machine that cannot run.
     """
 
     def __init__(self, found_by: Sequence[str]):
@@ -99,11 +100,11 @@ class SimulatedMachine:
 
     @property
     def is_over(self) -> bool:
-        """Whether no round is left: the machine has accepted or failed."""
+        """True once no round is left: the machine has accepted or failed."""
         return bool(self._error) or self._arrangement.finished
 
     def sensors(self) -> list[dict[str, Any]]:
-        """Return what the machine reads: names, slots, their schemas, and values as arrays."""
+        """Describe the sensors: names, slots, their schemas, and values as arrays."""
         found: list[dict[str, Any]] = []
         for name, sensor in self._sensors.items():
             slot, value = sensor.slot, sensor.default
@@ -114,7 +115,7 @@ class SimulatedMachine:
         return found
 
     def describe(self) -> dict[str, Any]:
-        """Return where the machine stands, as the page shows it."""
+        """Describe the machine's time, state, variables and messages, as the page shows them."""
         text, machine = ValueText(_LONGEST_TEXT).text, self._machine
         variables = type(machine).table.variables
         read = {name: self._board[slot].get() for name, slot in self._slots.items()}
@@ -168,13 +169,13 @@ class SimulatedMachine:
                 return
 
     def advance(self, ms: float) -> None:
-        """Run the rounds of so many milliseconds, or as many as the host has time for."""
+        """Run the rounds of `ms` simulated milliseconds, or those of a quarter of a second of the host."""
         end_ns, stop_s = self._clock.now_ns() + round(ms * 1e6), time.monotonic() + _BUDGET_S
         while not self.is_over and self._clock.now_ns() < end_ns and time.monotonic() < stop_s:
             self.round()
 
     def test_text(self) -> str:
-        """Return a test of the testing kit that does the same and expects the same states."""
+        """Write a test with the testing kit that does the same and expects the same states."""
         if self._error:
             raise FsmError("the machine has failed; a test of it would fail, too")
         if not self._arrangement.rounds:
@@ -240,7 +241,7 @@ class SimulationProcess:
             raise
 
     async def ask(self, what: str, *arguments: Any) -> dict[str, Any]:
-        """Let the process do something and return its answer; `RequestError` says why it cannot."""
+        """Call a method in the process and return its answer; raise `RequestError` if that fails."""
         async with self._turn:
             assert self._process.stdin is not None
             self._process.stdin.write(json.dumps([what, *arguments]).encode() + b"\n")
@@ -361,7 +362,7 @@ class PostSimulated(msgspec.Struct, tag="post"):
 
 
 class SaveSimulation(msgspec.Struct, tag="save"):
-    """Return what was done as a test."""
+    """Write down the simulation so far as a test."""
 
     id: int
 
@@ -393,7 +394,7 @@ class Simulating:
         self._speed = 0.0
 
     async def perform(self, request: SimulationRequest) -> str:
-        """Carry out a request and return what was done, or raise `RequestError`."""
+        """Carry out a request and return a text that confirms it; raise `RequestError`."""
         if isinstance(request, StartSimulation):
             return await self._start()
         if isinstance(request, EndSimulation):

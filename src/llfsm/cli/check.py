@@ -1,4 +1,4 @@
-"""``llfsm check``: what is wrong with machines, as far as their text shows it."""
+"""``llfsm check``: find mistakes in machines, as far as their text shows them."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _check_file(file: Path) -> list[Finding]:
 
 
 def _check_verification(file: Path, plan: Plan) -> list[Finding]:
-    """Check what a file says of verification: the names and the domains, not the properties."""
+    """Check the section on verification of a file: names and domains, not the properties."""
     if plan.verify is None:
         return []
     from llfsm.cli.verify.machines import VerifiedMachines  # which takes a moment to import
@@ -110,7 +110,7 @@ def _planned(file: Path) -> list[tuple[str, tuple[Path, ...]]]:
 
 
 def _readable(names: Sequence[str]) -> Iterator[Path | type[Machine]]:
-    """Return the machines, one by one, that can be read; why others cannot was found before."""
+    """Give the machines that can be read; why others cannot was found before."""
     for name in names:
         planned = _planned(Path(name)) if name.endswith(".toml") else [(name, (Path(),))]
         for definition, folders in planned:
@@ -133,6 +133,6 @@ def _check_machine(name: str, folders: Sequence[Path] = (Path(),)) -> list[Findi
 
 
 def _shown(file: str) -> str:
-    """Return a path in the current folder relative to it, another as it is."""
+    """Shorten a path in the current folder; return another as it is."""
     path, here = Path(file), Path.cwd()
     return str(path.relative_to(here)) if path.is_relative_to(here) else file

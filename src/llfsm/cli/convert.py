@@ -1,7 +1,4 @@
-"""``llfsm convert``: a machine class as a bundle, or a bundle as a class.
-
-``llfsm import``: a bundle of C++ as one of Python.
-"""
+"""``llfsm convert``, a class to a bundle or back, and ``llfsm import``, from C++ to Python."""
 
 from __future__ import annotations
 

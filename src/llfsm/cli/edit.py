@@ -29,9 +29,9 @@ _HERE: Final = (Path(),)
 
 
 class _Edit(click.Command):
-    """Explains how to listen elsewhere: many servers call it --host, here it means another.
+    """Suggest --address for --host, as many servers call it.
 
-    As in `llfsm view --host robot7`, that is a host of the fleet.
+    In `llfsm view --host robot7` it is a host of the fleet.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

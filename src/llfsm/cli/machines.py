@@ -1,8 +1,9 @@
 """Machines as a command line names them: one by its name, several as a plan with their classes.
 
 A name is tried as a bundle in the folders that are searched, then as a machine that ships, then as
-a module's file or an import, with the class behind a colon. So a user's own machine comes before
-one that ships under the same name, and nothing is imported but what is named.
+a module's file or an import, with the class behind a colon. Nothing is imported but what is named,
+as that runs a module's code. What this code raises becomes a `MachineImportError` with the place in
+the user's own code, not a traceback through ours.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class MachineImportError(LlfsmError):
 
 
 def _text(error: BaseException) -> str:
-    """Return what an error says, without paths, and what was meant by a name in it."""
+    """Return the message of an error without paths, with a suggestion for a wrong name in it."""
     if isinstance(error, SyntaxError):
         return error.msg
     if isinstance(error, AttributeError) and error.name is not None:
@@ -73,7 +74,7 @@ def find_bundle(name: str, folders: Iterable[Path] = _HERE) -> Path | None:
 
 
 def find_machine_class(name: str, folders: Sequence[Path] = _HERE) -> type[Machine]:
-    """Return the class of a machine, however it is named.
+    """Find the class of a machine by any of the names that a command takes.
 
     `name` is one of the machines that ship, a bundle, ``package.module:Class``, or
     ``folder/module.py:Class``. The class can be left out where a module has one machine, and
@@ -97,7 +98,7 @@ def find_machine_class(name: str, folders: Sequence[Path] = _HERE) -> type[Machi
 
 
 def find_object(name: str, folders: Sequence[Path] = _HERE) -> tuple[ModuleType, Any]:
-    """Return the module and the object that ``package.module:name`` or ``file.py:name`` names.
+    """Import the module of ``package.module:name`` or ``file.py:name``; return it and that object.
 
     Without a name, the object is the module. Modules are searched as those of machines, and errors
     are the same.
@@ -116,7 +117,7 @@ def find_object(name: str, folders: Sequence[Path] = _HERE) -> tuple[ModuleType,
 def _module(
     where: str, name: str, folders: Sequence[Path], *, importable: bool
 ) -> ModuleType | None:
-    """Return the module that `where` in `name` names: a file, or what an import finds."""
+    """Import the module that `where`, a part of `name`, names by its file or as Python does."""
     file = _module_file(where, folders)
     if file is not None:
         return _import_file(file, name)
@@ -129,7 +130,7 @@ def _module(
 
 
 def _module_file(text: str, folders: Iterable[Path]) -> Path | None:
-    """Return the file of a module that is named by its path, with or without ``.py``, or None."""
+    """Find the file of a module by its path, with or without ``.py``; None if there is none."""
     for folder in (each.absolute() for each in folders):
         for name in (text, text + _PYTHON):
             if name.endswith(_PYTHON) and (folder / name).is_file():
@@ -138,7 +139,7 @@ def _module_file(text: str, folders: Iterable[Path]) -> Path | None:
 
 
 def _machine_in(module: ModuleType, attribute: str, name: str) -> type[Machine]:
-    """Return the machine `attribute` of a module, or the only one there is if none is named."""
+    """Return the machine `attribute` of a module, or its only one if none is named."""
     machines = [each for each, value in vars(module).items() if _is_machine(value, module)]
     there = ", ".join(machines) or "none"
     if not attribute and len(machines) == 1:
@@ -159,13 +160,13 @@ def _machine_in(module: ModuleType, attribute: str, name: str) -> type[Machine]:
 
 
 def _is_machine(value: object, module: ModuleType) -> bool:
-    """Return whether `value` is a machine class that `module` defines."""
+    """Check that `value` is a machine class of `module` itself, not one that it imports."""
     is_machine = isinstance(value, type) and issubclass(value, Machine)
     return is_machine and value.__module__ == module.__name__
 
 
 def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> click.UsageError:
-    """Return the error for a machine that is nowhere."""
+    """Return the error for a machine that is nowhere, with the nearest names that are."""
     files = [found for folder in folders for found in folder.glob("*")]
     modules = [found for found in files if found.suffix == _PYTHON]
     known = {found.stem for found in files if found.suffix in (SUFFIX, _PYTHON)}
@@ -182,20 +183,20 @@ def _unknown(name: str, shipped: Sequence[str], folders: Iterable[Path]) -> clic
 
 
 def _has_class(module: Path, name: str) -> bool:
-    """Return whether the text of a module, which may be no Python, defines a class `name`."""
+    """Search the text of a module, which may be no Python, for a class `name`."""
     text = module.read_text(encoding="utf-8", errors="replace")
     return re.search(rf"^class {re.escape(name)}\b", text, re.MULTILINE) is not None
 
 
 def search_modules_in(folders: Iterable[Path] = _HERE) -> None:
-    """Let imports find the modules in `folders`, before all others, in this order."""
+    """Let imports find modules in `folders` first, in this order."""
     for folder in reversed([str(each.absolute()) for each in folders]):
         if folder not in sys.path:
             sys.path.insert(0, folder)
 
 
 def _import_file(file: Path, name: str) -> ModuleType:
-    """Return the module of a file: found from the folder that holds its outermost package."""
+    """Import a file as a module, from the folder that holds its outermost package."""
     root = file.parent
     while (root / "__init__.py").is_file():
         root = root.parent
@@ -215,7 +216,7 @@ def _import_file(file: Path, name: str) -> ModuleType:
 
 
 def _import(module: str, name: str) -> ModuleType:
-    """Return the module of the machine `name`."""
+    """Import a module for the machine `name`; its own errors become `MachineImportError`."""
     try:
         return importlib.import_module(module)
     except (Exception, SystemExit) as error:  # of the module's own code, whatever it is
@@ -233,7 +234,7 @@ def _is_within(module: str, package: str | None) -> bool:
 
 
 def _place(error: BaseException) -> tuple[str, int] | None:
-    """Return the file and line of the code that is not ours where an error was raised."""
+    """Return file and line of the innermost code that is not ours where an error was raised."""
     if isinstance(error, SyntaxError) and error.filename is not None:
         return error.filename, error.lineno or 1
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
@@ -243,7 +244,10 @@ def _place(error: BaseException) -> tuple[str, int] | None:
 
 
 class ResolvedPlan:
-    """A plan with the class of each machine, by the name that it gets, in the plan's order."""
+    """A plan with the `classes` of its machines, by the names that they get, in the plan's order.
+
+    `library` finds those that their code loads by name, for `assemble`.
+    """
 
     def __init__(self, plan: Plan, folders: Sequence[Path], source: str = ""):
         found = [_find(planned, folders, source) for planned in plan.machines]
@@ -306,7 +310,12 @@ def parse_arguments(
     suspended: Iterable[str],
     preloaded: Iterable[str],
 ) -> ResolvedPlan:
-    """Return the plan of the arguments of ``llfsm run``; raise ``click.UsageError``."""
+    """Make the plan of the arguments of ``llfsm run``: machines, settings, or a plan's file.
+
+    `table` is the file of a dispatch table; `suspended` and `preloaded` machines are added last.
+    Raise ``click.UsageError`` for arguments that name no machine or contradict each other, and
+    what `find_machine_class` raises.
+    """
     sets = [text for text in arguments if ":" in text.partition("=")[0] and "=" in text]
     machines = [text for text in arguments if text not in sets]
     files = [Path(text) for text in machines if text.endswith(_PLAN)]
@@ -345,7 +354,7 @@ def _named(text: str) -> PlannedMachine:
 
 
 def _find(planned: PlannedMachine, folders: Sequence[Path], source: str) -> type[Machine]:
-    """Return the class of a machine; `source` is the file that names it, "" for an argument."""
+    """Find the class of a machine; `source` is the file that names it, "" for an argument."""
     try:
         return find_machine_class(planned.definition, folders)
     except click.UsageError as error:

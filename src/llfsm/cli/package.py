@@ -142,7 +142,7 @@ def package(machine: str, output: Path) -> None:
 
 
 def package_name(machine: str, module: str = "") -> str:
-    """Return the name of a machine's package: lower case, digits, single underscores (REP 144).
+    """Make the name of a machine's package: lower case, digits, single underscores (REP 144).
 
     ``_machine`` is appended to a name of one letter, to one that Python or ROS uses and to that of
     the ``module`` from which the machine is imported. Raise `PackageError` if the name has no

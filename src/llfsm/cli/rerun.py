@@ -1,8 +1,7 @@
-"""``llfsm rerun``: machines run again on the inputs of a recording.
+"""``llfsm rerun``: run machines again on the inputs of a recording, or on the topics of a bag.
 
-The machines of a recording, with the code that is to run in their places.
-
-``llfsm rerun`` of a bag: machines run on its topics.
+A recording names the definitions and the folder of its machines. To run them is to trust whoever
+wrote the file, so that needs ``--trust``; else the user names the machines to run in their places.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from llfsm.runtime.verification import Member
 def plans_to_rerun(
     recording: Recording, machines: Sequence[str], *, trust: bool
 ) -> list[tuple[RecordedJournal, ResolvedPlan]]:
-    """Return each arrangement that can be run again; `machines` take the recorded ones' places.
+    """Find the arrangements of a recording that can be rerun; `machines` replace the recorded ones.
 
     Without any, the file decides which code runs, if the user has chosen to `trust` it. Raise
     `RecordingError` without a valid plan, and ``click.UsageError`` for other machines.
@@ -47,7 +46,7 @@ def plans_to_rerun(
 def plan_of_one(
     recording: Recording, machines: Sequence[str], *, trust: bool
 ) -> tuple[RecordedJournal, ResolvedPlan]:
-    """Return the only arrangement, or that whose machines have the names of `machines`.
+    """Find the only arrangement, or the one whose machines have the names of `machines`.
 
     Raise what `plans_to_rerun` raises.
     """
@@ -72,7 +71,7 @@ def travel_through(
     serve: Serve,
     read_line: Callable[[], str] = lambda: "",
 ) -> Travelled:
-    """Return what goes through a recording, with the machines of a plan, as `travelling` does."""
+    """Open the machines of a plan for reverse debugging in a recording, as `travelling` does."""
 
     def again() -> Rerun:
         rerun = Rerun(recording.entries(journal), str(recording.path))
@@ -134,7 +133,7 @@ def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
 
 
 def _folder(journal: RecordedJournal) -> Path:
-    """Return the folder in which the machines were started."""
+    """Return the folder in which the machines were started, as the recording names it."""
     return Path(journal.about.get("folder", ""))
 
 
@@ -149,9 +148,10 @@ def _in_place_of(recorded: PlannedMachine, given: PlannedMachine) -> PlannedMach
 
 
 def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | None) -> None:
-    """Run machines, named as for `llfsm run`, and write what they do to the file `recorded`.
+    """Run machines, named as for `llfsm run`, on a bag's topics; compare what they post with it.
 
-    Raise ``click.ClickException`` with the first message that they post otherwise than in the bag.
+    What they do is written to the file `recorded`, if any. Raise ``click.ClickException`` with the
+    first message that they post otherwise than in the bag.
     """
     if not machines:
         raise click.UsageError(

@@ -1,13 +1,11 @@
-"""The command line's root: ``llfsm``, and ``clfsm`` as another name for ``llfsm run``.
+"""The command line's root: ``llfsm``, its groups, and ``clfsm`` as another name for ``llfsm run``.
 
-Commands are imported when they are called; see :mod:`.lazy`. Every error of llfsm, and each of a
-file that cannot be reached, is handled here: one line on standard error and exit status 1, or its
-traceback with ``--debug``.
-
-Groups whose commands are imported when they are called, so that ``--help`` is fast.
-
-The table of a group names each command as ``module:function``, which no type checker sees:
+A group is a table of commands, which are imported when they are called, so that ``--help`` is fast.
+The table names each command as ``module:function``, which no type checker sees:
 tests/cli/test_lazy.py resolves every row.
+
+Every error of llfsm, and each of a file that cannot be reached, is handled here: one line on
+standard error and exit status 1, or its traceback with ``--debug``.
 """
 
 from __future__ import annotations

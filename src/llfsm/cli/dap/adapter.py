@@ -1,6 +1,8 @@
-"""The adapter between an editor and a session: requests of the protocol, and its events.
+"""``llfsm dap``: the adapter between an editor and a session, by the Debug Adapter Protocol.
 
-An arrangement is one thread.
+An arrangement is one thread of the protocol. One thread of ours reads requests and answers them;
+another waits for pauses, which a breakpoint or another process may cause at any time, and notifies
+the editor. The events of a request are sent after its response, as editors expect: see `_follow`.
 https://microsoft.github.io/debug-adapter-protocol/specification
 """
 
@@ -135,7 +137,7 @@ class Adapter:
         self._follow(command)
 
     def _follow(self, command: str) -> None:
-        """Do what a request is for whose response has to come before the events of that."""
+        """Carry out a request whose response has to come before the events that it causes."""
         if command in _STEPS:
             self._go_on(lambda debugger: debugger.step(_STEPS[command]))
         match command:
@@ -193,7 +195,7 @@ class Adapter:
         return self._session
 
     def _inspect(self) -> Inspection:
-        """Return what answers for this pause; raise `ProtocolError` while the machines run."""
+        """Return the inspection of this pause; raise `ProtocolError` while the machines run."""
         if not self._launched.debugger.paused or self._inspection is None:
             raise ProtocolError("the machines run: pause them first")
         return self._inspection
@@ -303,7 +305,7 @@ class Adapter:
         self._break()
 
     def _problem(self, texts: list[str]) -> str:
-        """Return why breakpoints are refused, "" if they are not."""
+        """Try breakpoints with those that are set; return the reason of a refusal, else ""."""
         try:
             self._launched.break_at(*self._launched.debugger.breakpoints, *texts)
         except LlfsmError as error:
@@ -321,7 +323,7 @@ class Adapter:
 
 
 def _refusal(wanted: Message) -> str:
-    """Return what is wrong with the count of a breakpoint."""
+    """Check the count of a breakpoint; return the message if it is wrong, else ""."""
     count = str(wanted.get("hitCondition") or "1")
     if re.fullmatch(r"[1-9]\d*", count):
         return ""
@@ -373,7 +375,7 @@ class _Printed(io.TextIOBase):
 
 
 class _Log(logging.Handler):
-    """What is logged, as an editor shows it."""
+    """A log whose records an editor shows."""
 
     def __init__(self, adapter: Adapter):
         super().__init__()

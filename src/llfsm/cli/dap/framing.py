@@ -18,11 +18,11 @@ _LONGEST: Final = 1 << 24  # bytes of a message: a longer one is nonsense
 
 
 class ProtocolError(LlfsmError):
-    """What has come is no message of the protocol."""
+    """The editor has sent no message of the protocol, or a request that cannot be met now."""
 
 
 class MessageStream:
-    """Read messages from one stream, and write to another, from any thread."""
+    """Read messages from one stream, and write to another; any thread may write."""
 
     def __init__(self, received: IO[bytes], sent: IO[bytes]):
         self._received = received
@@ -56,9 +56,9 @@ class MessageStream:
         return message
 
     def send(self, kind: str, **fields: Any) -> None:
-        """Send a message of this type, unless the editor is gone.
+        """Send a message of this type; do nothing if the editor is gone.
 
-        The end of the other stream says that; code of a machine that prints does not fail by it.
+        `receive` reports that. Code of a machine that prints must not fail by it.
         """
         with self._lock, suppress(BrokenPipeError):
             self._number += 1

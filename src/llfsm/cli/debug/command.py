@@ -1,4 +1,4 @@
-"""``llfsm debug``: machines with a prompt."""
+"""``llfsm debug``: run machines from a prompt, or those of a recording, also backwards."""
 
 from __future__ import annotations
 

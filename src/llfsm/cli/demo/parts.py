@@ -37,18 +37,18 @@ _PATIENCE_S = 5.0  # from SIGTERM to SIGKILL
 
 
 class ProcessStatus(NamedTuple):
-    """The status of a process."""
+    """The status of a part."""
 
     name: str
     pid: int | None
-    """None while it waits to be started again."""
+    """None while a process waits to be started again."""
     since_s: float
     output: str
     """The last line that it printed."""
 
 
 class Parts(Protocol):
-    """The parts of a running demo: processes, or threads of this one."""
+    """The parts of a demo, as the terminal shows them."""
 
     reports: deque[str]
 
@@ -116,7 +116,7 @@ class _Process:
         return self.popen.returncode > 0 and self.ended - self.started < seconds
 
     def death(self, then: str = "") -> str:
-        """Return how it ended, and `then`; if it exited by itself, with its last lines."""
+        """Describe how it ended, and `then`; if it exited by itself, with its last lines."""
         code = self.popen.returncode
         if code < 0:
             return f"the {self.name} was killed by {signal.Signals(-code).name}{then}"

@@ -1,4 +1,4 @@
-"""A demo on ROS 2: the graph of its nodes, and the processes that it takes."""
+"""A demo on ROS 2: the graph that its nodes are in, and the processes that it needs for that."""
 
 from __future__ import annotations
 

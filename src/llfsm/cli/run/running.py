@@ -42,7 +42,7 @@ _HEADS = ("machine", "ringlets", "fired", "cost us", "jitter us", "late us", "ov
 
 
 class StateReport:
-    """Print each change of state: ``m  0 s  1 - Machine - STATE``.
+    """Print each change of state as clfsm does: ``m  0 s  1 - Machine - STATE``.
 
     With times, a line begins with the seconds since the first one.
     """
@@ -89,7 +89,10 @@ class SuspensionReport:
 
 
 def timing_table(machines: Iterable[MachineStatistics]) -> str:
-    """Return a table of the machines' statistics: spreads as p50 / p99 / max, states below."""
+    """Return a table of the machines' statistics: spreads as p50 / p99 / max in microseconds.
+
+    Below each machine are its states, with the seconds spent in each.
+    """
     rows = [_HEADS]
     notes: list[list[str]] = [[]]
     for machine in machines:
@@ -124,7 +127,7 @@ def timing_table(machines: Iterable[MachineStatistics]) -> str:
 
 
 def conditions(machines: Iterable[MachineStatistics]) -> str:
-    """Return in which real time turns were given, if in any: all machines have the same."""
+    """Describe the real time in which turns were given, "" without; all machines share one."""
     for machine in machines:
         if machine.realtime is not None:
             core = "" if machine.cpu is None else f" on core {machine.cpu}"
@@ -133,7 +136,7 @@ def conditions(machines: Iterable[MachineStatistics]) -> str:
 
 
 def latency_drawing(machines: Iterable[MachineStatistics]) -> str:
-    """Return a drawing of how late turns began: a bar for each doubling of microseconds."""
+    """Draw how late turns began: a bar for each doubling of microseconds."""
     by_counts: dict[tuple[int, ...], list[str]] = {}
     for machine in machines:
         if machine.late_counts:
@@ -153,7 +156,7 @@ def _spread(spread: Spread | None) -> str:
 
 
 class Reports(NamedTuple):
-    """What is printed of machines: the options ``-v`` (how often), ``-s`` and ``-t``."""
+    """The options that print: ``-v`` (how often it is given), ``-s`` and ``-t``."""
 
     verbose: int
     suspensions: bool
@@ -163,7 +166,7 @@ class Reports(NamedTuple):
 def load_machines(
     resolved: ResolvedPlan, plan: Plan, reports: Reports, environment: Environment
 ) -> Arrangement:
-    """Return the arrangement of a plan, with its breakpoints; `resolved` has its classes."""
+    """Load the machines of a plan, whose classes `resolved` has, with breakpoints and reports."""
     arrangement = assemble(
         plan, resolved.classes, environment, library=resolved.library, timed=reports.timed
     )
@@ -180,7 +183,7 @@ def load_machines(
 
 
 def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
-    """Run it to its end, and print its times if it is timed; raise what `run` raises.
+    """Run an arrangement to its end, and print its times if it is timed; raise what `run` raises.
 
     Raise `click.ClickException` if machines have failed that nobody can resume.
     """
@@ -209,7 +212,7 @@ def run_machines(arrangement: Arrangement, *, timed: bool) -> None:
 
 @contextmanager
 def pausing_at_breakpoints(arrangement: Arrangement) -> Iterator[None]:
-    """Let `breakpoint()` open Python's debugger in a terminal, and say what that does.
+    """Let `breakpoint()` open Python's debugger in a terminal, with a warning that it holds all up.
 
     Without a terminal it pauses the machines before the next turn.
     """
@@ -236,7 +239,7 @@ def pausing_at_breakpoints(arrangement: Arrangement) -> Iterator[None]:
 
 
 def place_of_call(frame: FrameType) -> str:
-    """Return where code calls `breakpoint()`."""
+    """Return the cause of a pause by code that calls `breakpoint()`: with its file and line."""
     return f"breakpoint() in {os.path.basename(frame.f_code.co_filename)}:{frame.f_lineno}"
 
 
@@ -295,7 +298,7 @@ def run_nonstop(run: Callable[[], None], stop: Callable[[str], None]) -> None:
 
 
 def _be_child(run: Callable[[], None], stop: Callable[[str], None], pipe: int) -> NoReturn:
-    """Run, print an error, and exit without the cleanup that the parent does at its own end."""
+    """Run in the fork, print an error, and exit without the cleanup that is the parent's."""
 
     def wait() -> None:
         os.read(pipe, 1)  # which is never written to
