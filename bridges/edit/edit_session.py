@@ -207,7 +207,7 @@ class EditSession:
         await self._publish(await run_in_threadpool(self._machine))
 
     def _machine(self) -> dict[str, Any]:
-        """Return the machine as it is now; one that cannot be read any more keeps its last drawing."""
+        """Describe the machine as it is now; if it cannot be read, its last drawing stays."""
         try:
             return machine_data(self._document) | {"trouble": ""}
         except FsmError as error:

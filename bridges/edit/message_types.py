@@ -1,8 +1,8 @@
 """The types that the page offers to include: those that ship, those of ROS, those of a board.
 
-Of a type of a board only the schema is known, which its slots carry. A class with the same schema is
-written of that; a schema from another process is data, so its names are checked, and a pattern in
-it is never run.
+Of a type of a board only the schema is known, which its slots carry; a class with the same schema
+is written from it. A schema comes from another process, so it is data: its names are checked, and a
+pattern in it is never run.
 """
 
 from __future__ import annotations

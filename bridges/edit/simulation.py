@@ -169,7 +169,7 @@ class SimulatedMachine:
                 return
 
     def advance(self, ms: float) -> None:
-        """Run the rounds of `ms` simulated milliseconds, or those of a quarter of a second of the host."""
+        """Run the rounds of `ms` simulated milliseconds, for at most 0.25 s of the host's time."""
         end_ns, stop_s = self._clock.now_ns() + round(ms * 1e6), time.monotonic() + _BUDGET_S
         while not self.is_over and self._clock.now_ns() < end_ns and time.monotonic() < stop_s:
             self.round()
@@ -241,7 +241,7 @@ class SimulationProcess:
             raise
 
     async def ask(self, what: str, *arguments: Any) -> dict[str, Any]:
-        """Call a method in the process and return its answer; raise `RequestError` if that fails."""
+        """Call a method in the process and return the answer; raise `RequestError` if it fails."""
         async with self._turn:
             assert self._process.stdin is not None
             self._process.stdin.write(json.dumps([what, *arguments]).encode() + b"\n")

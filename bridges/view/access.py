@@ -264,16 +264,13 @@ class PageFiles:
         return Response(self._files[name], media_type=_TYPES[Path(name).suffix])
 
 
-def is_open(path: str, pages: str = "/") -> bool:
+def is_open(path: str, pages: str = "") -> bool:
     """Check that a path is not secret: a file of a page, or a page itself.
 
-    Pages are at "/" and, each the same, at any address that begins and ends like `pages`.
+    One page is at "/"; with `pages`, another is at every path that begins so and ends in "/".
     """
-    return (
-        path == "/"
-        or path.startswith("/assets/")
-        or (pages != "/" and path.startswith(pages) and path.endswith("/"))
-    )
+    is_page = bool(pages) and path.startswith(pages) and path.endswith("/")
+    return is_page or path == "/" or path.startswith("/assets/")
 
 
 def json_response(content: Any, status: int = 200) -> Response:

@@ -59,7 +59,8 @@ def log_page(
 ) -> LogPage:
     """Search the log for up to `most` events that have all the words, the newest first.
 
-    `until_ns` is the time of the last event, on the clock of the stamps; None for no end. The labels of transitions are in the definitions among the samples.
+    `until_ns` is the latest time, on the clock of the stamps; None for no end. The labels of
+    transitions are in the definitions among the samples.
     """
     wanted = words.lower().split()
     ways = [_changes(name, each, samples, until_ns) for name, each in history.items()]
@@ -229,7 +230,7 @@ class SourcePage:
         self._begun_ns = time.monotonic_ns() - time.time_ns()  # live events have the time of day
 
     def facts(self) -> dict[str, Any]:
-        """Return the page's title, if it controls machines, and the seconds that a recording spans."""
+        """Return the title, if the page controls machines, and a recording's length in seconds."""
         player = self.source.player
         span = None if player is None else (player.span_ns[1] - player.span_ns[0]) / 1e9
         return {"title": self.source.title, "control": self._control, "span": span}
@@ -300,7 +301,7 @@ class SourcePage:
 def make_app(source: PageSource, *, host: str, token: str, control: bool) -> AccessMiddleware:
     """Make the application that shows `source`, behind its access control.
 
-    `host` is the name or address to listen on. With `control`, requests of the page are carried out.
+    `host` is the name or address to listen on. Without `control` the page only shows.
     """
     files, page = PageFiles(ASSETS), SourcePage(source, control=control)
     routes = [

@@ -1,7 +1,7 @@
 """The data that a page draws: frames of what has changed since the last one, and diagrams.
 
 A frame has whatever differs between the newest snapshot and all that was sent before, by count,
-identity or value. It needs no history of snapshots, so a slow page gets fewer frames, each complete.
+identity or value. That needs no history of snapshots: a slow page gets fewer frames, each complete.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ class FrameEncoder(TimedEncoder):
         }
 
     def _ends(self, sample: Sample[MachineStatus]) -> float | None:
-        """Return the page's time at which a pause ends unless it is renewed; None without a pause."""
+        """Return the page's time at which a pause ends unless renewed; None without a pause."""
         left_s = sample.message.paused_left_s
         return None if left_s is None else round(self._seconds(sample.stamp_ns) + left_s, 1)
 

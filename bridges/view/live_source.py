@@ -1,8 +1,8 @@
 """A live board as a page's source, with the states in which each machine was seen.
 
 The board of a name may be made later, removed, and made again. A machine publishes its status, not
-each change, so a state that lasted less than a snapshot's period can be missed: the next change says
-that states were skipped. After a gap between snapshots, all states before are unknown.
+each change, so a state that lasted less than a snapshot's period can be missed; the next change
+then says that states were skipped. Between two snapshots that are far apart, states are unknown.
 """
 
 from __future__ import annotations

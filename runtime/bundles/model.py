@@ -30,7 +30,7 @@ class Fragment:
         return "<bundle>" if self.file is None else str(self.file)
 
     def error(self, what: str, line: int | None = None) -> BundleError:
-        """Return an error about this text."""
+        """Return an error about this text, at a line of it, from 1."""
         return BundleError(what, self.file, line)
 
 

@@ -1,4 +1,4 @@
-"""Write a Python bundle: all of it, or nothing."""
+"""Write a Python bundle: into a folder beside its own, which then takes its place at once."""
 
 from __future__ import annotations
 

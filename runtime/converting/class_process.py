@@ -1,8 +1,8 @@
-"""A machine is loaded in a process of its own: its class is always that of the newest text.
+"""A machine whose text may change at any time, loaded in a process of its own.
 
-The process is asked once, by its arguments, and answers with a JSON object.
-
-A machine class as its texts, to be looked at: also one of which no bundle can be made.
+Python imports a module once, and reloading one leaves the old classes of whatever it has imported.
+In a new process the class is that of the newest text, and code that fails, hangs or exits on import
+harms nobody. The process is asked once, by its arguments, and answers with a JSON object.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from llfsm.runtime.plans import PlannedMachine
 
 
 def class_outline(cls: type[Machine]) -> Bundle:
-    """Return the states, transitions and texts of a class, without a layout."""
+    """Describe a class as a bundle, without a layout; it may be one that cannot be converted."""
     table = cls.table
     states = tuple(
         BundleState(
@@ -71,7 +71,7 @@ _PATIENCE_S = 30.0  # for the imports of the module, too
 
 
 class ClassName(NamedTuple):
-    """Where a machine class is found: its module's file, and how Python imports it."""
+    """The names of a machine class: its module's file, and how Python imports it."""
 
     file: Path
     module: str
@@ -84,14 +84,14 @@ class ClassName(NamedTuple):
 
 
 class ClassText(msgspec.Struct):
-    """What there is to see of a class."""
+    """A class as an editor shows it: its texts, and the findings of `llfsm check`."""
 
     bundle: Bundle
     findings: list[Finding]
 
 
 def read_class(machine: ClassName) -> ClassText:
-    """Return the class as its file has it now; raise `BundleError` if it cannot be imported."""
+    """Read a class as its file has it now; raise `BundleError` if it cannot be imported."""
     answer = _asked(["read", *machine.arguments], machine.file)
     return msgspec.convert(answer, ClassText, dec_hook=_path)
 
@@ -102,7 +102,7 @@ def convert_class(machine: ClassName) -> Path:
 
 
 def read_links(found_by: Sequence[str], planned: PlannedMachine) -> MachineLinks:
-    """Return what a machine has to do with others, which loads it; raise `BundleError`.
+    """Load a machine and return its slots and its requests to others; raise `BundleError`.
 
     `found_by` are arguments for `load_machine`.
     """
@@ -163,7 +163,7 @@ def _answer(what: str, arguments: Sequence[str]) -> Any:
 
 
 def load_machine(arguments: Sequence[str]) -> type[Machine]:
-    """Return the machine of a bundle's folder, or that of a `ClassName`'s arguments.
+    """Load the machine of a bundle's folder, or that of a `ClassName`'s arguments.
 
     A class must not have been imported in this process yet. Raise `BundleError`.
     """
@@ -183,7 +183,7 @@ def load_machine(arguments: Sequence[str]) -> type[Machine]:
 
 
 def _line_in(file: str, error: BaseException) -> int | None:
-    """Return the line of a module's file at which the import has failed."""
+    """Find the line of a module's file at which its import has failed."""
     frames = traceback.extract_tb(error.__traceback__)
     return next((each.lineno for each in reversed(frames) if each.filename == file), None)
 
