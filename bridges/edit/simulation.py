@@ -1,12 +1,11 @@
-"""The simulation of a machine for the editor's page: one for all windows of a document.
+"""What pages ask of a simulation: one for all windows of a bundle.
 
-The machine runs in a process of its own, as its code may fail, hang or end it. The process reads a
-JSON array per line, and answers each with an object. It ends with its input, also if the machine's
-code does not return: another thread reads the input.
+A machine of a bundle under a manual clock: stepped, fed and described as the page shows it.
 
-There, the machine is alone on a board of its own, under a manual clock. The clock always stands at
-the next round, so a message that is posted is read by that round. Time passes only by rounds, at
-any speed, and a simulation can be saved as a test that does the same.
+A simulation in a process of its own: the machine's code may fail, hang or end it.
+
+The process reads a JSON object per line and answers each with one. It ends with its input, also if
+the machine's code does not return.
 """
 
 from __future__ import annotations
@@ -73,8 +72,8 @@ def test_{name}() -> None:
 class SimulatedMachine:
     """The machine that `load_machine` finds, alone on a board of its own; its text is run.
 
-    Rounds follow each other as in `run_until`. Raise `BundleError` or `DefinitionError` for a
-    machine that cannot run.
+    The clock always stands at the next round, so a message that is posted is read by that round.
+    Rounds follow each other as in `run_until`. Raise `BundleError` or `DefinitionError` for a machine that cannot run.
     """
 
     def __init__(self, found_by: Sequence[str]):
@@ -241,7 +240,7 @@ class SimulationProcess:
             raise
 
     async def ask(self, what: str, *arguments: Any) -> dict[str, Any]:
-        """Call a method in the process and return the answer; raise `RequestError` if it fails."""
+        """Let the process do something and return its answer; `RequestError` says why it cannot."""
         async with self._turn:
             assert self._process.stdin is not None
             self._process.stdin.write(json.dumps([what, *arguments]).encode() + b"\n")

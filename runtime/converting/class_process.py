@@ -1,8 +1,8 @@
-"""A machine whose text may change at any time, loaded in a process of its own.
+"""A machine is loaded in a process of its own: its class is always that of the newest text.
 
-Python imports a module once, and reloading one leaves the old classes of whatever it has imported.
-In a new process the class is that of the newest text, and code that fails, hangs or exits on import
-harms nobody. The process is asked once, by its arguments, and answers with a JSON object.
+The process is asked once, by its arguments, and answers with a JSON object.
+
+A machine class as its texts, to be looked at: also one of which no bundle can be made.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ _PATIENCE_S = 30.0  # for the imports of the module, too
 
 
 class ClassName(NamedTuple):
-    """The names of a machine class: its module's file, and how Python imports it."""
+    """Where a machine class is found: its module's file, and how Python imports it."""
 
     file: Path
     module: str
@@ -84,14 +84,14 @@ class ClassName(NamedTuple):
 
 
 class ClassText(msgspec.Struct):
-    """A class as an editor shows it: its texts, and the findings of `llfsm check`."""
+    """What there is to see of a class."""
 
     bundle: Bundle
     findings: list[Finding]
 
 
 def read_class(machine: ClassName) -> ClassText:
-    """Read a class as its file has it now; raise `BundleError` if it cannot be imported."""
+    """Return the class as its file has it now; raise `BundleError` if it cannot be imported."""
     answer = _asked(["read", *machine.arguments], machine.file)
     return msgspec.convert(answer, ClassText, dec_hook=_path)
 
@@ -102,7 +102,7 @@ def convert_class(machine: ClassName) -> Path:
 
 
 def read_links(found_by: Sequence[str], planned: PlannedMachine) -> MachineLinks:
-    """Load a machine and return its slots and its requests to others; raise `BundleError`.
+    """Return what a machine has to do with others, which loads it; raise `BundleError`.
 
     `found_by` are arguments for `load_machine`.
     """

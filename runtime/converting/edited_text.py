@@ -48,7 +48,7 @@ class EditedText:
         return self._lines[number - 1].decode()
 
     def line_start(self, number: int) -> int:
-        """Return the place of a line, from 1, in bytes; behind the last line, the end of the text."""
+        """Return the place of a line, from 1, in bytes; behind the last line, the text's end."""
         return min(self._starts[number - 1], len(self._text))
 
     def find(self, pattern: bytes, start: int) -> re.Match[bytes] | None:
