@@ -73,7 +73,8 @@ class SimulatedMachine:
     """The machine that `load_machine` finds, alone on a board of its own; its text is run.
 
     The clock always stands at the next round, so a message that is posted is read by that round.
-    Rounds follow each other as in `run_until`. Raise `BundleError` or `DefinitionError` for a machine that cannot run.
+    Rounds follow each other as in `run_until`. Raise `BundleError` or `DefinitionError` for a
+    machine that cannot run.
     """
 
     def __init__(self, found_by: Sequence[str]):

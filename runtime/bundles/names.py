@@ -266,7 +266,7 @@ class _Resolver(ast.NodeTransformer):
 
 
 def bound_names(nodes: list[Any]) -> set[str]:
-    """Collect the names that a scope with these nodes binds itself."""
+    """Return the names that a scope with these nodes binds itself."""
     bound: set[str] = set()
     freed: set[str] = set()
     todo = [(node, True) for node in nodes]

@@ -1,9 +1,8 @@
-"""The process of a command: where it logs to, and how signals and its input end it."""
+"""The process of a command: where it logs to, and how signals end it, also while it ends."""
 
 from __future__ import annotations
 
 import logging
-import os
 import signal
 import sys
 import threading
@@ -78,17 +77,3 @@ def stop_for_good(stop: Callable[[], object]) -> None:
 def ignore_interrupts() -> None:
     """Let no further SIGINT interrupt the exit of the process, whose end has been asked for."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def end_with_input() -> None:
-    """Send this process SIGTERM when its standard input is closed.
-
-    A supervisor that holds the other end of the pipe thus ends its processes even if it is killed.
-    """
-
-    def wait() -> None:
-        while os.read(0, 4096):
-            pass
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=wait, name="until-eof", daemon=True).start()

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from llfsm.cli.console import end_with_input
 from llfsm.cli.machines import find_bundle, find_machine_class
-from llfsm.cli.options import directory_option, until_eof_option
+from llfsm.cli.options import directory_option, end_with_input, until_eof_option
 from llfsm.cli.view import page_options, serve
 from llfsm.errors import LlfsmError
 from llfsm.runtime.converting.class_files import class_file

@@ -6,8 +6,8 @@ import logging
 
 import click
 
-from llfsm.cli.console import end_with_input, log_to_console
-from llfsm.cli.options import BoardPlace, board_option, until_eof_option
+from llfsm.cli.console import log_to_console
+from llfsm.cli.options import BoardPlace, board_option, end_with_input, until_eof_option
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread
 

@@ -1,8 +1,11 @@
-"""The options and arguments that several commands share, each defined once."""
+"""The options and arguments that several commands share, and what ``--until-eof`` does."""
 
 from __future__ import annotations
 
 import functools
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -196,3 +199,17 @@ def given_option(*names: str) -> str | None:
         if parameter.name in names and source is click.core.ParameterSource.COMMANDLINE:
             return parameter.opts[-1]
     return None
+
+
+def end_with_input() -> None:
+    """Send this process SIGTERM when its standard input is closed.
+
+    A supervisor that holds the other end of the pipe thus ends its processes even if it is killed.
+    """
+
+    def wait() -> None:
+        while os.read(0, 4096):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name="until-eof", daemon=True).start()

@@ -14,11 +14,12 @@ from llfsm.bridges.recording.recorders import BoardRecorder, JournalRecorder
 from llfsm.bridges.recording.recorders import record as record_until
 from llfsm.bridges.recording.writer import EVENTS, RecordingWriter
 from llfsm.cli import VERSION
-from llfsm.cli.console import end_with_input, ending_once, log_to_console
+from llfsm.cli.console import ending_once, log_to_console
 from llfsm.cli.options import (
     BoardPlace,
     Number,
     board_option,
+    end_with_input,
     host_option,
     slots_option,
     until_eof_option,

@@ -71,7 +71,7 @@ def travel_through(
     serve: Serve,
     read_line: Callable[[], str] = lambda: "",
 ) -> Travelled:
-    """Open the machines of a plan for reverse debugging in a recording, as `travelling` does."""
+    """Return what goes through a recording, with the machines of a plan, as `travelling` does."""
 
     def again() -> Rerun:
         rerun = Rerun(recording.entries(journal), str(recording.path))

@@ -7,8 +7,7 @@ from contextlib import closing
 import click
 
 from llfsm.bridges.ros2.opening import loopback, open_router
-from llfsm.cli.console import end_with_input
-from llfsm.cli.options import until_eof_option
+from llfsm.cli.options import end_with_input, until_eof_option
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 
 

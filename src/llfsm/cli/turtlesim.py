@@ -16,10 +16,11 @@ from llfsm.bridges.ros2.transport import Transport
 from llfsm.bridges.turtlesim.field import draw
 from llfsm.bridges.turtlesim.node import TurtlesimNode
 from llfsm.bridges.turtlesim.simulator import Simulator, run
-from llfsm.cli.console import end_with_input, ignore_interrupts, log_to_console, stop_for_good
+from llfsm.cli.console import ignore_interrupts, log_to_console, stop_for_good
 from llfsm.cli.options import (
     BoardPlace,
     board_option,
+    end_with_input,
     given_option,
     supervised_options,
 )

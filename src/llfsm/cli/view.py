@@ -26,12 +26,13 @@ from urllib.parse import urlencode
 import click
 
 from llfsm.bridges.view.page_source import PageSource
-from llfsm.cli.console import end_with_input, log_to_console
+from llfsm.cli.console import log_to_console
 from llfsm.cli.options import (
     BoardPlace,
     Integer,
     board_option,
     checked_host,
+    end_with_input,
     topics_option,
     trust_option,
     until_eof_option,

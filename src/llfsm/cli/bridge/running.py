@@ -19,7 +19,8 @@ from llfsm.bridges.ros2.bridging.link import BridgeLink
 from llfsm.bridges.ros2.errors import DomainIdError, RosArgumentError
 from llfsm.bridges.ros2.ros_arguments import RosArguments
 from llfsm.cli.bridge.configured import BadConfigurationError, Configured, slots_on
-from llfsm.cli.console import end_with_input, ending_once, log_to_console, stop_for_good
+from llfsm.cli.console import ending_once, log_to_console, stop_for_good
+from llfsm.cli.options import end_with_input
 from llfsm.cli.ros_options import BridgeOptions, open_chosen, ros_arguments
 from llfsm.runtime.engine.realtime import StopRequest, stop_on_signals
 from llfsm.runtime.presence.guard import GuardThread

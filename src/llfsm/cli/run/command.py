@@ -11,13 +11,14 @@ import click
 from msgspec.structs import replace
 
 from llfsm.cli import VERSION
-from llfsm.cli.console import end_with_input, log_machines
+from llfsm.cli.console import log_machines
 from llfsm.cli.machines import parse_arguments
 from llfsm.cli.options import (
     BoardPlace,
     Integer,
     board_option,
     break_option,
+    end_with_input,
     given_option,
     local_option,
     record_option,
