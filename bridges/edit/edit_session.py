@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from contextlib import suppress
+from functools import partial
 from typing import Any, TypeAlias
 
 import msgspec
@@ -20,7 +21,7 @@ from starlette.concurrency import run_in_threadpool
 from llfsm.bridges.edit.machine_page import findings_data, live_data, machine_data
 from llfsm.bridges.edit.simulation import Simulating, SimulationRequest
 from llfsm.bridges.view.errors import RequestError
-from llfsm.bridges.view.page_requests import FrameShown, MachineCommand, perform
+from llfsm.bridges.view.page_requests import FrameShown, MachineCommand, decode, perform
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.editing.document import Document, Edit
 from llfsm.runtime.editing.text_edits import Include, SetText
@@ -72,13 +73,8 @@ _decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(
     ChangeRequest | ReloadMachine | SimulationRequest | FrameShown
 )
 
-
-def decode_request(text: str) -> Any:
-    """Decode a request of a window; raise `RequestError`."""
-    try:
-        return _decoder.decode(text)
-    except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
-        raise RequestError(f"invalid request: {error}") from error
+decode_request = partial(decode, decoder=_decoder)
+"""Decode a request of a window; raise `RequestError`."""
 
 
 class EditSession:

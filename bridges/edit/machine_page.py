@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from functools import lru_cache
 from typing import Any, cast
 
@@ -10,7 +10,7 @@ from llfsm.bridges.edit.message_types import ros_class
 from llfsm.bridges.view.frames import plain_diagram
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.bundles.code import parse_expression
-from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, Fragment
+from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, Fragment
 from llfsm.runtime.checking import Finding
 from llfsm.runtime.checking.message_fields import class_fields, message_fields
 from llfsm.runtime.checking.subject import truth_of
@@ -32,6 +32,7 @@ def machine_data(document: Document) -> dict[str, Any]:
     dead = _dead(bundle)
     drawn = plain_diagram(sketch(bundle))
     layout = bundle.layout.states if bundle.layout else {}
+    texts = bundle.texts()
     return {
         "name": bundle.name,
         "language": bundle.language,
@@ -45,7 +46,7 @@ def machine_data(document: Document) -> dict[str, Any]:
         "start": drawn["start"],
         "boxes": {box["state"]: box for box in drawn["boxes"]},
         "edges": {f"{edge['source']}:{edge['number']}": edge for edge in drawn["edges"]},
-        "texts": {place: [_name(text), text.text] for place, text in _texts(bundle)},
+        "texts": {f"{state}|{part}": [_name(text), text.text] for state, part, text in texts},
         "unreachable": _unreachable(bundle, set(dead)),
         "dead": dead,
         "undo": document.can_undo,
@@ -94,29 +95,6 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "severity": finding.severity,
         "text": finding.text,
     }
-
-
-def _texts(bundle: Bundle) -> Iterator[tuple[str, Fragment]]:
-    """Give the texts by their places: STATE|PART, with the number of a transition as part."""
-    yield from _declarations("", bundle)
-    for state in bundle.states:
-        yield from _declarations(state.name, state)
-        for part, text in state.sections.items():
-            yield f"{state.name}|{part}", text
-        for number, transition in enumerate(state.transitions):
-            if transition.expression is not None:
-                yield f"{state.name}|{number}", transition.expression
-
-
-def _declarations(name: str, source: Bundle | BundleState) -> Iterator[tuple[str, Fragment]]:
-    parts = (
-        ("Includes", source.includes),
-        ("Variables", source.variables),
-        ("Methods", source.methods),
-    )
-    for part, text in parts:
-        if text is not None:
-            yield f"{name}|{part}", text
 
 
 def _name(text: Fragment) -> str:

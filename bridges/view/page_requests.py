@@ -67,13 +67,12 @@ PageRequest = MachineCommand | PostMessage | Seek | Play | FrameShown
 _decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(PageRequest)
 
 
-def decode(text: str) -> PageRequest:
-    """Decode a request of a page; raise `RequestError`."""
+def decode(text: str, decoder: msgspec.json.Decoder[Any] = _decoder) -> Any:
+    """Decode a request of a page, by default a `PageRequest`; raise `RequestError`."""
     try:
-        request: PageRequest = _decoder.decode(text)
+        return decoder.decode(text)
     except (ValueError, RecursionError) as error:  # msgspec's is a ValueError
         raise RequestError(f"invalid request: {error}") from error
-    return request
 
 
 def is_early(request: PageRequest, source: PageSource) -> bool:

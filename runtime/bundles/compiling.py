@@ -288,19 +288,31 @@ def _transition(state: State, target: State, fragment: Fragment, scope: LoadedSc
 
 def _split(expression: ast.expr) -> tuple[float | None, float | None, ast.expr | None]:
     """Split off the milliseconds, or seconds, that `expression` waits for first."""
-    first, rest = expression, None
-    if isinstance(expression, ast.BoolOp) and isinstance(expression.op, ast.And):
-        first, *others = expression.values
+    found = first_wait(expression)
+    if found is None:
+        return None, None, expression
+    name, time, first = found
+    rest = None
+    if isinstance(expression, ast.BoolOp) and first is not expression:
+        _, *others = expression.values
         rest = others[0]
         if len(others) > 1:
             rest = ast.copy_location(ast.BoolOp(ast.And(), others), others[0])
             rest.end_lineno, rest.end_col_offset = expression.end_lineno, expression.end_col_offset
+    return (time, None, rest) if name == "after_ms" else (None, time, rest)
+
+
+def first_wait(expression: ast.expr) -> tuple[str, float, ast.expr] | None:
+    """Find the wait that an expression begins with: "after" or "after_ms", its time, its node."""
+    first = expression
+    if isinstance(expression, ast.BoolOp) and isinstance(expression.op, ast.And):
+        first = expression.values[0]
     match first:
-        case ast.Call(ast.Name("after_ms"), [ast.Constant(int() | float() as time)], []):
-            return time, None, rest
-        case ast.Call(ast.Name("after"), [ast.Constant(int() | float() as time)], []):
-            return None, time, rest
-    return None, None, expression
+        case ast.Call(
+            ast.Name("after_ms" | "after" as name), [ast.Constant(int() | float() as time)], []
+        ):
+            return name, time, first
+    return None
 
 
 def _extend_search(bundle: Bundle) -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from llfsm.runtime.bundles import Bundle, BundleState, Fragment, require_python
 from llfsm.runtime.bundles.code import label_of, parse, parse_expression
-from llfsm.runtime.bundles.compiling import Scope
+from llfsm.runtime.bundles.compiling import Scope, first_wait
 from llfsm.runtime.bundles.names import (
     MACHINE,
     Known,
@@ -288,12 +288,11 @@ class _Writer:
         whole, text = parse_expression(fragment), EditedText(fragment.text)
         start, end = _span_of_code(fragment.text)
         comment = " ".join(f"{text.text(0, start)} {text.text(end)}".split())
-        timed, first = _timed(whole)
-        if first is not None and text.start(first) == start:
-            joined = text.find(rb"\s*and\b\s*", text.end(first))
+        timed, wait = "", first_wait(whole)
+        if wait is not None and text.start(wait[2]) == start:
+            timed = f"{wait[0]}={wait[1]!r}"
+            joined = text.find(rb"\s*and\b\s*", text.end(wait[2]))
             start = end if joined is None else joined.end()
-        else:
-            timed = ""
         text.replace_names(resolve(whole, fragment, known, running=True), self._attribute)
         guard = text.text(start, end)
         given = ", ".join(filter(None, (timed, f"when=lambda self: {guard}" if guard else "")))
@@ -335,18 +334,6 @@ class _Writer:
 def _indented_doc(doc: str) -> str:
     """Indent a docstring for a class; reading it cleans its lines."""
     return "".join(f"    {line}".rstrip() + "\n" for line in doc.split("\n"))
-
-
-def _timed(whole: ast.expr) -> tuple[str, ast.expr | None]:
-    """Find the time for which an expression waits first: as an argument, and its node."""
-    first = whole
-    if isinstance(whole, ast.BoolOp) and isinstance(whole.op, ast.And):
-        first = whole.values[0]
-    match first:
-        case ast.Call(ast.Name("after_ms" | "after" as name), [ast.Constant(value)], []):
-            if isinstance(value, int | float):
-                return f"{name}={value!r}", first
-    return "", None
 
 
 def _span_of_code(text: str) -> tuple[int, int]:
