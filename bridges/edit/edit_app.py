@@ -35,7 +35,7 @@ from llfsm.bridges.view.page_requests import serve_page
 from llfsm.bridges.view.page_source import PageSource
 from llfsm.runtime.converting.class_process import read_links
 from llfsm.runtime.drawing import MachineLinks, overview
-from llfsm.runtime.editing.document import Document
+from llfsm.runtime.editing import Document
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.plans import PlannedMachine
 

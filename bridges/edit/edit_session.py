@@ -23,7 +23,7 @@ from llfsm.bridges.edit.simulation import Simulating, SimulationRequest
 from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.page_requests import FrameShown, MachineCommand, decode, perform
 from llfsm.bridges.view.page_source import PageSource
-from llfsm.runtime.editing.document import Document, Edit
+from llfsm.runtime.editing import Document, Edit
 from llfsm.runtime.editing.text_edits import Include, SetText
 from llfsm.runtime.engine.errors import FsmError
 

@@ -230,7 +230,7 @@ class SourcePage:
         self._begun_ns = time.monotonic_ns() - time.time_ns()  # live events have the time of day
 
     def facts(self) -> dict[str, Any]:
-        """Return the title, if the page controls machines, and a recording's length in seconds."""
+        """Return what the page shows, and whether it controls that."""
         player = self.source.player
         span = None if player is None else (player.span_ns[1] - player.span_ns[0]) / 1e9
         return {"title": self.source.title, "control": self._control, "span": span}
