@@ -1,9 +1,9 @@
 """The web application that shows one source: its page, a stream of frames, its requests and log.
 
-One `Broadcaster` takes snapshots for all windows, up to thirty a second and only while one is open,
-and never more often than it has five times their cost to spare: a page must not slow the machines
-of its host. Each window makes its own frames of the newest snapshot when it has room for one, so a
-slow window misses snapshots, delays no other, and nothing is queued for it.
+One `Broadcaster` takes snapshots for all windows, up to thirty a second and only while one is open.
+At most a fifth of the time goes into them: a page must not slow the machines of its host. Each
+window makes its own frames of the newest snapshot when it has room for one, so a slow window misses
+snapshots, delays no other, and nothing is queued for it.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 The includes run first, in a module of the bundle's own. Then the variables, ports and functions are
 declared, the machine's before those of its states, which hide them. Only then all names are known,
 and sections and guards are compiled with their names resolved (see `names`). A misspelt name is
-thus an error when the bundle is loaded, with file and line, and not when a robot first gets there;
-and what `Scope` checks, conversion and `llfsm check` check by the same rules without running it.
+thus an error when the bundle is loaded, with file and line, and not when a robot first gets there.
+Conversion and `llfsm check` apply the same rules (`Scope`) without running anything.
 
 `outline` needs none of this: it makes a table that can be drawn of the texts of any bundle.
 """

@@ -1,6 +1,6 @@
 """Edits of a machine's texts: sections, expressions, variables and slots, includes, functions.
 
-`SetText` is what a user writes; it names the text that it was made from, and two windows cannot
+`SetText` is what a user writes. It names the text that it was made from, so that two windows cannot
 overwrite each other. `Include` adds the imports that other texts use, such as the types of slots.
 """
 

@@ -1,7 +1,7 @@
 """The parts of a demo, run and ended as one: `llfsm` processes, or threads of this process.
 
-Processes are what a user starts by hand, each with a whiteboard of the host; one that dies can be
-started again. Threads need no shared memory, so a demo also runs on systems that have none.
+Processes are those that a user would start by hand, on one whiteboard; one that dies can be started
+again. Threads need no shared memory, so a demo also runs on systems that have none.
 """
 
 from __future__ import annotations
