@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from llfsm.cli.dap.framing import Message, MessageStream, ProtocolError
+from llfsm.cli.dap.framing import Message, MessageStream
 from llfsm.cli.dap.inspection import Inspection, breakpoints_at
 from llfsm.cli.debug.session import Session, clock_of
 from llfsm.cli.machines import parse_arguments
@@ -96,7 +96,7 @@ class Adapter:
         }
 
     def serve(self) -> None:
-        """Answer requests until the editor disconnects, or is gone. Raise `ProtocolError`."""
+        """Answer requests until the editor disconnects, or is gone; raise as `receive` does."""
         with self._stack:
             self._stack.callback(self._watch_end)
             while not self._over and (request := self._stream.receive()) is not None:
@@ -120,7 +120,7 @@ class Adapter:
         try:
             handler = self._handlers.get(command)
             if handler is None:
-                raise ProtocolError(f"this adapter has no request {command!r}")
+                raise LlfsmError(f"this adapter has no request {command!r}")
             body = handler(arguments)
         except Exception as error:  # also of a request that is wrong, or of code of a machine
             is_ours = isinstance(error, LlfsmError | click.ClickException)
@@ -162,7 +162,7 @@ class Adapter:
 
     def _initialize(self, arguments: Message) -> Message:
         if not arguments.get("linesStartAt1", True) or arguments.get("pathFormat") == "uri":
-            raise ProtocolError("this adapter counts lines from 1, and takes paths, not URIs")
+            raise LlfsmError("this adapter counts lines from 1, and takes paths, not URIs")
         return _CAPABILITIES
 
     # The machines
@@ -172,12 +172,12 @@ class Adapter:
         if given is None:
             given = [arguments["program"]] if "program" in arguments else []
         if self._session is not None or not isinstance(given, list):
-            raise ProtocolError("launch one arrangement: `machines` is a list of them, or a file")
+            raise LlfsmError("launch one arrangement: `machines` is a list of them, or a file")
         folder = str(arguments.get("cwd") or ".")
         try:
             os.chdir(folder)
         except OSError as error:
-            raise ProtocolError(f"`cwd`: {folder}: {error.strerror}") from error
+            raise LlfsmError(f"`cwd`: {folder}: {error.strerror}") from error
         resolved = parse_arguments([str(each) for each in given], None, (), ())
         plan, board = resolved.plan, arguments.get("board")
         wb = self._stack.enter_context(Whiteboard(board or plan.board or default_name()))
@@ -191,13 +191,13 @@ class Adapter:
     @property
     def _launched(self) -> Session:
         if self._session is None:
-            raise ProtocolError("no machines were launched yet")
+            raise LlfsmError("no machines were launched yet")
         return self._session
 
     def _inspect(self) -> Inspection:
-        """Return the inspection of this pause; raise `ProtocolError` while the machines run."""
+        """Return the inspection of this pause; raise `LlfsmError` while the machines run."""
         if not self._launched.debugger.paused or self._inspection is None:
-            raise ProtocolError("the machines run: pause them first")
+            raise LlfsmError("the machines run: pause them first")
         return self._inspection
 
     def _start(self, arguments: Message) -> None:

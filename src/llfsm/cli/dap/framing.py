@@ -17,10 +17,6 @@ Message: TypeAlias = dict[str, Any]
 _LONGEST: Final = 1 << 24  # bytes of a message: a longer one is nonsense
 
 
-class ProtocolError(LlfsmError):
-    """The editor has sent no message of the protocol, or a request that cannot be met now."""
-
-
 class MessageStream:
     """Read messages from one stream, and write to another; any thread may write."""
 
@@ -31,7 +27,7 @@ class MessageStream:
         self._number = 0
 
     def receive(self) -> Message | None:
-        """Wait for a message; None at the end of the stream. Raise `ProtocolError`."""
+        """Wait for a message; None at the end of the stream. Raise `LlfsmError` for anything else."""
         length = None
         while True:
             line = self._received.readline(1 << 12)
@@ -43,16 +39,16 @@ class MessageStream:
             if name.strip().lower() == b"content-length" and value.strip().isdigit():
                 length = int(value)
         if length is None or length > _LONGEST:
-            raise ProtocolError("a message came without a valid Content-Length")
+            raise LlfsmError("a message came without a valid Content-Length")
         body = self._received.read(length)
         if len(body) < length:
             return None
         try:
             message = json.loads(body)
         except (ValueError, RecursionError) as error:
-            raise ProtocolError(f"a message came that is not JSON: {error}") from error
+            raise LlfsmError(f"a message came that is not JSON: {error}") from error
         if not isinstance(message, dict):
-            raise ProtocolError(f"a message came that is not an object: {message!r}")
+            raise LlfsmError(f"a message came that is not an object: {message!r}")
         return message
 
     def send(self, kind: str, **fields: Any) -> None:

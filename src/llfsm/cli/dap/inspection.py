@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from msgspec.structs import asdict
 
-from llfsm.cli.dap.framing import Message, ProtocolError
+from llfsm.cli.dap.framing import Message
 from llfsm.cli.debug.session import Session
 from llfsm.cli.requests import cause_value
+from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import SUFFIX
 from llfsm.runtime.debugging.evaluator import Operands, parsed
 from llfsm.runtime.engine.source_text import location_of, parse_file, syntax_of
@@ -210,7 +211,7 @@ class Inspection:
         """Return the variables in a scope, or the parts of a value."""
         number = int(arguments.get("variablesReference", 0))
         if not 0 < number <= len(self._referred):
-            raise ProtocolError("these variables are of an earlier pause")
+            raise LlfsmError("these variables are of an earlier pause")
         return {"variables": [self._variable(*each) for each in self._referred[number - 1]()]}
 
     def _variable(self, name: str, value: object) -> Message:
@@ -243,7 +244,7 @@ class Inspection:
         try:
             found = Operands(arrangement.machine(name), elapsed_ns, state=state).value(parsed(text))
         except Exception as error:  # of a text that is no expression, or what operators raise
-            raise ProtocolError(f"{text}: {error or type(error).__name__}") from error
+            raise LlfsmError(f"{text}: {error or type(error).__name__}") from error
         shown = self._variable(text, found)
         return {"result": shown.pop("value"), **shown}
 

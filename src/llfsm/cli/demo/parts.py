@@ -61,10 +61,6 @@ class Parts(Protocol):
         ...
 
 
-class ProcessDiedError(LlfsmError):
-    """A process has ended that should not have; the text ends with its last lines."""
-
-
 class _Process:
     def __init__(self, name: str, arguments: Sequence[str], environment: Mapping[str, str]) -> None:
         self.name = name
@@ -169,13 +165,13 @@ class Processes:
         return [process.status() for process in self._all]
 
     def check(self) -> None:
-        """Restart processes that have ended; raise :class:`ProcessDiedError` if that ends all."""
+        """Restart processes that have ended; raise `LlfsmError` if that ends all."""
         for place, process in enumerate(self._all):
             known = process.ended is not None
             if not process.has_ended():
                 continue
             if not self._restart or process.has_failed_within(self._early_s):
-                raise ProcessDiedError(process.death())
+                raise LlfsmError(process.death())
             assert process.ended is not None
             if not known:
                 self.reports.append(process.death("; it starts again"))
