@@ -27,7 +27,7 @@ class MessageStream:
         self._number = 0
 
     def receive(self) -> Message | None:
-        """Wait for a message; None at the end of the stream. Raise `LlfsmError` for anything else."""
+        """Wait for a message; None at the end of the stream. Raise `LlfsmError` for other data."""
         length = None
         while True:
             line = self._received.readline(1 << 12)
