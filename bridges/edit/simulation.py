@@ -70,11 +70,10 @@ def test_{name}() -> None:
 
 
 class SimulatedMachine:
-    """The machine that `load_machine` finds, alone on a board of its own; its text is run.
+    """The machine in a bundle, alone on a board of its own; its text is run.
 
-    The clock always stands at the next round, so a message that is posted is read by that round.
-    Rounds follow each other as in `run_until`. Raise `BundleError` or `DefinitionError` for a
-    machine that cannot run.
+    The clock always stands at the next round, so what is posted is read by that. Rounds follow each
+    other as in `run_until`. Raise `BundleError` or `DefinitionError` for a machine that cannot run.
     """
 
     def __init__(self, found_by: Sequence[str]):
@@ -100,11 +99,11 @@ class SimulatedMachine:
 
     @property
     def is_over(self) -> bool:
-        """True once no round is left: the machine has accepted or failed."""
+        """Whether no round is left: the machine has accepted or failed."""
         return bool(self._error) or self._arrangement.finished
 
     def sensors(self) -> list[dict[str, Any]]:
-        """Describe the sensors: names, slots, their schemas, and values as arrays."""
+        """Return what the machine reads: names, slots, their schemas, and values as arrays."""
         found: list[dict[str, Any]] = []
         for name, sensor in self._sensors.items():
             slot, value = sensor.slot, sensor.default
@@ -115,7 +114,7 @@ class SimulatedMachine:
         return found
 
     def describe(self) -> dict[str, Any]:
-        """Describe the machine's time, state, variables and messages, as the page shows them."""
+        """Return where the machine stands, as the page shows it."""
         text, machine = ValueText(_LONGEST_TEXT).text, self._machine
         variables = type(machine).table.variables
         read = {name: self._board[slot].get() for name, slot in self._slots.items()}
@@ -169,13 +168,13 @@ class SimulatedMachine:
                 return
 
     def advance(self, ms: float) -> None:
-        """Run the rounds of `ms` simulated milliseconds, for at most 0.25 s of the host's time."""
+        """Run the rounds of so many milliseconds, or as many as the host has time for."""
         end_ns, stop_s = self._clock.now_ns() + round(ms * 1e6), time.monotonic() + _BUDGET_S
         while not self.is_over and self._clock.now_ns() < end_ns and time.monotonic() < stop_s:
             self.round()
 
     def test_text(self) -> str:
-        """Write a test with the testing kit that does the same and expects the same states."""
+        """Return a test of the testing kit that does the same and expects the same states."""
         if self._error:
             raise FsmError("the machine has failed; a test of it would fail, too")
         if not self._arrangement.rounds:
@@ -362,7 +361,7 @@ class PostSimulated(msgspec.Struct, tag="post"):
 
 
 class SaveSimulation(msgspec.Struct, tag="save"):
-    """Write down the simulation so far as a test."""
+    """Return what was done as a test."""
 
     id: int
 
@@ -394,7 +393,7 @@ class Simulating:
         self._speed = 0.0
 
     async def perform(self, request: SimulationRequest) -> str:
-        """Carry out a request and return a text that confirms it; raise `RequestError`."""
+        """Carry out a request and return what was done, or raise `RequestError`."""
         if isinstance(request, StartSimulation):
             return await self._start()
         if isinstance(request, EndSimulation):

@@ -29,11 +29,11 @@ N = TypeVar("N", bound=ast.AST)
 
 
 class Meaning(NamedTuple):
-    """The attribute of the machine that a bare name stands for, and how errors call its kind."""
+    """What a bare name stands for: an attribute of the machine and the kind of that attribute."""
 
     attribute: str
     kind: str
-    variable: bool = False  # code may assign it
+    variable: bool = False  # whether code may assign it
 
 
 class Known(NamedTuple):
@@ -44,7 +44,7 @@ class Known(NamedTuple):
 
 
 def resolve(tree: N, fragment: Fragment, known: Known, *, running: bool) -> N:
-    """Replace the names of the machine in `tree` by its attributes.
+    """Return `tree` with the names of the machine as its attributes.
 
     `running` is False for code that is evaluated when the bundle is loaded. Raise `BundleError`
     for names that nothing defines and for what cannot be done with those of the machine.
@@ -65,12 +65,12 @@ def resolve_method(function: ast.FunctionDef, fragment: Fragment, known: Known) 
 
 
 def is_mark(node: ast.stmt) -> bool:
-    """Check if a statement is the mark of C++ that has not been translated."""
+    """Return whether a statement marks what an import has left to be translated."""
     return isinstance(node, ast.Expr) and getattr(node.value, "id", None) == UNTRANSLATED
 
 
 def untranslated(fragment: Fragment, node: ast.stmt | ast.expr) -> BundleError:
-    """Return the error for a mark."""
+    """Return the error of a mark."""
     what = f"this C++ is not translated yet: write the Python, and delete {UNTRANSLATED}"
     return fragment.error(what, node.lineno)
 
@@ -305,7 +305,7 @@ def bound_names(nodes: list[Any]) -> set[str]:
 
 
 def included_names(statements: list[ast.stmt]) -> frozenset[str] | None:
-    """Collect the names that includes import or define; None after ``from x import *``."""
+    """Return the names that includes import or define, or None if they cannot be determined."""
     nodes = [node for each in statements for node in ast.walk(each)]
     from_functions = {n for node in nodes if isinstance(node, ast.Global) for n in node.names}
     names = bound_names(statements) | from_functions

@@ -33,7 +33,7 @@ from llfsm.runtime.plans import PlannedMachine
 
 
 def class_outline(cls: type[Machine]) -> Bundle:
-    """Describe a class as a bundle, without a layout; it may be one that cannot be converted."""
+    """Return the states, transitions and texts of a class, without a layout."""
     table = cls.table
     states = tuple(
         BundleState(
@@ -163,7 +163,7 @@ def _answer(what: str, arguments: Sequence[str]) -> Any:
 
 
 def load_machine(arguments: Sequence[str]) -> type[Machine]:
-    """Load the machine of a bundle's folder, or that of a `ClassName`'s arguments.
+    """Return the machine of a bundle's folder, or that of a `ClassName`'s arguments.
 
     A class must not have been imported in this process yet. Raise `BundleError`.
     """
@@ -183,7 +183,7 @@ def load_machine(arguments: Sequence[str]) -> type[Machine]:
 
 
 def _line_in(file: str, error: BaseException) -> int | None:
-    """Find the line of a module's file at which its import has failed."""
+    """Return the line of a module's file at which the import has failed."""
     frames = traceback.extract_tb(error.__traceback__)
     return next((each.lineno for each in reversed(frames) if each.filename == file), None)
 
