@@ -1,4 +1,4 @@
-"""A world for the wall machine: a turtle on a grid of metres, and who answers for its position."""
+"""A world for the wall machine: a turtle on a grid of metres, which answers for its position."""
 
 from llfsm.machines.common import CMD_VEL
 from llfsm.runtime import Actuator, Machine, Sensor, State
@@ -18,18 +18,18 @@ AHEAD = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
 
 
 class Grip(Message):
-    """Whether the turtle turns by a quarter in half a second, or only by an eighth."""
+    """The ground: if firm, the turtle turns by a quarter in half a second, or else by an eighth."""
 
     firm: bool = True
 
 
 GRIP = Slot("grid_turtle/grip", Grip)
 GRIPS = (Grip(False), Grip(True))
-"""All that the sensors can read."""
+"""The domains: all messages that the sensors can read."""
 
 
 class GridTurtle(Machine):
-    """Move by what half a second of a command does, and answer requests at once.
+    """Move as half a second of a command moves the turtle, and answer requests at once.
 
     Two metres a second are one metre a turn. Two radians a second are one radian a turn, which lies
     between an eighth and a quarter of a circle: which of them it is, is left to `GRIP`. Requests

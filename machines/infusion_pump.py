@@ -30,7 +30,7 @@ __all__ = [
 
 
 class Rate(Enum):
-    """How much of the drug flows."""
+    """The rate at which the drug flows."""
 
     NONE = "none"
     BASAL = "basal"
@@ -47,13 +47,13 @@ class Key(Enum):
 
 
 class Panel(Message):
-    """What the panel senses."""
+    """The panel's keys."""
 
     key: Key = Key.NONE
 
 
 class Fault(Message):
-    """Whether there is air in the line, the reservoir is empty or the door is open."""
+    """A fault: air in the line, an empty reservoir or an open door."""
 
     present: bool = True
 
@@ -73,7 +73,7 @@ class AlarmBell(Message):
 PANEL, FAULT = Slot("infusion/panel", Panel), Slot("infusion/fault", Fault)
 DRUG, BELL = Slot("infusion/drug", Drug), Slot("infusion/bell", AlarmBell)
 PANELS, FAULTS = tuple(map(Panel, Key)), (Fault(False), Fault(True))
-"""All that the sensors can read."""
+"""The domains: all messages that the sensors can read."""
 
 
 class InfusionPump(Machine):
@@ -114,18 +114,18 @@ class InfusionPump(Machine):
         self.stop_at_fault()
 
     def stop_at_fault(self) -> None:
-        """Post that nothing may flow, in the very turn that sees why."""
+        """Stop the drug in the very turn that sees the reason."""
         if self.must_stop():
             self.drug(Drug(Rate.NONE))
 
     def must_stop(self) -> bool:
-        """Return whether there is a fault, or the nurse stops the pump."""
+        """True if there is a fault, or the nurse stops the pump."""
         return self.fault.present or self.panel.key is Key.STOP
 
     # A pump that starts is locked: whatever it has given before is not known to it.
     @STOPPED.to(LOCKED)
     def started(self) -> bool:
-        """Return whether the nurse starts a pump without a fault."""
+        """True if the nurse starts a pump without a fault."""
         return self.panel.key is Key.START and not self.fault.present
 
     LOCKED.to(STOPPED, when=lambda self: self.must_stop())
@@ -160,7 +160,7 @@ class InfusionAlarm(Machine):
 
     @RINGING.to(QUIET)
     def confirmed(self) -> bool:
-        """Return whether the fault is gone and the nurse confirms the alarm."""
+        """True if the fault is gone and the nurse confirms the alarm."""
         return not self.fault.present and self.panel.key is Key.STOP
 
     QUIET.to(RINGING, when=lambda self: self.fault.present)

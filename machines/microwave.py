@@ -1,4 +1,4 @@
-"""The one-minute microwave: four machines that share a door, a button and what time is left.
+"""The one-minute microwave: four machines that share a door, a button and the time left.
 
 It is a classic of model checking; its logic-labelled machines were published by Estivill-Castro and
 Hexel, and with their verification by McColl. Each press of the button adds a minute, with the door
@@ -44,13 +44,13 @@ class Button(Message):
 
 
 class TimeLeft(Message):
-    """Whether there is time left to cook."""
+    """The timer's message to the others: there is time left to cook."""
 
     left: bool = False
 
 
 class Motor(Message):
-    """A command to what heats and turns the food."""
+    """A command to the magnetron and the turntable."""
 
     on: bool = False
 
@@ -71,7 +71,7 @@ DOOR, BUTTON = Slot("oven/door", Door), Slot("oven/button", Button)
 TIME_LEFT = Slot("oven/time_left", TimeLeft)
 MOTOR, LAMP, SOUND = Slot("oven/motor", Motor), Slot("oven/lamp", Lamp), Slot("oven/sound", Sound)
 DOORS, BUTTONS = (Door(False), Door(True)), (Button(False), Button(True))
-"""All that the sensors can read."""
+"""The domains: all messages that the sensors can read."""
 
 
 class OvenTimer(Machine):
@@ -105,12 +105,12 @@ class OvenTimer(Machine):
 
     @CHECK.to(DECREMENT, after_ms=60_000)
     def cooking(self) -> bool:
-        """Return whether the time that passes counts."""
+        """True if the time that passes counts."""
         return self.minutes > 0 and not self.door.open and self.time.left
 
     @CHECK.to(ADD)
     def pressed(self) -> bool:
-        """Return whether a minute may be added."""
+        """True if a minute is to be added."""
         return self.button.pressed and not self.door.open and self.minutes < 15
 
     ADD.to(CHECK, when=lambda self: not self.button.pressed)

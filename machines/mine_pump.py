@@ -37,7 +37,7 @@ __all__ = [
 
 
 class WaterLevel(Enum):
-    """Where the water stands in the sump."""
+    """The level of the water in the sump."""
 
     LOW = "low"
     BETWEEN = "between"
@@ -45,7 +45,7 @@ class WaterLevel(Enum):
 
 
 class Wish(Enum):
-    """What the operator's switch asks for."""
+    """The positions of the operator's switch."""
 
     AUTOMATIC = "automatic"
     ON = "on"
@@ -59,7 +59,7 @@ class Water(Message):
 
 
 class Gas(Message):
-    """Which gases are critical; by default both, as long as nothing has been measured."""
+    """The gases that are critical; by default both, as long as nothing has been measured."""
 
     methane: bool = True
     carbon_monoxide: bool = True
@@ -78,13 +78,13 @@ class Pump(Message):
 
 
 class PumpFailure(Message):
-    """Whether the water stays high although the pump runs."""
+    """The watch's message to the alarm: the water stays high although the pump runs."""
 
     failed: bool = False
 
 
 class Evacuate(Message):
-    """Whether everybody must leave the mine."""
+    """A call to leave the mine."""
 
     now: bool = False
 
@@ -95,7 +95,7 @@ PUMP_FAILURE = Slot("mine/pump_failure", PumpFailure)
 EVACUATE = Slot("mine/evacuate", Evacuate)
 WATERS, WISHES = tuple(map(Water, WaterLevel)), tuple(map(Operator, Wish))
 GASES = tuple(Gas(*each) for each in product((False, True), repeat=2))
-"""All that the sensors can read."""
+"""The domains: all messages that the sensors can read."""
 
 
 class MinePump(Machine):
@@ -126,7 +126,7 @@ class MinePump(Machine):
 
     @OFF.to(ON)
     def wanted(self) -> bool:
-        """Return whether the water is high, or the operator asks for less of it."""
+        """True if the water is high, or the operator asks for less of it."""
         asked = self.water.level is WaterLevel.BETWEEN and self.operator.wish is Wish.ON
         return self.water.level is WaterLevel.HIGH or asked
 
@@ -134,7 +134,7 @@ class MinePump(Machine):
 
     @ON.to(OFF)
     def done(self) -> bool:
-        """Return whether the sump is empty, or the operator stops the pump below high water."""
+        """True if the sump is empty, or the operator stops the pump below high water."""
         stopped = self.water.level is WaterLevel.BETWEEN and self.operator.wish is Wish.OFF
         return self.water.level is WaterLevel.LOW or stopped
 
@@ -142,7 +142,7 @@ class MinePump(Machine):
 
 
 class MineWatch(Machine):
-    """Find out whether the pump lowers high water within five seconds."""
+    """Report a failure if the pump does not lower high water within five seconds."""
 
     water = Sensor(WATER, default=Water(), domain=WATERS)
     pump = Sensor(PUMP, default=Pump())
@@ -180,7 +180,7 @@ class MineAlarm(Machine):
     QUIET = State()
 
     def danger(self) -> bool:
-        """Return whether there is a reason to leave the mine."""
+        """True if there is a reason to leave the mine."""
         return self.gas.methane or self.gas.carbon_monoxide or self.failure.failed
 
     @RINGING.on_entry

@@ -30,7 +30,7 @@ __all__ = [
 
 
 class Position(Enum):
-    """Where the ram is."""
+    """The position of the ram."""
 
     TOP = "top"
     BETWEEN = "between"
@@ -38,7 +38,7 @@ class Position(Enum):
 
 
 class Way(Enum):
-    """Where the ram is to move."""
+    """The direction in which the ram is to move."""
 
     REST = "rest"
     DOWN = "down"
@@ -46,20 +46,20 @@ class Way(Enum):
 
 
 class Hands(Message):
-    """Which of the two buttons are pressed."""
+    """The two buttons, each pressed or not."""
 
     left: bool = False
     right: bool = False
 
 
 class RamPosition(Message):
-    """What the ram's two end switches sense."""
+    """The ram's position, as its two end switches sense it."""
 
     position: Position = Position.BETWEEN
 
 
 class Permit(Message):
-    """Whether the ram may close."""
+    """The control's permit to the ram: it may close."""
 
     close: bool = False
 
@@ -74,7 +74,7 @@ HANDS, RAM_POSITION = Slot("press/hands", Hands), Slot("press/ram_position", Ram
 PERMIT, RAM = Slot("press/permit", Permit), Slot("press/ram", Ram)
 ALL_HANDS = tuple(Hands(*each) for each in product((False, True), repeat=2))
 POSITIONS = tuple(map(RamPosition, Position))
-"""All that the sensors can read."""
+"""The domains: all messages that the sensors can read."""
 
 
 class PressHands(Machine):
@@ -89,11 +89,11 @@ class PressHands(Machine):
     BOTH = State()
 
     def both(self) -> bool:
-        """Return whether both buttons are pressed."""
+        """True if both buttons are pressed."""
         return self.hands.left and self.hands.right
 
     def none(self) -> bool:
-        """Return whether no button is pressed."""
+        """True if no button is pressed."""
         return not self.hands.left and not self.hands.right
 
     @BLOCKED.on_entry

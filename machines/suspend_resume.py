@@ -27,14 +27,14 @@ class TurtleSuspendResume(Machine):
 
     @INITIAL.to(HOLD)
     def target_is_suspended(self) -> bool:
-        """Return whether the suspension has taken effect."""
+        """True once the suspension has taken effect."""
         return self.is_suspended(self.target)
 
     HOLD.to(RESTART, after_ms=3000)
 
     @RESTART.to(WATCH)
     def target_is_running(self) -> bool:
-        """Return whether the resumption has taken effect."""
+        """True once the resumption has taken effect."""
         return self.is_running(self.target)
 
     WATCH.to(INITIAL, after_ms=5000)

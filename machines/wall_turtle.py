@@ -83,12 +83,12 @@ class RosWallTurttleBot(Machine):
 
     @STOP.to(TEST, after_ms=1000)
     def answered(self) -> bool:
-        """Return whether the latest request was answered."""
+        """True once the latest request was answered."""
         return self.answer.number >= self.number and not self.answer.failure
 
     @TEST.to(STRAIGHT)
     def away_from_walls(self) -> bool:
-        """Return whether the turtle may drive ahead."""
+        """True if the turtle may drive ahead."""
         return self.pos_x > 2 and self.pos_y > 2 and self.pos_x < 9 and self.pos_y < 9
 
     TEST.to(BACK, after_ms=1000)

@@ -1,10 +1,10 @@
-"""A property as the testing kit's invariant: machines that run are viewed as explored ones are.
+"""Counterexamples of verification: as scripts, run again, as invariants, tables and tests.
 
-What machines did, as a table: a row for each turn in which one learnt or did something new.
-
-A counterexample as a script of the testing kit, and as a test that plays it.
-
-Machines that run are viewed as explored ones are, and replay what was found.
+A `Witness` lists the choices of the environment, turn by turn. From it comes a script of the
+testing kit (`script_of`), and everything else from that: machines that do it again (`replay`), the
+table of what they did (`rows_of`, `table_of`), and a test that fails until they are mended
+(`regression_of`). In such a test a property is an invariant (`holds`): it gets the same views of
+machines that run as it got of explored ones (`LiveSituation`).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from llfsm.runtime.engine.errors import OptionError
 from llfsm.runtime.engine.events import Event, Observer, RoundEnd, Turn
 from llfsm.runtime.engine.machine import MachineType
-from llfsm.runtime.testing.play import Playback, journal_of
+from llfsm.runtime.testing.play import ScriptRun, journal_of
 from llfsm.runtime.testing.scripted import Ask, ScriptedEnvironment, Step
 from llfsm.runtime.testing.search import KIT, PythonText
-from llfsm.runtime.verification.explored import ControlState
+from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.properties import Property, View, Witness, defaults_of, evaluate
 from llfsm.runtime.verification.values import message_text
 
@@ -36,21 +36,7 @@ if TYPE_CHECKING:
     from llfsm.runtime.verification.space import Space
     from llfsm.whiteboard import Slot
 
-__all__ = [
-    "Holds",
-    "LiveSituation",
-    "TurnRow",
-    "between_of",
-    "holds",
-    "regression_of",
-    "replay",
-    "rows_of",
-    "script_of",
-    "situation_of",
-    "table_of",
-    "view_of",
-]
-
+__all__ = ["holds", "replay"]
 
 _HEAD = ("round", "time", "machine", "saw", "did", "posted")
 _REQUESTED = {
@@ -59,29 +45,214 @@ _REQUESTED = {
     "resume": "resumed",
     "restart": "restarted",
 }
+_SUFFIX = ".machine"
+
+
+# Scripts
+
+
+def script_of(witness: Witness, slots: Mapping[str, Slot[Any]]) -> list[Step]:
+    """Make a script of the environment's choices; `slots` are the machines', by name."""
+    steps = list(_steps(witness, slots))
+    if witness.at_end:
+        steps[-1] = steps[-1]._replace(after=witness.at_end)
+    return steps
+
+
+def between_of(witness: Witness) -> tuple[float, float] | None:
+    """Return the `between_ms` of `holds`: a response due as a loop begins must come in it."""
+    if witness.loop is None:
+        return None
+    return witness.turns[witness.loop].time_ms, witness.turns[-1].time_ms
+
+
+def _steps(witness: Witness, slots: Mapping[str, Slot[Any]]) -> Iterator[Step]:
+    contents: dict[str, Any] = {}
+    now_ms = 0.0
+    for _, turns in groupby((*witness.turns, *witness.rest), key=lambda turn: turn.round):
+        first, *others = turns
+        before: dict[str, dict[Slot[Any], Any]] = {}
+        asks: dict[str, list[Ask]] = {}
+        messages = _news(first, contents, slots)
+        for turn in (first, *others):
+            asked: list[Ask] = ["suspend"] if turn.withdraws else []
+            if turn.request is not None:
+                asked.append(turn.request.value)
+            if turn.stop:
+                asked.append("stop")
+            if asked:
+                asks[turn.machine] = asked
+        for turn in others:
+            if news := _news(turn, contents, slots):
+                before[turn.machine] = news
+        yield Step(first.time_ms - now_ms, messages, before, asks)
+        now_ms = first.time_ms
+
+
+def _news(
+    turn: ChosenTurn, contents: dict[str, Any], slots: Mapping[str, Slot[Any]]
+) -> dict[Slot[Any], Any]:
+    """Find the messages that the environment changes at a turn, and note them in `contents`."""
+    news = {}
+    for name, message in turn.found.items():
+        if contents.get(name) is not message:  # equal ones are one object
+            contents[name] = message
+            news[slots[name]] = message
+    return news
+
+
+# Running a counterexample again, and views of machines that run
+
+
+def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()) -> list[View]:
+    """Run a counterexample on new machines, under a `ManualClock`, with `observers` attached.
+
+    Return a view of the initial state, and one of the state after each turn. Raise
+    `ExecutionError` for an error of a machine's code, as `Arrangement.round` does.
+    """
+    run = ScriptRun(space.members, unload_accepting=space.unload_accepting)
+    views = [view_of(run.scripted)]
+    turn = False
+
+    def look(event: Event) -> None:
+        nonlocal turn
+        if isinstance(event, Turn | RoundEnd):
+            if turn:
+                views.append(view_of(run.scripted))
+            turn = isinstance(event, Turn)
+
+    for observer in (look, *observers):
+        run.arrangement.attach(observer)
+    for _ in run.play(script_of(witness, space.slots)):
+        pass
+    if run.error is not None:
+        raise run.error
+    return views
+
+
+def view_of(environment: ScriptedEnvironment) -> View:
+    """Take a view of the state in which machines are now."""
+    return View(LiveSituation(environment))
+
+
+class LiveSituation:
+    """The state of machines that run as it is now, those that have left included."""
+
+    def __init__(self, environment: ScriptedEnvironment):
+        seats = {name: machine._seat for name, machine in environment.machines.items()}
+        self.seats: Mapping[str, Seat] = seats
+        self.defaults: Mapping[str, Any] = defaults_of(seats.values())
+        slots = _slots_of(seats.values())
+        self._contents = {name: environment.content(slot) for name, slot in slots.items()}
+        self._controls = {name: ControlState.of(seat) for name, seat in seats.items()}
+        self._variables, self._seen = {}, {}
+        for name, seat in seats.items():
+            attributes, table = vars(seat.machine), type(seat.machine).table
+            ports = {*table.sensors, *table.actuators, "stopping"}
+            own = {each: value for each, value in attributes.items() if each not in ports}
+            self._variables[name] = deepcopy(own)
+            self._seen[name] = {sensor: attributes.get(sensor) for sensor in table.sensors}
+
+    def control(self, machine: str) -> ControlState:
+        """Return a machine's control state."""
+        return self._controls[machine]
+
+    def variables(self, machine: str) -> Mapping[str, Any]:
+        """Return a machine's variables."""
+        return self._variables[machine]
+
+    def seen(self, machine: str, sensor: str) -> Any:
+        """Return the message that a machine's sensor found in its last turn; None if none."""
+        return self._seen[machine][sensor]
+
+    def content(self, slot: str) -> Any:
+        """Return the message in a slot; None if it is empty."""
+        return self._contents[slot]
+
+
+# A property as an invariant
+
+
+def holds(prop: Property, *, between_ms: tuple[float, float] | None = None) -> Holds:
+    """Make an invariant for one `llfsm.runtime.testing.play`: that `prop` is not violated.
+
+    Of a `leads_to` without a time of its own, a response due at the first time of `between_ms`, in
+    milliseconds, must have come by the second. A `reachable` is violated in no state.
+    """
+    return Holds(prop, between_ms)
+
+
+class Holds:
+    """The invariant that a property is not violated, for one play: see `holds`."""
+
+    def __init__(self, prop: Property, between_ms: tuple[float, float] | None):
+        self.__qualname__ = prop.name  # which an error names
+        self._property = prop
+        self._from_ns, self._until_ns = (ms * 1e6 for ms in between_ms or (inf, inf))
+        self._earlier: View | None = None
+        self._due_ns = inf  # since when a response is due
+
+    def begin(self, arrangement: Arrangement) -> bool:
+        """Check the initial state."""
+        return self(arrangement)
+
+    def __call__(self, arrangement: Arrangement) -> bool:
+        """Check the state after a turn: False if it violates the property."""
+        environment = arrangement.environment
+        if not isinstance(environment, ScriptedEnvironment):
+            raise OptionError("holds(...) is an invariant for llfsm.runtime.testing.play")
+        prop = self._property
+        before, now = self._earlier, view_of(environment)
+        self._earlier = now
+        match prop.kind:
+            case "never" if prop.functions:
+                return not evaluate(prop, prop.functions[0], now)
+            case "always":
+                return evaluate(prop, prop.functions[0], now)
+            case "step" if before is not None:
+                return evaluate(prop, prop.functions[0], before, now)
+            case "leads_to":
+                answered = self._is_answered(now, environment.clock.now_ns())
+                return answered and not (arrangement.finished and self._due_ns < inf)
+        return True
+
+    def _is_answered(self, now: View, now_ns: int) -> bool:
+        """Check that no response is late."""
+        prop = self._property
+        if prop.within_ms is not None and now_ns - self._due_ns > prop.within_ms * 1e6:
+            return False
+        trigger, response = prop.functions
+        if evaluate(prop, response, now):
+            self._due_ns = inf
+        elif self._due_ns == inf and evaluate(prop, trigger, now):
+            self._due_ns = now_ns
+        return not (self._due_ns <= self._from_ns and now_ns >= self._until_ns)
+
+
+# Tables: a row for each turn
 
 
 class TurnRow(NamedTuple):
-    """A turn: what is new of what the machine read, what it did, and what it posted."""
+    """A turn, as texts: the machine's news, its actions, and its posts."""
 
     round: int
     time_ns: int
-    """When its round began; the clock begins at 0."""
+    """The time at which its round began; the clock begins at 0."""
     machine: str
     saw: str
-    """What is new in its sensors, and what was asked of it."""
+    """New messages in its sensors, and requests to it."""
     did: str
     posted: str
     quiet: bool
-    """Whether the machine neither saw nor did anything new."""
+    """True if the machine neither saw nor did anything new."""
 
 
 def rows_of(
     members: Iterable[Member], script: Sequence[Step], *, unload_accepting: bool = True
 ) -> list[TurnRow]:
-    """Play a script, and return each turn."""
-    playback, entries = journal_of(members, script, unload_accepting=unload_accepting)
-    slots = _slots_of(playback)
+    """Do a script, and list its turns."""
+    run, entries = journal_of(members, script, unload_accepting=unload_accepting)
+    slots = _slots_of(machine._seat for machine in run.scripted.machines.values())
     rows: list[TurnRow] = []
     turn: list[Entry] = []
     for entry in entries:
@@ -90,15 +261,15 @@ def rows_of(
             turn = []
         if entry["event"] == "Turn" or turn:
             turn.append(entry)
-    if playback.error is not None:  # in the last turn, which no other entry has ended
-        last, error = _row(turn, slots), playback.error
+    if run.error is not None:  # in the last turn, which no other entry has ended
+        last, error = _row(turn, slots), run.error
         did = f"{last.did}, fails in {error.step}: {error.__cause__!r}"
         rows.append(last._replace(did=did, quiet=False))
     return rows
 
 
 def table_of(rows: Sequence[TurnRow], marked: int | None = None) -> str:
-    """Return a table of the turns that are not quiet; `marked` is the number of one that is shown.
+    """Write a table of the turns that are not quiet; `marked` is the number of one that is shown.
 
     Rounds in which every turn is quiet are counted in one line.
     """
@@ -174,15 +345,13 @@ def _row(turn: Sequence[Entry], slots: Mapping[str, Slot[Any]]) -> TurnRow:
     )
 
 
-def _slots_of(playback: Playback) -> dict[str, Slot[Any]]:
-    """Return the slots that the machines use, by their names on the board."""
+def _slots_of(seats: Iterable[Seat]) -> dict[str, Slot[Any]]:
+    """Find the slots that machines use, by their names on the board."""
     slots: dict[str, Slot[Any]] = {}
-    for machine in playback.scripted.machines.values():
-        table = type(machine).table
+    for seat in seats:
+        table = type(seat.machine).table
         ports: list[Any] = [*table.sensors.values(), *table.actuators.values()]
-        for port in ports:
-            slot = machine._seat.slot_of(port)
-            slots[slot.name] = slot
+        slots |= {slot.name: slot for slot in map(seat.slot_of, ports)}
     return slots
 
 
@@ -191,64 +360,14 @@ def _message(name: str, entry: Entry, slots: Mapping[str, Slot[Any]]) -> str:
     return message_text(name, None if data is None else slots[entry["slot"]].decoder.decode(data))
 
 
-_SUFFIX = ".machine"
-
-
-def script_of(witness: Witness, slots: Mapping[str, Slot[Any]]) -> list[Step]:
-    """Return what the environment did as a script; `slots` are the machines', by name."""
-    steps = list(_steps(witness, slots))
-    if witness.at_end:
-        steps[-1] = steps[-1]._replace(after=witness.at_end)
-    return steps
-
-
-def between_of(witness: Witness) -> tuple[float, float] | None:
-    """Return the times of `holds`: what is due when a loop begins must come before its end."""
-    if witness.loop is None:
-        return None
-    return witness.turns[witness.loop].time_ms, witness.turns[-1].time_ms
-
-
-def _steps(witness: Witness, slots: Mapping[str, Slot[Any]]) -> Iterator[Step]:
-    contents: dict[str, Any] = {}
-    now_ms = 0.0
-    for _, turns in groupby((*witness.turns, *witness.rest), key=lambda turn: turn.round):
-        first, *others = turns
-        before: dict[str, dict[Slot[Any], Any]] = {}
-        asks: dict[str, list[Ask]] = {}
-        messages = _news(first, contents, slots)
-        for turn in (first, *others):
-            asked: list[Ask] = ["suspend"] if turn.withdraws else []
-            if turn.request is not None:
-                asked.append(turn.request.value)
-            if turn.stop:
-                asked.append("stop")
-            if asked:
-                asks[turn.machine] = asked
-        for turn in others:
-            if news := _news(turn, contents, slots):
-                before[turn.machine] = news
-        yield Step(first.time_ms - now_ms, messages, before, asks)
-        now_ms = first.time_ms
-
-
-def _news(
-    turn: ChosenTurn, contents: dict[str, Any], slots: Mapping[str, Slot[Any]]
-) -> dict[Slot[Any], Any]:
-    """Return what the environment changes at a turn, and note it in `contents`."""
-    news = {}
-    for name, message in turn.found.items():
-        if contents.get(name) is not message:  # equal ones are one object
-            contents[name] = message
-            news[slots[name]] = message
-    return news
+# Tests
 
 
 def regression_of(space: Space, witness: Witness, where: str, *, folder: Path | None) -> str:
-    """Return Python text of a test that fails until the machines are mended.
+    """Write Python text of a test that fails until the machines are mended.
 
-    It plays what violates a property, which is called ``module:name`` as in `where`. Bundles are
-    found from `folder`, which is to hold the test; None is the current one.
+    It plays the way to a violation of the property `where`, as ``module:name``. Bundles are found
+    from `folder`, which is to hold the test; None is the current one.
     """
     text = PythonText()
     module, _, name = where.partition(":")
@@ -270,7 +389,7 @@ def regression_of(space: Space, witness: Witness, where: str, *, folder: Path | 
 
 
 def _machine(text: PythonText, member: Member, folder: Path | None) -> str:
-    """Return what makes a machine as `play` takes it."""
+    """Write an expression for a machine as `play` takes it."""
     machine = member.machine
     bundle = Path(machine.table.path) if isinstance(machine, MachineType) else Path()
     if bundle.suffix == _SUFFIX:
@@ -289,140 +408,3 @@ def _machine(text: PythonText, member: Member, folder: Path | None) -> str:
     if not options:
         return made
     return f"{text.imported('llfsm.runtime.verification', 'Member')}({', '.join([made, *options])})"
-
-
-def replay(space: Space, witness: Witness, *, observers: Iterable[Observer] = ()) -> list[View]:
-    """Play a way on new machines, under a `ManualClock`.
-
-    Return a view of the initial state, and one of the state after each turn; raise what code
-    raises, as `Arrangement.round` does.
-    """
-    playback = Playback(space.members, unload_accepting=space.unload_accepting)
-    views = [view_of(playback.scripted)]
-    turn = False
-
-    def look(event: Event) -> None:
-        nonlocal turn
-        if isinstance(event, Turn | RoundEnd):
-            if turn:
-                views.append(view_of(playback.scripted))
-            turn = isinstance(event, Turn)
-
-    for observer in (look, *observers):
-        playback.arrangement.attach(observer)
-    for _ in playback.play(script_of(witness, space.slots)):
-        pass
-    if playback.error is not None:
-        raise playback.error
-    return views
-
-
-def view_of(environment: ScriptedEnvironment) -> View:
-    """Return a view of the state in which machines are now."""
-    return View(situation_of(environment))
-
-
-def situation_of(environment: ScriptedEnvironment) -> LiveSituation:
-    """Return the state in which machines are now, those that have left included."""
-    seats = {name: machine._seat for name, machine in environment.machines.items()}
-    contents: dict[str, Any] = {}
-    for seat in seats.values():
-        table = type(seat.machine).table
-        ports: list[Any] = [*table.sensors.values(), *table.actuators.values()]
-        for slot in map(seat.slot_of, ports):
-            contents[slot.name] = environment.content(slot)
-    return LiveSituation(seats, contents, defaults_of(seats.values()))
-
-
-class LiveSituation:
-    """The state of machines that run, taken when it is made; `contents` are those of the slots."""
-
-    def __init__(
-        self,
-        seats: Mapping[str, Seat],
-        contents: Mapping[str, Any],
-        defaults: Mapping[str, Any],
-    ):
-        self.seats = seats
-        self.defaults = defaults
-        self._contents = contents
-        self._controls = {name: ControlState.of(seat) for name, seat in seats.items()}
-        self._variables, self._seen = {}, {}
-        for name, seat in seats.items():
-            attributes, table = vars(seat.machine), type(seat.machine).table
-            hidden = {*table.sensors, *table.actuators, "stopping"}
-            own = {each: value for each, value in attributes.items() if each not in hidden}
-            self._variables[name] = deepcopy(own)
-            self._seen[name] = {sensor: attributes.get(sensor) for sensor in table.sensors}
-
-    def control(self, machine: str) -> ControlState:
-        """Return where a machine stands."""
-        return self._controls[machine]
-
-    def variables(self, machine: str) -> Mapping[str, Any]:
-        """Return a machine's variables."""
-        return self._variables[machine]
-
-    def seen(self, machine: str, sensor: str) -> Any:
-        """Return what a machine's sensor found in its last turn."""
-        return self._seen[machine][sensor]
-
-    def content(self, slot: str) -> Any:
-        """Return what is in a slot."""
-        return self._contents[slot]
-
-
-class Holds:
-    """Whether a property is not violated, in one play: see `holds`."""
-
-    def __init__(self, prop: Property, between_ms: tuple[float, float] | None):
-        self.__qualname__ = prop.name  # which an error names
-        self._property = prop
-        self._from_ns, self._until_ns = (ms * 1e6 for ms in between_ms or (inf, inf))
-        self._earlier: View | None = None
-        self._due_ns = inf  # since when a response is due
-
-    def begin(self, arrangement: Arrangement) -> bool:
-        """Look at the initial state, and return whether it violates nothing."""
-        return self(arrangement)
-
-    def __call__(self, arrangement: Arrangement) -> bool:
-        """Look at the state after a turn, and return whether nothing is violated."""
-        environment = arrangement.environment
-        if not isinstance(environment, ScriptedEnvironment):
-            raise OptionError("holds(...) is an invariant for llfsm.runtime.testing.play")
-        prop = self._property
-        before, now = self._earlier, view_of(environment)
-        self._earlier = now
-        match prop.kind:
-            case "never" if prop.functions:
-                return not evaluate(prop, prop.functions[0], now)
-            case "always":
-                return evaluate(prop, prop.functions[0], now)
-            case "step" if before is not None:
-                return evaluate(prop, prop.functions[0], before, now)
-            case "leads_to":
-                answered = self._is_answered(now, environment.clock.now_ns())
-                return answered and not (arrangement.finished and self._due_ns < inf)
-        return True
-
-    def _is_answered(self, now: View, now_ns: int) -> bool:
-        """Return whether no response is late."""
-        prop = self._property
-        if prop.within_ms is not None and now_ns - self._due_ns > prop.within_ms * 1e6:
-            return False
-        trigger, response = prop.functions
-        if evaluate(prop, response, now):
-            self._due_ns = inf
-        elif self._due_ns == inf and evaluate(prop, trigger, now):
-            self._due_ns = now_ns
-        return not (self._due_ns <= self._from_ns and now_ns >= self._until_ns)
-
-
-def holds(prop: Property, *, between_ms: tuple[float, float] | None = None) -> Holds:
-    """Return an invariant for one `llfsm.runtime.testing.play`: that `prop` is not violated.
-
-    Of a `leads_to` without a time of its own, what was due at the first time of `between_ms` must
-    have come by the second. A `reachable` is violated in no state.
-    """
-    return Holds(prop, between_ms)

@@ -1,17 +1,15 @@
-"""Read a dispatch table as clfsm's ``-T`` does: two tables, separated by a blank line.
+"""Plans: which machines to run and how, from a command line, an arrangement file or dispatch table.
 
-The first has a line for each machine: its bundle, its period and its deadline in microseconds and,
-if it is loaded suspended or only preloaded, an `S` or a `P`. The second has a line for each slot:
-the number of the machine, from 0, and the start of the slot in microseconds from the beginning of
-the cycle. Tabs separate the fields. clfsm begins the next cycle when the last slot of a cycle
-starts; here a cycle is a multiple of all periods, as the tables intend.
+An *arrangement file* is TOML; its keys are the fields of `Plan`, in each `[[machine]]` those of
+`PlannedMachine`, and in `[verify]` those of `Verification`. msgspec checks it, and errors name the
+line: the parser is asked for the shortest document that has the wrong value (`line_of`).
 
-Read a TOML file into typed structs; errors name the file and the line.
-
-Plans: which machines to run and how, from a command line, a file or a dispatch table.
-
-An arrangement file is TOML; its keys are the fields of `Plan`, in each `[[machine]]` those of
-`PlannedMachine`, and in `[verify]` those of `Verification`.
+A *dispatch table*, as for clfsm's ``-T``, has two parts, separated by a blank line. The first has a
+line for each machine: its bundle, its period and its deadline in microseconds and, if it is loaded
+suspended or only preloaded, an `S` or a `P`. The second has a line for each slot: the number of the
+machine, from 0, and the start of the slot in microseconds from the beginning of the cycle. Tabs
+separate the fields. clfsm begins the next cycle when the last slot of a cycle starts; here a cycle
+is a multiple of all periods, as the tables intend.
 """
 
 from __future__ import annotations
@@ -42,182 +40,12 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Path_ = tuple[str | int, ...]
+"""The keys and indices that lead to a value of a TOML file."""
+
 
 _WHERE = re.compile(r" - at (?:key in )?`(\$.*)`$")
 _STEP = re.compile(r"\[(\d+|\.\.\.)\]|\.?([^.\[\]]+)")
-
-
-def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: None) -> T:
-    """Return the content of `file` as a `kind`, a msgspec Struct.
-
-    `check` may raise `ConfigurationError` with a `where` path, as ("machine", 1, "name"), for
-    faults that the types cannot express. Raise `ConfigurationError` with file and line for every
-    fault.
-    """
-    text = read_text(file)
-    try:
-        value = msgspec.convert(tomllib.loads(text), kind)
-        check(value)
-    except tomllib.TOMLDecodeError as error:
-        what, _, place = str(error).partition(" (at ")
-        found = re.match(r"line (\d+)", place)
-        line = int(found[1]) if found else text.rstrip("\n").count("\n") + 1
-        raise ConfigurationError(what, file=file, line=line) from error
-    except RecursionError as error:
-        raise ConfigurationError("is nested too deeply", file=file) from error
-    except msgspec.ValidationError as error:
-        found = _WHERE.search(str(error))
-        where = _steps(found[1]) if found else ()
-        what = _WHERE.sub("", str(error))
-        key = _unknown_key(what)
-        if key is not None:
-            keys = set(_keys(kind))
-            near = "; another table has it" if key in keys else did_you_mean(key, keys)
-            what = f"there is no key {key!r} here{near}"
-        else:
-            what += _remedy(what, where, kind)
-        raise _located(what, file, text, where, key) from error
-    except ConfigurationError as error:
-        raise _located(error.what, file, text, error.where) from error
-    except ValueError as error:  # a number of thousands of digits
-        raise ConfigurationError(str(error), file=file) from error
-    return value
-
-
-def read_text(file: Path) -> str:
-    """Return the text of a file; raise `ConfigurationError` if it cannot be read as UTF-8."""
-    try:
-        return file.read_text(encoding="utf-8")
-    except OSError as error:
-        why = f"{error.strerror}{nearby_file(file)}"
-        raise ConfigurationError(f"cannot be read: {why}", file=file) from error
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"is not UTF-8 text: {error.reason}", file=file) from error
-
-
-def line_of(text: str, where: Path_) -> int | None:
-    """Return the line, from 1, where the value at `where` in a TOML text begins.
-
-    If there is no such value, it is the line of the innermost table or array on the path, or None.
-    The parser finds it: the shortest document of leading lines that has the value ends with its
-    last line, and the value begins after the longest document without it.
-    """
-    lines = text.split("\n")
-
-    def document(end: int) -> dict[str, Any] | None:
-        try:
-            return tomllib.loads("\n".join(lines[:end]))
-        except ValueError:  # in the middle of a value
-            return None
-
-    for length in range(len(where), 0, -1):
-        if not _has(document(len(lines)), where[:length]):
-            continue
-        without, within = 0, len(lines)  # so many lines lack the value; have it
-        while within - without > 1:
-            middle = end = (without + within) // 2
-            while end < within and (found := document(end)) is None:
-                end += 1
-            if end == within or _has(found, where[:length]):
-                within = middle
-            else:
-                without = end
-        rest = enumerate(lines[without:], without + 1)
-        return next(n for n, line in rest if line.strip() and line.strip()[0] != "#")
-    return None
-
-
-def _has(value: Any, where: Path_) -> bool:
-    for step in where:
-        if isinstance(step, int):
-            if not (isinstance(value, list) and step < len(value)):
-                return False
-        elif not (isinstance(value, dict) and step in value):
-            return False
-        value = value[step]
-    return True
-
-
-def _located(
-    what: str, file: Path, text: str, where: Path_, key: str | None = None
-) -> ConfigurationError:
-    line = line_of(text, where if key is None else (*where, key))
-    place = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in where)
-    return ConfigurationError(
-        f"{place.lstrip('.')}: {what}" if place else what, where, file=file, line=line
-    )
-
-
-def _remedy(what: str, where: Path_, kind: Any) -> str:
-    """Return what to write, in a `kind`, instead of a value that msgspec refuses."""
-    if wrong := re.match(r"Invalid enum value (.*)", what):
-        known = _choices(kind, where)
-        near = did_you_mean(wrong[1].strip("'"), known)
-        return f"; not one of {', '.join(map(repr, known))}{near}" if known else ""
-    if missing := re.search(r"missing required field `(.*)`", what):
-        return f"; add {missing[1]} = ..."
-    found = re.match(r"Expected `(.*)`.*, got `(.*)`", what)
-    if found is None:
-        return ""
-    wanted, got = found[1].split(" | "), found[2]
-    if "array" in wanted:
-        name = where[-1] if where else ""
-        return f"; write [[{name}]], not [{name}]" if got == "object" else "; write [...]"
-    if "object" in wanted:
-        return "; write a table, as {key = value}"
-    if "str" in wanted:
-        return "; write it in quotes"
-    return "; write it without quotes" if got == "str" else ""
-
-
-def _unknown_key(what: str) -> str | None:
-    found = re.search(r"unknown field `(.*)`", what)
-    return found[1] if found else None
-
-
-def _choices(kind: Any, where: Path_) -> list[str]:
-    """Return the texts that a value of `kind` can be, wherever its key stands."""
-    types = [field.type for field in _fields(kind) if field.encode_name == (where or ("",))[-1]]
-    types += [each for found in types for each in getattr(found, "types", ())]
-    literals = (each for each in types if isinstance(each, msgspec.inspect.LiteralType))
-    return [value for each in literals for value in each.values if isinstance(value, str)]
-
-
-def _keys(kind: Any) -> set[str]:
-    """Return the keys that tables of `kind` can have, on whatever level."""
-    return {field.encode_name for field in _fields(kind)}
-
-
-def _fields(kind: Any) -> list[msgspec.inspect.Field]:
-    """Return the fields of all tables in a `kind`, on whatever level."""
-    fields: list[msgspec.inspect.Field] = []
-    todo, seen = [msgspec.inspect.type_info(kind)], set[int]()
-    while todo:
-        found: Any = todo.pop()
-        if isinstance(found, msgspec.inspect.StructType):
-            if id(found.cls) not in seen:
-                seen.add(id(found.cls))
-                fields += found.fields
-                todo += [field.type for field in found.fields]
-        else:
-            parts = (getattr(found, name, ()) for name in ("types", "item_types"))
-            todo += [part for several in parts for part in several]
-            for name in ("item_type", "value_type"):
-                if hasattr(found, name):
-                    todo.append(getattr(found, name))
-    return fields
-
-
-def _steps(path: str) -> Path_:
-    """Return the steps of msgspec's path ``$.machine[1].name``; `...` ends them."""
-    steps: list[str | int] = []
-    for index, name in _STEP.findall(path[1:]):
-        if index == "...":
-            break
-        steps.append(int(index) if index else name)
-    return tuple(steps)
-
-
+_NUMBER = re.compile(r"[0-9]{1,12}")  # of a dispatch table: up to a million seconds
 _LONGEST_US = 10**12  # eleven days
 Positive = Annotated[int, msgspec.Meta(ge=1, le=_LONGEST_US)]
 NotNegative = Annotated[int, msgspec.Meta(ge=0, le=_LONGEST_US)]
@@ -243,7 +71,7 @@ class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     start_us: NotNegative | tuple[NotNegative, ...] = 0
 
     def requirement(self, name: str) -> list[Requirement]:
-        """Return its requirement of a timetable, under `name`; none without a period."""
+        """Make its requirement of a timetable, under `name`; none without a period."""
         if self.period_us is None:
             return []
         starts = (self.start_us,) if isinstance(self.start_us, int) else self.start_us
@@ -252,7 +80,7 @@ class PlannedMachine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class Verification(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is to be verified of the machines, as for `llfsm.runtime.verification.explore`.
+    """The verification of the machines, as for `llfsm.runtime.verification.explore`.
 
     Properties and abstractions are named ``module:name``. `period_ms` is by default that of the
     rounds of a run. A domain is "every", a list of messages, a table of fields, each with "every"
@@ -275,7 +103,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Machines in their order, and the schedule of their turns, as for `Arrangement`.
 
     `will_after_ms` is as for `LiveEnvironment`, `on_pause` and `break` as for `Debugger`; with
-    `debug_clock` the clock is a `DebugClock`. `verify` says nothing about a run.
+    `debug_clock` the clock is a `DebugClock`. `verify` has no effect on a run.
     """
 
     machines: tuple[PlannedMachine, ...] = msgspec.field(name="machine", default=())
@@ -295,7 +123,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     verify: Verification | None = None
 
     def timetable(self, names: Iterable[str]) -> Timetable | None:
-        """Return the timetable for machines of these names, None if none has a period.
+        """Make the timetable for machines of these names; None if none has a period.
 
         Raise `ScheduleError` if there is no timetable that meets all periods.
         """
@@ -310,7 +138,7 @@ def read_plan(file: Path) -> Plan:
 
 
 def names_of(plan: Plan, classes: Iterable[str]) -> list[str]:
-    """Return the name that each machine of the plan gets: a second `P` becomes `P.0`.
+    """List the names that machines of the plan get: a second `P` becomes `P.0`.
 
     `classes` are the names of their classes. Machines that are only preloaded get their names last.
     """
@@ -331,7 +159,7 @@ def assemble(
     library: Library,
     timed: bool = False,
 ) -> Arrangement:
-    """Return the arrangement of a plan with its machines loaded; `classes` are by name, in order.
+    """Make the arrangement of a plan and load its machines; `classes` are by name, in order.
 
     Suspended machines come after the others, unless a timetable gives each its turns.
     Raise `LoadError` for a machine that cannot be loaded as planned, `ScheduleError` for turns.
@@ -394,7 +222,181 @@ def _check_turns(machines: tuple[PlannedMachine, ...], where: tuple[str | int, .
         raise ConfigurationError(str(error), where) from error
 
 
-_NUMBER = re.compile(r"[0-9]{1,12}")  # a million seconds
+# TOML files as typed structs
+
+
+def read_toml(file: Path, kind: type[T], check: Callable[[T], None] = lambda _: None) -> T:
+    """Read a TOML file as a `kind`, a msgspec Struct.
+
+    `check` may raise `ConfigurationError` with a `where` path, as ("machine", 1, "name"), for
+    faults that the types cannot express. Raise `ConfigurationError` with file and line for every
+    fault.
+    """
+    text = read_text(file)
+    try:
+        value = msgspec.convert(tomllib.loads(text), kind)
+        check(value)
+    except tomllib.TOMLDecodeError as error:
+        what, _, place = str(error).partition(" (at ")
+        found = re.match(r"line (\d+)", place)
+        line = int(found[1]) if found else text.rstrip("\n").count("\n") + 1
+        raise ConfigurationError(what, file=file, line=line) from error
+    except RecursionError as error:
+        raise ConfigurationError("is nested too deeply", file=file) from error
+    except msgspec.ValidationError as error:
+        found = _WHERE.search(str(error))
+        where = _steps(found[1]) if found else ()
+        what = _WHERE.sub("", str(error))
+        key = _unknown_key(what)
+        if key is not None:
+            keys = set(_keys(kind))
+            near = "; another table has it" if key in keys else did_you_mean(key, keys)
+            what = f"there is no key {key!r} here{near}"
+        else:
+            what += _remedy(what, where, kind)
+        raise _located(what, file, text, where, key) from error
+    except ConfigurationError as error:
+        raise _located(error.what, file, text, error.where) from error
+    except ValueError as error:  # a number of thousands of digits
+        raise ConfigurationError(str(error), file=file) from error
+    return value
+
+
+def read_text(file: Path) -> str:
+    """Read a text file; raise `ConfigurationError` if it cannot be read as UTF-8."""
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        why = f"{error.strerror}{nearby_file(file)}"
+        raise ConfigurationError(f"cannot be read: {why}", file=file) from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"is not UTF-8 text: {error.reason}", file=file) from error
+
+
+def line_of(text: str, where: Path_) -> int | None:
+    """Find the line, from 1, where the value at `where` in a TOML text begins.
+
+    If there is no such value, it is the line of the innermost table or array on the path, or None.
+    The parser finds it: the shortest document of leading lines that has the value ends with its
+    last line, and the value begins after the longest document without it.
+    """
+    lines = text.split("\n")
+
+    def document(end: int) -> dict[str, Any] | None:
+        try:
+            return tomllib.loads("\n".join(lines[:end]))
+        except ValueError:  # in the middle of a value
+            return None
+
+    for length in range(len(where), 0, -1):
+        if not _has(document(len(lines)), where[:length]):
+            continue
+        without, within = 0, len(lines)  # so many lines lack the value; have it
+        while within - without > 1:
+            middle = end = (without + within) // 2
+            while end < within and (found := document(end)) is None:
+                end += 1
+            if end == within or _has(found, where[:length]):
+                within = middle
+            else:
+                without = end
+        rest = enumerate(lines[without:], without + 1)
+        return next(n for n, line in rest if line.strip() and line.strip()[0] != "#")
+    return None
+
+
+def _has(value: Any, where: Path_) -> bool:
+    for step in where:
+        if isinstance(step, int):
+            if not (isinstance(value, list) and step < len(value)):
+                return False
+        elif not (isinstance(value, dict) and step in value):
+            return False
+        value = value[step]
+    return True
+
+
+def _located(
+    what: str, file: Path, text: str, where: Path_, key: str | None = None
+) -> ConfigurationError:
+    line = line_of(text, where if key is None else (*where, key))
+    place = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in where)
+    return ConfigurationError(
+        f"{place.lstrip('.')}: {what}" if place else what, where, file=file, line=line
+    )
+
+
+def _remedy(what: str, where: Path_, kind: Any) -> str:
+    """Suggest, for the end of a message, a value of a `kind` in place of one that is refused."""
+    if wrong := re.match(r"Invalid enum value (.*)", what):
+        known = _choices(kind, where)
+        near = did_you_mean(wrong[1].strip("'"), known)
+        return f"; not one of {', '.join(map(repr, known))}{near}" if known else ""
+    if missing := re.search(r"missing required field `(.*)`", what):
+        return f"; add {missing[1]} = ..."
+    found = re.match(r"Expected `(.*)`.*, got `(.*)`", what)
+    if found is None:
+        return ""
+    wanted, got = found[1].split(" | "), found[2]
+    if "array" in wanted:
+        name = where[-1] if where else ""
+        return f"; write [[{name}]], not [{name}]" if got == "object" else "; write [...]"
+    if "object" in wanted:
+        return "; write a table, as {key = value}"
+    if "str" in wanted:
+        return "; write it in quotes"
+    return "; write it without quotes" if got == "str" else ""
+
+
+def _unknown_key(what: str) -> str | None:
+    found = re.search(r"unknown field `(.*)`", what)
+    return found[1] if found else None
+
+
+def _choices(kind: Any, where: Path_) -> list[str]:
+    """List the texts that a value in a `kind` can be, by its key on whatever level."""
+    types = [field.type for field in _fields(kind) if field.encode_name == (where or ("",))[-1]]
+    types += [each for found in types for each in getattr(found, "types", ())]
+    literals = (each for each in types if isinstance(each, msgspec.inspect.LiteralType))
+    return [value for each in literals for value in each.values if isinstance(value, str)]
+
+
+def _keys(kind: Any) -> set[str]:
+    """List the keys that tables of `kind` can have, on whatever level."""
+    return {field.encode_name for field in _fields(kind)}
+
+
+def _fields(kind: Any) -> list[msgspec.inspect.Field]:
+    """List the fields of all tables in a `kind`, on whatever level."""
+    fields: list[msgspec.inspect.Field] = []
+    todo, seen = [msgspec.inspect.type_info(kind)], set[int]()
+    while todo:
+        found: Any = todo.pop()
+        if isinstance(found, msgspec.inspect.StructType):
+            if id(found.cls) not in seen:
+                seen.add(id(found.cls))
+                fields += found.fields
+                todo += [field.type for field in found.fields]
+        else:
+            parts = (getattr(found, name, ()) for name in ("types", "item_types"))
+            todo += [part for several in parts for part in several]
+            for name in ("item_type", "value_type"):
+                if hasattr(found, name):
+                    todo.append(getattr(found, name))
+    return fields
+
+
+def _steps(path: str) -> Path_:
+    """Split msgspec's path ``$.machine[1].name`` into steps; `...` ends them."""
+    steps: list[str | int] = []
+    for index, name in _STEP.findall(path[1:]):
+        if index == "...":
+            break
+        steps.append(int(index) if index else name)
+    return tuple(steps)
+
+
+# Dispatch tables
 
 
 class DispatchTable(Plan, frozen=True, kw_only=True):
@@ -407,7 +409,7 @@ class DispatchTable(Plan, frozen=True, kw_only=True):
     slots: tuple[tuple[int, int], ...]
 
     def timetable(self, names: Iterable[str]) -> Timetable:
-        """Return the timetable for machines of these names."""
+        """Make the timetable for machines of these names; log a warning for a wrong period."""
         names = tuple(names)
         slots = [
             TimeSlot(names[number], start_us, self.machines[number].deadline_us or 1)

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from agreement import DOMAINS
 from llfsm.runtime import Arrangement, ExecutionError
-from llfsm.runtime.counterexamples import situation_of
+from llfsm.runtime.counterexamples import LiveSituation
 from llfsm.runtime.engine.events import Event, RoundEnd, Turn
 from llfsm.runtime.testing.scripted import ScriptedEnvironment
 from llfsm.runtime.verification import Space, UnsupportedError, explore
+from llfsm.runtime.verification.predicates import PackedSituation
 from llfsm.runtime.verification.properties import Situation
-from llfsm.runtime.verification.property_search import PackedSituation
 from llfsm.runtime.verification.values import freeze
 from random_machines import LEFT, RIGHT, SHARED, built, specs
 
@@ -124,7 +124,7 @@ class _Live:
         if not isinstance(event, Turn | RoundEnd):
             return
         if self.turn:
-            live = self.observed(situation_of(self.environment))
+            live = self.observed(LiveSituation(self.environment))
             self.follow(self.turn, lambda state: self.observed(self.explored(state)) == live)
         self.turn = event.machine if isinstance(event, Turn) else ""
         self.happen()

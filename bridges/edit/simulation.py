@@ -1,11 +1,7 @@
-"""What pages ask of a simulation: one for all windows of a bundle.
+"""The simulation of a machine that is edited: one for all windows, in a process of its own.
 
-A machine of a bundle under a manual clock: stepped, fed and described as the page shows it.
-
-A simulation in a process of its own: the machine's code may fail, hang or end it.
-
-The process reads a JSON object per line and answers each with one. It ends with its input, also if
-the machine's code does not return.
+The machine runs under a manual clock, alone on a board; it is stepped, fed and described as the
+page shows it. Its code may fail, hang or end its process, so the page's server asks a worker.
 """
 
 from __future__ import annotations
@@ -13,13 +9,9 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import os
-import queue
-import sys
-import threading
 import time
 from collections.abc import Awaitable, Callable, Sequence
-from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -34,6 +26,7 @@ from llfsm.runtime.engine.events import Eval, Event, Observer
 from llfsm.runtime.testing import states_of
 from llfsm.runtime.testing.waiting import next_round_ns
 from llfsm.runtime.value_text import ValueText
+from llfsm.runtime.worker import Worker, WorkerError
 from llfsm.whiteboard.local import LocalBoard
 from llfsm.whiteboard.message_text import parse_message
 from llfsm.whiteboard.schema import to_plain
@@ -99,11 +92,11 @@ class SimulatedMachine:
 
     @property
     def is_over(self) -> bool:
-        """Whether no round is left: the machine has accepted or failed."""
+        """True if no round is left: the machine has accepted or failed."""
         return bool(self._error) or self._arrangement.finished
 
     def sensors(self) -> list[dict[str, Any]]:
-        """Return what the machine reads: names, slots, their schemas, and values as arrays."""
+        """Describe the machine's sensors: names, slots, their schemas, and values as arrays."""
         found: list[dict[str, Any]] = []
         for name, sensor in self._sensors.items():
             slot, value = sensor.slot, sensor.default
@@ -113,8 +106,17 @@ class SimulatedMachine:
             found.append({**shown, "value": msgspec.to_builtins(value)})
         return found
 
+    def opening(self) -> dict[str, Any]:
+        """Describe the machine and its sensors, for a simulation that has not begun."""
+        return {"sensors": self.sensors(), "simulation": self.describe()}
+
+    def perform(self, name: str, *arguments: Any) -> dict[str, Any]:
+        """Call another method; describe the machine after it."""
+        getattr(self, name)(*arguments)
+        return {"simulation": self.describe()}
+
     def describe(self) -> dict[str, Any]:
-        """Return where the machine stands, as the page shows it."""
+        """Describe the place of the machine, as the page shows it."""
         text, machine = ValueText(_LONGEST_TEXT).text, self._machine
         variables = type(machine).table.variables
         read = {name: self._board[slot].get() for name, slot in self._slots.items()}
@@ -206,126 +208,61 @@ class SimulatedMachine:
 
 
 _START_S = 30.0  # for the imports of the machine, too
-_LONGEST = 1 << 24  # bytes of an answer
 
 
 class SimulationProcess:
-    """The process that simulates a machine, found as by `load_machine`, as it is there now.
+    """The worker in which a machine is simulated, found as by `load_machine`, as it is there now.
 
-    Code of the machine that runs for longer than `patience_s` is taken for an endless loop.
+    It is asked in a thread, one question at a time. Code of the machine that runs for longer than
+    `patience_s` seconds is taken for an endless loop, and ended.
     """
 
-    def __init__(self, process: asyncio.subprocess.Process, *, patience_s: float):
-        self._process = process
+    def __init__(self, worker: Worker, *, patience_s: float = 5.0):
+        self._worker = worker
         self._patience_s = patience_s
-        self.has_ended = False
         self._turn = asyncio.Lock()
 
     @classmethod
-    async def start(
-        cls, found_by: list[str], *, patience_s: float = 5.0
-    ) -> tuple[SimulationProcess, dict[str, Any]]:
-        """Run the machine's text; return the process and its first answer."""
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "llfsm.bridges.edit.simulation", *found_by),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            limit=_LONGEST,
-        )
-        started = cls(process, patience_s=patience_s)
+    async def start(cls, found_by: list[str], *, patience_s: float = 5.0) -> SimulationProcess:
+        """Load the machine in a new worker; raise `RequestError` if it cannot be run."""
+        started = cls(Worker("the machine's code"), patience_s=patience_s)
+        make = partial(started._worker.make, SimulatedMachine, found_by, patience_s=_START_S)
         try:
-            return started, await started._answer(_START_S)
-        except (RequestError, asyncio.CancelledError):
+            await started._asked(make)
+        except BaseException:
             await started.end()
             raise
+        return started
 
-    async def ask(self, what: str, *arguments: Any) -> dict[str, Any]:
-        """Let the process do something and return its answer; `RequestError` says why it cannot."""
+    @property
+    def has_ended(self) -> bool:
+        """True once the process was ended, or was found to have ended."""
+        return self._worker.has_ended
+
+    async def ask(self, name: str, *arguments: Any) -> Any:
+        """Call a method of the `SimulatedMachine`; raise `RequestError` with what it raises."""
         async with self._turn:
-            assert self._process.stdin is not None
-            self._process.stdin.write(json.dumps([what, *arguments]).encode() + b"\n")
-            return await self._answer(self._patience_s)
+            if self.has_ended:
+                raise RequestError("the simulation has ended")
+            call = self._worker.call
+            return await self._asked(partial(call, name, *arguments, patience_s=self._patience_s))
 
     async def end(self) -> None:
         """Kill the process, and wait until it has gone."""
-        self._kill()
+        self._worker.kill()
         async with self._turn:
-            assert self._process.stdin is not None
-            assert self._process.stdout is not None
-            self._process.stdin.close()
-            await self._process.stdout.read()
-            await self._process.wait()
+            await asyncio.to_thread(self._worker.close)
 
-    def _kill(self) -> None:
-        self.has_ended = True
-        with suppress(ProcessLookupError):
-            self._process.kill()
-
-    async def _answer(self, patience_s: float) -> dict[str, Any]:
-        assert self._process.stdout is not None
+    async def _asked(self, ask: Callable[[], Any]) -> Any:
         try:
-            # `wait_for` of Python 3.11 may return an answer and forget that it was cancelled.
-            async with asyncio.timeout(patience_s):
-                line = await self._process.stdout.readline()
-        except TimeoutError:
-            self._kill()
-            raise RequestError(
-                f"the machine's code does not return for {patience_s:g} s; simulation ended"
-            ) from None
+            return await asyncio.to_thread(ask)
+        except WorkerError as error:
+            raise RequestError(f"{error}; simulation ended") from None
+        except (LlfsmError, OSError) as error:
+            raise RequestError(str(error)) from None
         except BaseException:  # an answer that nobody takes would be taken for the next one
-            self._kill()
+            self._worker.kill()
             raise
-        if not line:
-            self._kill()
-            raise RequestError("the machine's code has ended its process; simulation ended")
-        answer: dict[str, Any] = json.loads(line)
-        if "problem" in answer:
-            raise RequestError(answer["problem"])
-        return answer
-
-
-def _lines() -> queue.SimpleQueue[bytes]:
-    """Return the lines of the input as they come; with its end the process ends."""
-    lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-
-    def read() -> None:
-        for line in sys.stdin.buffer:
-            lines.put(line)
-        os._exit(0)
-
-    threading.Thread(target=read, daemon=True).start()
-    return lines
-
-
-def _main() -> None:
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what the machine prints is no answer
-    lines = _lines()
-
-    def answer(content: dict[str, Any]) -> None:
-        answers.write(json.dumps(content).encode() + b"\n")
-        answers.flush()
-
-    try:
-        machine = SimulatedMachine(sys.argv[1:])
-        answer({"sensors": machine.sensors(), "simulation": machine.describe()})
-    except (LlfsmError, OSError) as error:
-        answer({"problem": str(error)})
-        return
-    while True:
-        what, *arguments = json.loads(lines.get())
-        try:
-            if what == "save":
-                answer({"text": machine.test_text()})
-            else:
-                getattr(machine, what)(*arguments)
-                answer({"simulation": machine.describe()})
-        except LlfsmError as error:
-            answer({"problem": str(error)})
-
-
-if __name__ == "__main__":
-    _main()
 
 
 _FRAME_S = 0.05  # between two looks at a running simulation
@@ -361,7 +298,7 @@ class PostSimulated(msgspec.Struct, tag="post"):
 
 
 class SaveSimulation(msgspec.Struct, tag="save"):
-    """Return what was done as a test."""
+    """Save all that was done as a test; its text is the answer."""
 
     id: int
 
@@ -401,13 +338,13 @@ class Simulating:
             await self._publish({"simulation": None})
             return "simulation ended"
         if isinstance(request, SaveSimulation):
-            return str((await self._ask("save"))["text"])
+            return str(await self._ask("test_text"))
         if isinstance(request, RunSimulation):
             return await self._run(request.speed)
         if isinstance(request, PostSimulated):
-            await self._ask("post", request.slot, bytes(request.message).decode())
+            await self._perform("post", request.slot, bytes(request.message).decode())
             return f"posted to {request.slot}"
-        await self._ask("round" if request.until == "round" else "until_state")
+        await self._perform("round" if request.until == "round" else "until_state")
         return "stepped"
 
     async def end(self) -> None:
@@ -422,10 +359,10 @@ class Simulating:
 
     async def _start(self) -> str:
         await self.end()
-        process, first = await SimulationProcess.start(self._found_by)
+        process = await SimulationProcess.start(self._found_by)
         await self.end()  # one that another window has started meanwhile
         self._process = process
-        await self._show(first)
+        await self._show(await self._ask("opening"))
         return "simulation started"
 
     async def _run(self, speed: float) -> str:
@@ -434,7 +371,7 @@ class Simulating:
         self._speed = speed
         if speed and (self._running is None or self._running.done()):
             self._running = asyncio.create_task(self._advance())
-        await self._ask("advance", 0)
+        await self._perform("advance", 0)
         return f"speed {speed:g}"
 
     async def _advance(self) -> None:
@@ -444,17 +381,27 @@ class Simulating:
             await asyncio.sleep(_FRAME_S)
             now_s = clock.time()
             try:
-                await self._ask("advance", (now_s - last_s) * 1e3 * self._speed)
+                await self._perform("advance", (now_s - last_s) * 1e3 * self._speed)
             except RequestError:
                 self._speed = 0.0  # the page shows why
             last_s = now_s
 
-    async def _ask(self, what: str, *arguments: Any) -> dict[str, Any]:
+    async def _perform(self, name: str, *arguments: Any) -> None:
+        """Let the machine do something, and show all windows how it stands then."""
+        await self._show(await self._ask("perform", name, *arguments))
+
+    async def _show(self, shown: dict[str, Any]) -> None:
+        if shown["simulation"]["over"]:
+            self._speed = 0.0
+        shown["simulation"]["speed"] = self._speed
+        await self._publish(shown)
+
+    async def _ask(self, name: str, *arguments: Any) -> Any:
         process = self._process
         if process is None:
             raise RequestError("no simulation: press Simulate first")
         try:
-            answer = await process.ask(what, *arguments)
+            return await process.ask(name, *arguments)
         except RequestError as error:
             if process.has_ended:
                 await process.end()
@@ -462,12 +409,3 @@ class Simulating:
                 self._process, self._speed = None, 0.0
                 await self._publish({"simulation": {"over": True, "error": str(error)}})
             raise
-        if "simulation" in answer:
-            await self._show(answer)
-        return answer
-
-    async def _show(self, answer: dict[str, Any]) -> None:
-        if answer["simulation"]["over"]:
-            self._speed = 0.0
-        answer["simulation"]["speed"] = self._speed
-        await self._publish(answer)

@@ -1,7 +1,7 @@
 """A gusimplewhiteboard, the shared memory of clfsm's machines, beside a whiteboard.
 
-Read :mod:`.file` (where its bytes are), :mod:`.message_layouts` and :mod:`.structures` (what they
-mean), :mod:`.relay` (what is relayed and when), :mod:`.relay_configuration`.
+Read :mod:`.file` (where its bytes are), :mod:`.structures` (what they mean), :mod:`.relay` (what is
+relayed and when, and its configuration).
 """
 
 from llfsm.bridges.gusimplewhiteboard.errors import (

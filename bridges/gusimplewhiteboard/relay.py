@@ -1,6 +1,8 @@
-"""Relay messages between a type of a gusimplewhiteboard and a slot, in one direction or both.
+"""Relay messages between types of a gusimplewhiteboard and slots, in one direction or both.
 
-The configuration of relays, as in a TOML file, whose keys are the fields here.
+A relay polls both sides, and notes the position and the count up to which it has relayed. What it
+writes itself moves these notes along, so that a message is never sent back. The fields of the
+configuration are the keys of a TOML file.
 """
 
 from __future__ import annotations
@@ -90,9 +92,8 @@ class Relay:
         if position == self._position:
             return
         if position.counter == self._position.counter and position != self._uncounted:
-            self._uncounted = (
-                position  # its writer is about to count it; else the next step reads it
-            )
+            # Its writer is about to count it; else the next step reads it.
+            self._uncounted = position
             return
         found = self._foreign.read(self._number, self._layout.size)
         if found is None:
@@ -163,7 +164,7 @@ class ConfiguredRelay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     direction: Direction = "both"
 
     def resolve(self) -> tuple[Slot[Message], MessageLayout]:
-        """Return the slot and the layout; modules may be in the current folder.
+        """Find the slot and the layout; modules may be in the current folder.
 
         Raise :class:`.SlotNameError`, :class:`.MessageTypeError` or :class:`.LayoutError`.
         """
@@ -188,7 +189,7 @@ def read_configuration(file: Path) -> RelayConfiguration:
 
 
 def check_configuration(configuration: RelayConfiguration) -> None:
-    """Raise :class:`.ConfigurationError` for errors that the types do not exclude."""
+    """Raise :class:`.ConfigurationError` for errors that the fields' types do not exclude."""
     for key in ("number", "slot"):
         seen = set()
         for index, relay in enumerate(configuration.relays):

@@ -1,9 +1,8 @@
-"""Messages laid out as ctypes structures.
-
-The layout of a message's values in the bytes of another program's struct.
+"""The layout of a message's values in the bytes of another program's struct.
 
 A layout is a format of Python's ``struct``, with the message's fields in their order, or a ctypes
-structure, whose fields have the names of the message's fields.
+structure, whose fields have the names of the message's fields. Whether it fits a message's type is
+checked when it is found; whether a value fits, when it is encoded: C would truncate it.
 """
 
 from __future__ import annotations
@@ -23,6 +22,8 @@ from llfsm.bridges.gusimplewhiteboard.file import MESSAGE_SIZE
 from llfsm.whiteboard import Message
 from llfsm.whiteboard.schema import Schema
 
+_VALUE = re.compile(r"(\d*)([a-zA-Z?])")
+_CODES = {"boolean": "?", "integer": "bBhHiIlLqQnN", "number": "efd", "string": "sc"}
 _KINDS: dict[str, tuple[type, ...]] = {
     "boolean": (ctypes.c_bool,),
     "integer": (
@@ -34,8 +35,47 @@ _KINDS: dict[str, tuple[type, ...]] = {
 _SCALARS = tuple(kind for kinds in _KINDS.values() for kind in kinds)
 
 
+class MessageLayout(Protocol):
+    """Encodes messages into bytes, and decodes bytes into a message's fields."""
+
+    size: int
+
+    def encode(self, message: Message) -> bytes:
+        """Encode a message; raise :class:`.MisfitError` if a value does not fit."""
+
+    def decode(self, data: bytes) -> dict[str, object]:
+        """Decode the fields, nested messages as dicts; raise :class:`.MisfitError`."""
+
+
+def find_layout(text: str, schema: Schema, fields: Sequence[str] | None = None) -> MessageLayout:
+    """Find the layout that `text` names, a format or ``module:Structure``, for a schema.
+
+    `fields` are the message's, as ``linear.x``, in the order of a format's values; by default all.
+    Raise :class:`.LayoutError`.
+    """
+    module, colon, name = text.partition(":")
+    layout: MessageLayout
+    if not colon:
+        layout = StructLayout(text, schema, fields)
+    elif fields is not None:
+        raise LayoutError(f"{text}: a structure has field names of its own; leave `fields` out")
+    else:
+        try:
+            found = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise LayoutError(f"no ctypes structure {text!r}: {error}") from error
+        if not is_structure(found):
+            raise LayoutError(f"{text!r} is not a ctypes structure")
+        layout = StructureLayout(found, schema)
+    if layout.size > MESSAGE_SIZE:
+        raise LayoutError(
+            f"{text!r} takes {layout.size} bytes; a gusimplewhiteboard's message has {MESSAGE_SIZE}"
+        )
+    return layout
+
+
 def is_structure(kind: object) -> TypeGuard[type[ctypes.Structure]]:
-    """Return whether `kind` is a class of ctypes structures."""
+    """Check that `kind` is a class of ctypes structures."""
     return isinstance(kind, type) and issubclass(kind, ctypes.Structure)
 
 
@@ -49,11 +89,11 @@ class StructureLayout:
         self._schema = schema
 
     def encode(self, message: Message) -> bytes:
-        """Return the message's bytes."""
+        """Encode a message."""
         return bytes(_fill(self._kind, message, ""))
 
     def decode(self, data: bytes) -> dict[str, object]:
-        """Return the fields."""
+        """Decode the fields."""
         plain = _plain(self._kind.from_buffer_copy(data), self._schema, "")
         assert isinstance(plain, dict)
         return plain
@@ -112,7 +152,7 @@ def _is_array(kind: Any) -> bool:
 
 
 def _fill(kind: Any, value: Any, path: str) -> Any:
-    """Return what ctypes is to store for a message's value."""
+    """Make the value of type `kind` that ctypes stores for a message's value."""
     if is_structure(kind):
         made = kind()
         for name, inner in _fields(kind).items():
@@ -136,7 +176,7 @@ def _fill(kind: Any, value: Any, path: str) -> Any:
 
 
 def _fitting(kind: Any, value: Any, path: str) -> Any:
-    """Return the value if ctypes, which truncates numbers, stores it unchanged or rounded."""
+    """Check that ctypes, which truncates numbers, stores a value unchanged or rounded."""
     try:
         stored = kind(value).value
     except TypeError as error:
@@ -163,63 +203,20 @@ def _plain(value: Any, schema: Schema, path: str) -> object:
 
 
 def raw(value: object) -> object:
-    """Return what C stores for a text or an enumerator, and anything else unchanged."""
+    """Replace a text or an enumerator by its value in C; leave anything else unchanged."""
     if isinstance(value, Enum):
         value = value.value
     return value.encode() if isinstance(value, str) else value
 
 
 def text_of(value: object, path: str) -> object:
-    """Return the text in a C string's bytes, and anything else unchanged."""
+    """Replace a C string's bytes by its text; leave anything else unchanged."""
     if not isinstance(value, bytes):
         return value
     try:
         return value.partition(b"\0")[0].decode()
     except UnicodeDecodeError as error:
         raise MisfitError(f"{path}: not UTF-8: {error.reason}") from error
-
-
-_VALUE = re.compile(r"(\d*)([a-zA-Z?])")
-_CODES = {"boolean": "?", "integer": "bBhHiIlLqQnN", "number": "efd", "string": "sc"}
-
-
-class MessageLayout(Protocol):
-    """Encodes messages into bytes, and decodes bytes into a message's fields."""
-
-    size: int
-
-    def encode(self, message: Message) -> bytes:
-        """Return the message's bytes; raise :class:`.MisfitError` if a value does not fit."""
-
-    def decode(self, data: bytes) -> dict[str, object]:
-        """Return the fields, nested messages as dicts; raise :class:`.MisfitError`."""
-
-
-def find_layout(text: str, schema: Schema, fields: Sequence[str] | None = None) -> MessageLayout:
-    """Return the layout that `text` names, a format or ``module:Structure``, for a schema.
-
-    `fields` are the message's, as ``linear.x``, in the order of a format's values; by default all.
-    Raise :class:`.LayoutError`.
-    """
-    module, colon, name = text.partition(":")
-    layout: MessageLayout
-    if not colon:
-        layout = StructLayout(text, schema, fields)
-    elif fields is not None:
-        raise LayoutError(f"{text}: a structure has field names of its own; leave `fields` out")
-    else:
-        try:
-            found = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise LayoutError(f"no ctypes structure {text!r}: {error}") from error
-        if not is_structure(found):
-            raise LayoutError(f"{text!r} is not a ctypes structure")
-        layout = StructureLayout(found, schema)
-    if layout.size > MESSAGE_SIZE:
-        raise LayoutError(
-            f"{text!r} takes {layout.size} bytes; a gusimplewhiteboard's message has {MESSAGE_SIZE}"
-        )
-    return layout
 
 
 class StructLayout:
@@ -243,7 +240,7 @@ class StructLayout:
         ]
 
     def encode(self, message: Message) -> bytes:
-        """Return the message's bytes."""
+        """Encode a message."""
         laid: list[object] = []
         for path, width, _ in self._values:
             value = raw(attrgetter(path)(message))
@@ -257,7 +254,7 @@ class StructLayout:
             raise MisfitError(f"{self._struct.format}: {error}") from error
 
     def decode(self, data: bytes) -> dict[str, object]:
-        """Return the fields."""
+        """Decode the fields."""
         plain: dict[str, Any] = {}
         for (path, _, is_text), value in zip(self._values, self._struct.unpack(data), strict=True):
             *outer, name = path.split(".")

@@ -1,21 +1,16 @@
-"""Bags of rosbag2: the slots of their topics, and other bags as MCAP files.
+"""Bags of rosbag2: written as ROS's tools expect them, and read as recordings.
 
-A bag of one MCAP file is read as it is. One of several files, in SQLite (``.db3``), or whose
-messages are compressed one by one, is converted into a temporary file first; rosbags reads it.
+A bag is written as rosbag2's storage writes it: MCAP of profile ``ros2``, messages in CDR, one
+channel a topic, whose schema is the text of its type's definition and of all that it refers to. So
+it has no machines' events, no other slots of llfsm's own, and no slot without a ROS type.
 
-The file of a recording that ROS's tools take for a bag: MCAP with CDR, profile ``ros2``.
-
-It is what rosbag2's storage writes: a topic has one channel, its schema is the text of the type's
-definition and of all that it refers to. So it has no machines' events and no other slots of llfsm's
-own, and no slot whose type is not a ROS type.
-
-An MCAP file whose messages are not in chunks, as one whose are: only chunks are indexed.
-
-rosbag2 writes such files with the preset ``fastwrite``.
-
-Splits the topics of keyed relays: a bag in which each key's messages are a topic of their own.
-
-Whatever reads the bag then finds the slots of the keys as a live bridge makes them.
+A recording is read through the index of one MCAP file, which has its messages in chunks
+(:mod:`.mcap_file`). A bag may be something else: several files, SQLite (``.db3``), compressed file
+by file or message by message, or MCAP without chunks, as of the preset ``fastwrite``. And the topic
+of a keyed relay has messages for many slots: each key is to have a channel, as behind a live bridge
+each has a slot. Such a bag is converted when it is opened, in one pass: its messages are read one
+by one, those of keyed topics split, and written to a temporary file that is deleted with the
+recording. In memory are a chunk of each file, and what :class:`.Index` keeps.
 """
 
 from __future__ import annotations
@@ -26,7 +21,7 @@ import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 from mcap.records import Channel, Schema
 from mcap.records import Message as McapMessage
@@ -51,7 +46,7 @@ CDR = "cdr"
 
 
 class BagWriter(RecordingWriter):
-    """Write a bag; slots of other types are left out, with a warning each."""
+    """Write a bag; leave out slots that have no ROS type, with a warning for each."""
 
     profile = Profile.ROS2
 
@@ -79,7 +74,7 @@ class BagWriter(RecordingWriter):
             return None
 
     def _add_channel(self, slot: Slot[Any], writer: int, wraps: int) -> int:
-        """Return the topic's channel, whoever writes: in a bag, a topic has one."""
+        """Return the topic's channel, whoever writes: a topic of a bag has only one."""
         channel = self._topics.get(slot.name)
         if channel is None:
             of = self._found[slot.name]
@@ -105,11 +100,11 @@ SLOT = "slot"  # if it is not the topic that names it
 
 
 class BagTopics:
-    """Which slot a topic is, and how its messages are decoded.
+    """The slots of a bag's topics, and how their messages are decoded.
 
     A relay of the configuration names the slot of its topic. Without one, it is the topic's name.
 
-    keyed: the keyed relays by topic, for :func:`.split_by_key`.
+    keyed: the keyed relays by topic, without a slash, for :func:`open_indexed`.
     """
 
     def __init__(self, config: BridgeConfig | None = None):
@@ -133,44 +128,49 @@ class BagTopics:
 
 
 def library_of(schema: Schema) -> TypeLibrary:
-    """Return the types that a schema defines."""
+    """Read the types that a schema defines."""
     texts: Mapping[str, str] = {}
     if schema.encoding == SchemaEncoding.ROS2 and schema.data:
         texts = unbundled(schema.name, schema.data.decode())
     return TypeLibrary(texts=texts)
 
 
-def as_mcap(path: Path, owner: object) -> Path:
-    """Return an MCAP file with a bag's messages: the bag itself, or one that goes with ``owner``.
+def open_indexed(path: Path, keyed: Mapping[str, RelayConfig], owner: object) -> McapFile:
+    """Open a recording or a bag as one MCAP file with chunks, and a channel for each key.
 
-    Raise :class:`.RecordingFileError`.
+    `keyed` are the keyed relays by topic, without a slash. A file that must be made for this is
+    deleted with `owner`. Of a damaged bag there is as much as can be read. Raise
+    :class:`.RecordingFileError`.
     """
+    file = _single_file(path)
+    if file is None:
+        return _converted(path, _by_rosbags(path), keyed, owner)
+    source = McapFile(file)
+    if source.is_unchunked:
+        items = _unchunked(source)
+    elif any(_relay_of(each, keyed) is not None for each in source.channels.values()):
+        items = _chunked(source)
+    else:
+        return source
+    return _converted(file, items, keyed, owner, source)
+
+
+def _single_file(path: Path) -> Path | None:
+    """Return the MCAP file that holds a bag; None for a bag that only rosbags reads."""
     metadata = _metadata(path if path.is_dir() else path.parent)
     if not path.is_dir():
         if path.name in metadata and _has_compressed(metadata, "file|message"):
             raise RecordingFileError(f"{path}: is compressed; name the bag instead: {path.parent}")
-        if path.suffix != ".db3":
-            return path
-    else:
-        files = sorted(path.glob("*.mcap"))
-        if len(files) == 1 and not _has_compressed(metadata, "message"):
-            return files[0]
-        if not (path / "metadata.yaml").exists():
-            raise RecordingFileError(
-                f"{path}: is a folder without metadata.yaml, so it is not a bag; "
-                "`ros2 bag reindex` makes one for a bag that was cut short"
-            )
-    target = temporary_file(owner)
-    try:
-        with target.open("wb") as file:
-            writer = Writer(file)
-            writer.start(profile=Profile.ROS2)
-            for channel, stamp_ns, data in _messages(path, writer):
-                writer.add_message(channel, stamp_ns, data, stamp_ns)
-            writer.finish()
-    except Exception as error:  # whatever rosbags raises for a bag that is none
-        raise RecordingFileError(f"{path}: cannot be read as a bag: {error}") from error
-    return target
+        return None if path.suffix == ".db3" else path
+    files = sorted(path.glob("*.mcap"))
+    if len(files) == 1 and not _has_compressed(metadata, "message"):
+        return files[0]
+    if not (path / "metadata.yaml").exists():
+        raise RecordingFileError(
+            f"{path}: is a folder without metadata.yaml, so it is not a bag; "
+            "`ros2 bag reindex` makes one for a bag that was cut short"
+        )
+    return None
 
 
 def _metadata(bag: Path) -> str:
@@ -181,32 +181,31 @@ def _metadata(bag: Path) -> str:
 
 
 def _has_compressed(metadata: str, what: str) -> bool:
-    """Return whether a bag compresses each ``file`` as a whole, or each ``message`` in a file."""
+    """Check that a bag compresses each ``file`` as a whole, or each ``message`` in a file."""
     pattern = rf"^\s*compression_mode:\W*(?:{what})\b"
     return re.search(pattern, metadata, re.IGNORECASE | re.MULTILINE) is not None
 
 
-def temporary_file(owner: object) -> Path:
-    """Return a path for an MCAP file that is deleted with ``owner``."""
-    folder = mkdtemp(prefix="llfsm-bag-")
-    weakref.finalize(owner, shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder, "bag.mcap")
+# What a source yields: each channel with its schema, before the first of its messages.
+_Item: TypeAlias = tuple[Channel, Schema | None] | MessageRecord
 
 
-def _messages(path: Path, writer: Writer) -> Iterator[tuple[int, int, bytes]]:
+def _by_rosbags(path: Path) -> Iterator[_Item]:
     from rosbags.rosbag2 import Reader
 
     types = TypeLibrary()
-    channels: dict[int, int] = {}
-    with Reader(path) as bag:
-        for connection in bag.connections:
-            text = connection.msgdef.data
-            if not text or connection.msgdef.format.name != "MSG":
-                text = _known_text(types, connection.msgtype)
-            schema = writer.register_schema(connection.msgtype, SchemaEncoding.ROS2, text.encode())
-            channels[connection.id] = writer.register_channel(connection.topic, CDR, schema)
-        for connection, stamp_ns, data in bag.messages():
-            yield channels[connection.id], stamp_ns, bytes(data)
+    try:
+        with Reader(path) as bag:
+            for number, each in enumerate(bag.connections, 1):
+                text = each.msgdef.data
+                if not text or each.msgdef.format.name != "MSG":
+                    text = _known_text(types, each.msgtype)
+                schema = Schema(number, text.encode(), SchemaEncoding.ROS2, each.msgtype)
+                yield Channel(each.id, each.topic, CDR, {}, number), schema
+            for connection, stamp_ns, data in bag.messages():
+                yield MessageRecord(stamp_ns, stamp_ns, 0, connection.id, bytes(data))
+    except Exception as error:  # whatever rosbags raises for a bag that is none
+        raise RecordingFileError(f"{path}: cannot be read as a bag: {error}") from error
 
 
 def _known_text(types: TypeLibrary, name: str) -> str:
@@ -217,95 +216,90 @@ def _known_text(types: TypeLibrary, name: str) -> str:
         return ""
 
 
-def in_chunks(source: McapFile, owner: object) -> McapFile:
-    """Return a file with the same messages in chunks, which goes with ``owner``; or the same file.
-
-    As much of a damaged file is in it as can be read.
-    """
-    if not source.is_unchunked:
-        return source
-    target = temporary_file(owner)
-    with source.path.open("rb") as read, target.open("wb") as written:
-        writer = Writer(written)
-        writer.start(profile=Profile.ROS2)
-        try:
-            _copy(StreamReader(read, record_size_limit=LONGEST_RECORD), writer)
-        except Exception:  # whatever the library raises for a file that is cut short or damaged
-            source.complete = False
-        writer.finish()
-    found = McapFile(target)
-    found.complete = source.complete
-    return found
-
-
-def _copy(source: StreamReader, writer: Writer) -> None:
-    schemas = {0: 0}
-    channels: dict[int, int] = {}
-    for record in source.records:
-        match record:
-            case Schema():
-                schemas[record.id] = writer.register_schema(
-                    record.name, record.encoding, record.data
-                )
-            case Channel():
-                channels[record.id] = writer.register_channel(
-                    record.topic,
-                    record.message_encoding,
-                    schemas[record.schema_id],
-                    record.metadata,
-                )
-            case McapMessage():
-                writer.add_message(
-                    channels[record.channel_id],
-                    record.log_time,
-                    record.data,
-                    record.publish_time,
-                    record.sequence,
-                )
+def _unchunked(source: McapFile) -> Iterator[_Item]:
+    """Yield a file's messages in the order in which they were written, as far as they are whole."""
+    schemas: dict[int, Schema | None] = {0: None}
+    channels: set[int] = set()
+    try:
+        with source.path.open("rb") as file:
+            for record in StreamReader(file, record_size_limit=LONGEST_RECORD).records:
+                match record:
+                    case Schema():
+                        schemas[record.id] = record
+                    case Channel():
+                        yield record, schemas[record.schema_id]
+                        channels.add(record.id)
+                    case McapMessage():
+                        if record.channel_id not in channels:
+                            raise ValueError("a message without a channel")
+                        yield MessageRecord(
+                            record.log_time,
+                            record.publish_time,
+                            record.sequence,
+                            record.channel_id,
+                            record.data,
+                        )
+    except Exception:  # whatever the library raises for a file that is cut short or damaged
+        source.complete = False
 
 
-def split_by_key(source: McapFile, relays: Mapping[str, RelayConfig], owner: object) -> McapFile:
-    """Return a file in which the topics of these relays are split; it goes with ``owner``.
+def _chunked(source: McapFile) -> Iterator[_Item]:
+    for channel in source.channels.values():
+        yield channel, source.schemas.get(channel.schema_id)
+    yield from Index(source).in_order(source.channels)
 
-    That is the file itself if it has none of the topics. ``relays`` are the keyed ones by topic,
-    without a slash. Raise :class:`.RecordingFileError`.
-    """
-    keyed = {
-        channel.id: relays[channel.topic.lstrip("/")]
-        for channel in source.channels.values()
-        if channel.message_encoding == CDR and channel.topic.lstrip("/") in relays
-    }
-    if not keyed:
-        return source
-    target = temporary_file(owner)
+
+def _converted(
+    path: Path,
+    items: Iterator[_Item],
+    keyed: Mapping[str, RelayConfig],
+    owner: object,
+    source: McapFile | None = None,
+) -> McapFile:
+    """Write what a source yields to a new file; `source` is the file that was converted, if any."""
+    folder = mkdtemp(prefix="llfsm-bag-")
+    weakref.finalize(owner, shutil.rmtree, folder, ignore_errors=True)
+    target = Path(folder, "bag.mcap")
+    channels: dict[int, _CopiedChannel | _SplitChannel] = {}
     with target.open("wb") as file:
         writer = Writer(file)
         writer.start(profile=Profile.ROS2)
-        for each in source.metadata:
+        for each in source.metadata if source is not None else ():
             writer.add_metadata(each.name, each.metadata)
-        for held in source.attachments:
+        for held in source.attachments if source is not None else ():
             writer.add_attachment(
                 held.create_time, held.log_time, held.name, held.media_type, held.data
             )
-        channels = {
-            number: _SplitChannel(source, channel, keyed[number], writer)
-            if number in keyed
-            else _CopiedChannel(source, channel, writer)
-            for number, channel in source.channels.items()
-        }
-        for record in Index(source).in_order(source.channels):
-            channels[record.channel].write(record)
+        for item in items:
+            if isinstance(item, MessageRecord):
+                channels[item.channel].write(item)
+                continue
+            channel, schema = item
+            relay = _relay_of(channel, keyed)
+            if relay is None or schema is None:
+                channels[channel.id] = _CopiedChannel(channel, schema, writer)
+            else:
+                channels[channel.id] = _SplitChannel(path, channel, schema, relay, writer)
         writer.finish()
     for split in channels.values():
-        if isinstance(split, _SplitChannel) and split.left_out:
-            logger().warning("%s: %s", source.path, split.left_out)
-    return McapFile(target)
+        if isinstance(split, _SplitChannel):
+            split.warn()
+    found = McapFile(target)
+    found.complete = source is None or source.complete
+    return found
+
+
+def _relay_of(channel: Channel, keyed: Mapping[str, RelayConfig]) -> RelayConfig | None:
+    if channel.message_encoding != CDR:
+        return None
+    return keyed.get(channel.topic.lstrip("/"))
 
 
 class _CopiedChannel:
-    def __init__(self, source: McapFile, channel: Channel, writer: Writer) -> None:
+    """A channel whose messages stay as they are."""
+
+    def __init__(self, channel: Channel, schema: Schema | None, writer: Writer) -> None:
         self._writer = writer
-        schema = source.schemas.get(channel.schema_id)
         self._channel = writer.register_channel(
             channel.topic,
             channel.message_encoding,
@@ -319,23 +313,22 @@ class _CopiedChannel:
         )
 
 
-class _Lost(NamedTuple):
-    """How many messages were left out, and why the first one was."""
-
-    number: int
-    why: str
-
-
 class _SplitChannel:
+    """The channel of a keyed topic: each key gets a channel of its own, with its slot's name.
+
+    Messages that cannot be split are left out.
+    """
+
     def __init__(
-        self, source: McapFile, channel: Channel, relay: RelayConfig, writer: Writer
+        self, path: Path, channel: Channel, schema: Schema, relay: RelayConfig, writer: Writer
     ) -> None:
+        self._path = path
         self._topic = channel.topic
         self._relay = relay
         self._writer = writer
         self._channels: dict[str, int] = {}
-        self._lost: _Lost | None = None
-        schema = source.schemas[channel.schema_id]
+        self._left_out = 0
+        self._why = ""  # the first one was
         try:
             types = library_of(schema)
             self._of: RosMessage[Any] = types.message(schema.name)
@@ -343,14 +336,8 @@ class _SplitChannel:
             self._part: RosMessage[Any] = types.of(self._keys.part)
             text = bundled(types.sources(self._part.name))
         except (KeyPathError, RosTypeError) as error:
-            raise RecordingFileError(f"{source.path}: topic {channel.topic}: {error}") from error
+            raise RecordingFileError(f"{path}: topic {channel.topic}: {error}") from error
         self._schema = writer.register_schema(self._part.name, SchemaEncoding.ROS2, text.encode())
-
-    @property
-    def left_out(self) -> str:
-        if self._lost is None:
-            return ""
-        return f"{self._lost.number} messages of {self._topic} were left out: {self._lost.why}"
 
     def write(self, record: MessageRecord) -> None:
         try:
@@ -367,9 +354,15 @@ class _SplitChannel:
                 data = self._part.encode(part)
                 self._writer.add_message(channel, record.log_ns, data, record.published_ns)
 
-    def _leave_out(self, why: Exception) -> None:
-        lost = self._lost or _Lost(0, str(why))
-        self._lost = lost._replace(number=lost.number + 1)
+    def warn(self) -> None:
+        """Log how many messages were left out, and why the first one was."""
+        if self._left_out:
+            what = f"{self._left_out} messages of {self._topic} were left out"
+            logger().warning("%s: %s: %s", self._path, what, self._why)
+
+    def _leave_out(self, error: Exception) -> None:
+        self._left_out += 1
+        self._why = self._why or str(error)
 
     def _add_channel(self, key: str) -> int:
         if not key:

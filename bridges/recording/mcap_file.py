@@ -1,7 +1,19 @@
-"""What is in an MCAP file, and where, without reading its messages.
+"""An MCAP file read through its index, in bounded memory.
 
-A complete file ends with an index. One that was cut short has none: it is gone through once, from
-record to record, reading their heads only.
+An MCAP file is a sequence of records. Messages are in chunks, which are compressed; after each
+chunk it says which channels it has, and the file ends with an index of the chunks and their times.
+So :class:`McapFile` reads the index only, and a chunk when its messages are asked for. A file that
+was cut short has no index: it is stepped through once, by the heads of its records.
+
+:class:`Index` finds messages by channel and time. Chunks overlap in time, as messages are logged a
+little out of order. `_since` is what makes this bounded: the first time of a chunk and of all after
+it. No later chunk than the last whose `_since` is before a moment knows anything of that moment;
+and what is before the next chunk's `_since` is in order, whatever comes.
+
+Memory is bounded here and nowhere else, by the constants below: of a chunk's size, as what is
+compressed may claim anything, of its messages, and of the chunks that are kept. What grows with
+the file is a few hundred bytes for each of its chunks. Whatever is read is checked: damaged parts
+are left out with a warning, and the file counts as incomplete.
 
 This is the one module that uses what the mcap library does not document: it has no way to read a
 chunk by its place, or what is left of a damaged file. It assumes
@@ -11,13 +23,6 @@ chunk by its place, or what is left of a damaged file. It assumes
 * that a footer has :data:`FOOTER_SIZE` bytes with its head.
 
 A new minor version of mcap may break these; a test for each names the one that no longer holds.
-
-A chunk's data, unpacked: never more than the chunk claims, and never more than a limit.
-
-A file of a few kilobytes can unpack to gigabytes. The mcap library trusts what the compressed data
-say of their own size.
-
-A file's messages by channel and time, with only the chunks in memory that are looked at.
 """
 
 from __future__ import annotations
@@ -46,11 +51,27 @@ from llfsm.errors import nearby_file
 from llfsm.runtime.engine.failure import logger
 
 LARGEST_CHUNK: Final = 64 << 20
-"""Bytes. Those that llfsm records have one megabyte, or one message."""
+"""Bytes, unpacked. Those that llfsm records have one megabyte, or one message."""
+LONGEST_RECORD: Final = LARGEST_CHUNK + (1 << 20)
+"""Bytes of a record of any kind; data may resist compression."""
+_MOST_MESSAGES: Final = 1 << 18  # of a chunk; each takes a hundred bytes of memory, and more
+CACHED_CHUNKS: Final = 16
+"""How many chunks are kept in memory, unless they exceed `_CACHED_BYTES`."""
+_CACHED_BYTES: Final = 64 << 20
+_RECORD_BYTES: Final = 256  # that a message takes besides its data
+
+_HEAD: Final = struct.Struct("<BQ")  # of every record: its kind and its length
+_MESSAGE: Final = struct.Struct("<HIQQ")
+_CHUNK: Final = struct.Struct("<QQ")
+_CHANNEL: Final = struct.Struct("<H")
+_FOOTER: Final = struct.Struct("<QQI")
 
 
 def unpacked(chunk: Chunk) -> bytes:
-    """Return the records in a chunk; raise an error of any kind if they are damaged."""
+    """Return the records in a chunk; raise an error of any kind if they are damaged.
+
+    A chunk of a few kilobytes can unpack to gigabytes, and mcap trusts what it says of its size.
+    """
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
         raise ValueError(f"it unpacks to {size} bytes, the limit is {LARGEST_CHUNK}")
@@ -69,18 +90,8 @@ def unpacked(chunk: Chunk) -> bytes:
     return data
 
 
-_HEAD: Final = struct.Struct("<BQ")  # of every record: its kind and its length
-_MESSAGE: Final = struct.Struct("<HIQQ")
-_CHUNK: Final = struct.Struct("<QQ")
-_CHANNEL: Final = struct.Struct("<H")
-_FOOTER: Final = struct.Struct("<QQI")
-_MOST_MESSAGES: Final = 1 << 18  # of a chunk; each takes a hundred bytes of memory, and more
-LONGEST_RECORD: Final = LARGEST_CHUNK + (1 << 20)
-"""Bytes of a record of any kind; data may resist compression."""
-
-
 class MessageRecord(NamedTuple):
-    """A message in the file. Records are ordered by time."""
+    """A message in the file, undecoded. Records are ordered by time."""
 
     log_ns: int
     published_ns: int
@@ -99,7 +110,7 @@ class ChunkEntry(NamedTuple):
 
 
 class McapFile:
-    """The contents of a file; it is open only while something is read.
+    """The index of a file, and its chunks' messages; it is open only while something is read.
 
     Raise :class:`.RecordingFileError` if it cannot be read.
     """
@@ -109,7 +120,7 @@ class McapFile:
         self.complete = True
         """False for a file that was cut short or is damaged."""
         self.is_unchunked = False
-        """Whether it has messages that are not in chunks, so that none of those are found here."""
+        """True if it has messages that are not in chunks, none of which are found here."""
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.metadata: list[Metadata] = []
@@ -117,7 +128,7 @@ class McapFile:
         self.chunks: list[ChunkEntry] = []
         """In the order in which they were written."""
         self._sets: dict[tuple[int, ...], tuple[int, ...]] = {}  # most chunks have the same ones
-        self._damaged: set[int] = set()
+        self._damaged: set[int] = set()  # chunks of which that was logged
         try:
             with path.open("rb") as file:
                 self._size = os.fstat(file.fileno()).st_size
@@ -129,7 +140,7 @@ class McapFile:
             raise RecordingFileError(f"{path}: cannot be read: {why}") from error
 
     def messages(self, number: int) -> dict[int, list[MessageRecord]]:
-        """Return a chunk's messages by channel; if it is damaged none, and log a warning once."""
+        """Read a chunk's messages by channel; if it is damaged none, and log a warning once."""
         found: dict[int, list[MessageRecord]] = {}
         try:
             with self.path.open("rb") as file:
@@ -216,14 +227,18 @@ class McapFile:
             raise ValueError("the index is damaged")
 
     def _scan(self, file: IO[bytes]) -> None:
-        """Go from record to record, as far as they are whole."""
+        """Find the chunks of a file without an index, and what they define.
+
+        The records after a chunk say which channels it has. A channel that none has defined so far
+        is defined in a chunk, so that is read.
+        """
         try:
             file.seek(0)
             read_magic(ReadDataStream(file))
             self._step_through(file)
         except OSError:
             raise
-        except Exception:  # as before: what was found so far is all there is
+        except Exception:  # of a damaged record: what was found so far is all there is
             pass
         unread: list[int] = []  # chunks
         for number, chunk in enumerate(self.chunks):
@@ -274,16 +289,11 @@ class McapFile:
             self._define(kind, stream)
 
 
-CACHED_CHUNKS = 16
-"""How many chunks are kept in memory, unless they exceed `_CACHED_BYTES`."""
-_CACHED_BYTES = 64 << 20
-_RECORD_BYTES = 256  # that a message takes besides its data
-
 _Chunk = dict[int, list[MessageRecord]]
 
 
 class _Found(NamedTuple):
-    """A channel's latest message at a moment, and how long it stays the latest."""
+    """A channel's latest message from one moment to another."""
 
     record: MessageRecord | None
     chunk: int  # the number of the channel's chunks up to the one that it is in
@@ -293,14 +303,13 @@ class _Found(NamedTuple):
 
 
 class Index:
-    """Find messages in a file, by channel and time."""
+    """Find messages in a file, by channel and time in ns as logged."""
 
     def __init__(self, file: McapFile):
         self._file = file
         self._entries = entries = file.chunks
         self._found: dict[int, _Found] = {}
         self._cached: dict[int, tuple[_Chunk, int]] = {}  # with its bytes; the last one used last
-        # Messages are logged a little out of order: since when does a chunk, or a later one, know?
         self._since = [*accumulate((entry.start_ns for entry in reversed(entries)), min)][::-1]
         self._of: dict[int, array[int]] = {}
         for number, entry in enumerate(entries):
@@ -323,7 +332,7 @@ class Index:
         return max((entry.end_ns for entry in self._entries), default=0)
 
     def chunk(self, number: int) -> _Chunk:
-        """Return the messages of a chunk, by channel."""
+        """Return the messages of a chunk, by channel; read it if it is not in memory."""
         cached = self._cached.pop(number, None)
         if cached is None:
             found = self._file.messages(number)
@@ -338,12 +347,12 @@ class Index:
         return cached[0]
 
     def has(self, number: int, channels: Collection[int]) -> bool:
-        """Return whether a chunk has messages of any of these channels."""
+        """Check in the index that a chunk has messages of any of these channels."""
         return not set(channels).isdisjoint(self._entries[number].channels)
 
     def in_order(self, channels: Collection[int], from_ns: int = 0) -> Iterator[MessageRecord]:
-        """Return the messages of these channels logged since a moment, ordered by time."""
-        waiting: list[MessageRecord] = []
+        """Yield the messages of these channels logged since a moment, ordered by time."""
+        waiting: list[MessageRecord] = []  # until no later chunk can have an earlier one
         for number, entry in enumerate(self._entries):
             if entry.end_ns >= from_ns and self.has(number, channels):
                 found = self.chunk(number)
@@ -365,7 +374,7 @@ class Index:
         return found.record
 
     def backwards(self, channel: int, now_ns: int) -> Iterator[MessageRecord]:
-        """Return a channel's messages logged at a moment or before, the last one first."""
+        """Yield a channel's messages logged at a moment or before, the last one first."""
         chunks: Sequence[int] = self._of.get(channel, array("I"))
         for place in reversed(range(bisect_left(chunks, bisect_right(self._since, now_ns)))):
             records = self.chunk(chunks[place]).get(channel, [])
@@ -374,7 +383,7 @@ class Index:
 
     def _find(self, channel: int, now_ns: int, before: _Found | None) -> _Found:
         chunks: Sequence[int] = self._of.get(channel, array("I"))
-        # No chunk from there on has anything of that moment.
+        # No chunk from that place on has anything of the moment.
         place = bisect_left(chunks, bisect_right(self._since, now_ns))
         until_ns = self._entries[chunks[place]].start_ns if place < len(chunks) else float("inf")
         while place > 0:

@@ -1,14 +1,11 @@
 """A recording as a page's source: the state of everything at the moment that the slider shows.
 
-The states of machines throughout a recording, read a little at a time.
+The states of machines throughout a recording are read a little at a time, while it is shown. Events
+have each of a machine's states, however short. Where there are no events, the statuses that
+machines have published show the states that were seen.
 
-The events of machines contain each of their states, however short. Where there are no events, the
-machines' published statuses contain the states that were seen.
-
-Why machines of a recording are in their states, and their variables, as messages for a page.
-
-A journal has the value of each guard that was evaluated. With what the guard saw, there is more to
-be known: :mod:`.explaining` runs the machines again for that.
+A journal has the value of each guard that was evaluated, which says why a machine is in its state.
+What the guard saw is not in it: an :class:`.Explainer` reruns the machines for that.
 """
 
 from __future__ import annotations
@@ -51,7 +48,8 @@ _MOST_CHANGES: Final = 50_000  # of a machine
 _RELEVANT: Final = tuple(
     b'"event":"%s"' % kind for kind in (b"RoundEnd", b"Eval", b"Failed", b"End", b"Lost")
 )
-_KIND_BYTES: Final = 24  # at the beginning of an entry, which contain its kind
+_MOST_ENTRIES: Final = 10_000  # that are looked at to explain states
+_KIND_BYTES: Final = 24  # at the beginning of an entry: they contain its kind, undecoded
 
 
 class _RecordedTrack(Track):
@@ -66,7 +64,7 @@ class _RecordedTrack(Track):
         self.failed = False  # whether its code has raised and it was not resumed since
 
     def add(self, change: Change) -> None:
-        """Add a change; after too many, the states are unknown."""
+        """Add a change; after too many, add that the states are unknown."""
         if len(self.changes) < _MOST_CHANGES:
             super().add(change)
         elif self.changes[-1].state:
@@ -100,7 +98,7 @@ class _RecordedTrack(Track):
 
 
 class RecordedHistory:
-    """Read the states of each machine; each `read` continues a little, up to the end."""
+    """The states of each machine in a recording; each `read` continues a little, up to the end."""
 
     def __init__(self, recording: Recording):
         self.changes: dict[str, Sequence[Change]] = {}
@@ -114,12 +112,12 @@ class RecordedHistory:
         self._found: dict[tuple[int, str], _RecordedTrack] = {}
         self._next = 0
         self.notes = Notes()
-        """What else has happened to the machines, as far as it is read."""
+        """Other things that have happened to the machines, as far as they are read."""
         self.known_ns = recording.span_ns[0]
         """The time up to which the states are known."""
 
     def read(self) -> Mapping[str, Sequence[Change]]:
-        """Read on for a moment, and return the changes known so far."""
+        """Read on for a moment; return the changes known so far, by machine."""
         until_ns = time.monotonic_ns() + _READ_NS
         while self._next < len(self._recording.chunks):
             for item in self._recording.history(self._next, self._slots):
@@ -200,11 +198,8 @@ class RecordedHistory:
         return track
 
 
-_MOST: Final = 10_000  # entries that are looked at
-
-
 class ShownCauses:
-    """Make a sample for each live machine of which there are events."""
+    """Samples that say why machines are in their states, for live ones with events."""
 
     def __init__(self, recording: Recording, explainer: Explainer | None):
         self._recording = recording
@@ -228,7 +223,7 @@ class ShownCauses:
         samples: Mapping[str, Sample[Message]],
         is_live: Callable[[Sample[Any]], bool],
     ) -> dict[str, Sample[Message]]:
-        """Return the samples for a moment; `samples` has the machines' statuses then."""
+        """Make the samples for a moment; `samples` has the machines' statuses then."""
         living = {
             name.removeprefix(MACHINES): sample.message.pid
             for name, sample in samples.items()
@@ -278,14 +273,14 @@ def _slot_of(message: Message, machine: str) -> str:
 
 
 def causes_at(recording: Recording, journal: RecordedJournal, now_ns: int) -> dict[str, MachineWhy]:
-    """Return why each machine of a journal is where it is, by its last turn before that moment."""
+    """Explain the state of each machine of a journal by its last turn before that moment."""
     evaluated: defaultdict[str, list[dict[str, Any]]] = defaultdict(list)  # the last one first
     found: dict[str, MachineWhy] = {}
     rounds = 0
     for number, record in enumerate(recording.backwards(journal, now_ns)):
         kind = record.data[:_KIND_BYTES]
         rounds += b'"RoundBegin"' in kind
-        if rounds > 1 or number == _MOST:  # each machine has had its turn in a whole round
+        if rounds > 1 or number == _MOST_ENTRIES:  # each machine has had its turn in a whole round
             break
         if b'"Eval"' not in kind and b'"Turn"' not in kind:
             continue
@@ -353,7 +348,7 @@ class RecordedPlayer(Player):
 class RecordedSource(PageSource):
     """Show a recording; raise `RecordingFileError` if the file is not a valid one.
 
-    Why machines are in their states it knows from their journals, and better by an `explainer`.
+    Journals explain the states of machines, and an `explainer` does with what guards saw.
     """
 
     def __init__(
@@ -398,17 +393,17 @@ class RecordedSource(PageSource):
         return Snapshot(now_ns, self.player.epoch, self._slots, samples | causes, problems)
 
     def is_live(self, sample: Sample[MachineStatus]) -> bool:
-        """Return whether a machine was loaded and its latest status was recent."""
+        """Check that a machine was loaded and its latest status was recent."""
         return sample.message.loaded and self._now_ns - sample.stamp_ns <= SILENT_NS
 
     def history(self) -> Mapping[str, Sequence[Change]]:
-        """Read on, and return the states of each machine as far as they are read."""
+        """Read on for a moment; return the states of each machine as far as they are read."""
         changes = self._past.read()
         self.player.known_ns = self._past.known_ns
         return changes
 
     def notes(self) -> Sequence[Note]:
-        """Return what else has happened to machines, as far as it is read."""
+        """Return other things that have happened to machines, as far as they are read."""
         return self._past.notes.all
 
     def close(self) -> None:
@@ -417,7 +412,7 @@ class RecordedSource(PageSource):
 
 
 def _first_sight_ns(recording: Recording) -> int:
-    """Return when there is something to see: a machine that runs, else a message."""
+    """Return the time of the first status of a machine that runs, else of the first message."""
     statuses = [name for name, each in recording.slots.items() if each.slot.type is MachineStatus]
     for slot, recorded in recording.messages(statuses):
         with suppress(ValueError):

@@ -1,6 +1,6 @@
 """A recording, complete or cut short: its slots, its journals, and their history.
 
-Only the parts that are looked at are read, never the whole file.
+Times are those of the whiteboard. Only the parts that are looked at are read, never the whole file.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import msgspec
 from mcap.records import Attachment, Channel, Schema
 
-from llfsm.bridges.recording.bags import CDR, BagTopics, as_mcap, in_chunks, split_by_key
+from llfsm.bridges.recording.bags import CDR, BagTopics, open_indexed
 from llfsm.bridges.recording.errors import RecordingFileError
-from llfsm.bridges.recording.mcap_file import Index, McapFile, MessageRecord
+from llfsm.bridges.recording.mcap_file import Index, MessageRecord
 from llfsm.bridges.recording.writer import (
     ABOUT,
     ARRANGEMENT,
@@ -43,9 +43,9 @@ class RecordedMessage(NamedTuple):
     """A message of a slot, undecoded."""
 
     stamp_ns: int
-    """When it was added, on the clock of the whiteboard."""
+    """The time at which it was added."""
     seen_ns: int
-    """When it was recorded; later than `stamp_ns` only if it was added before the recording."""
+    """The time at which it was recorded: later only if it was added before the recording."""
     count: int  # type: ignore[assignment]  # hides tuple.count, as in a Sample
     writer: int
     data: bytes
@@ -61,7 +61,7 @@ class RecordedSlot:
         self.codec = codec or JsonCodec(slot)
 
     def sample(self, recorded: RecordedMessage) -> Sample[Message]:
-        """Return a message as it was on the whiteboard; raise ``ValueError`` if it is invalid."""
+        """Decode a message as it was on the whiteboard; raise ``ValueError`` for an invalid one."""
         message: Message = self.codec.decode(recorded.data)
         return Sample(message, recorded.count, recorded.stamp_ns, recorded.writer)
 
@@ -81,7 +81,7 @@ class RecordedJournal(NamedTuple):
 
 
 class TimelineItem(NamedTuple):
-    """What was recorded at a time: a message of a slot, or an entry of a journal, undecoded."""
+    """A message of a slot, or an entry of a journal, undecoded, at its time."""
 
     now_ns: int
     slot: RecordedSlot | None
@@ -100,8 +100,7 @@ class Recording:
         self.slots: dict[str, RecordedSlot] = {}
         self.journals: list[RecordedJournal] = []
         self._topics = topics or BagTopics()
-        whole = in_chunks(McapFile(as_mcap(path, self)), self)
-        self._file = split_by_key(whole, self._topics.keyed, self)
+        self._file = open_indexed(path, self._topics.keyed, self)
         self._index = Index(self._file)
         about = [each.metadata for each in self._file.metadata if each.name == ABOUT]
         self.about: Mapping[str, str] = about[0] if about else self._about_bag()
@@ -136,12 +135,12 @@ class Recording:
 
     @property
     def is_bag(self) -> bool:
-        """Whether its messages are those of ROS topics, without events of machines."""
+        """True for a bag: its messages are those of ROS topics, without events of machines."""
         return any(each.message_encoding == CDR for each in self._file.channels.values())
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """Its beginning and end, on the clock of the whiteboard."""
+        """The times of its beginning and end."""
         end_ns = self._index.end_ns - self._offset_ns
         attached = (each.seen_ns for slot in self.slots.values() for each in slot.attached)
         return self._begin_ns, max(self._begin_ns, end_ns, *attached)
@@ -149,7 +148,7 @@ class Recording:
     def messages(
         self, slots: Collection[str] | None = None, from_ns: int = 0
     ) -> Iterator[tuple[RecordedSlot, RecordedMessage]]:
-        """Return the messages of these slots, or of all, in the order in which they were recorded.
+        """Yield the messages of these slots, or of all, in the order in which they were recorded.
 
         Leave out those recorded before `from_ns`.
         """
@@ -160,7 +159,7 @@ class Recording:
     def timeline(
         self, slots: Collection[str] | None = None, from_ns: int = 0, *, events: bool = True
     ) -> Iterator[TimelineItem]:
-        """Return messages and, with `events`, entries of journals, ordered by time."""
+        """Yield messages and, with `events`, entries of journals, ordered by time."""
         names = self.slots.keys() if slots is None else self.slots.keys() & {*slots}
         channels = {number for name in names for number in self.slots[name].channels}
         if events:
@@ -176,7 +175,7 @@ class Recording:
         yield from merge(attached, map(self._item, found), key=attrgetter("now_ns"))
 
     def entries(self, journal: RecordedJournal) -> Iterator[Entry]:
-        """Return the entries of a journal, with an entry `Lost` wherever some are missing."""
+        """Yield the entries of a journal, with an entry `Lost` wherever some are missing."""
         after = 0
         for number in self._index.chunks:
             if self._index.has(number, (journal.channel,)):
@@ -187,7 +186,7 @@ class Recording:
                     yield self.entry(record)
 
     def message(self, slot: RecordedSlot, recorded: RecordedMessage) -> Message:
-        """Return a message of a slot, or raise :class:`.RecordingFileError` for an invalid one."""
+        """Decode a message of a slot; raise :class:`.RecordingFileError` for an invalid one."""
         try:
             return slot.sample(recorded).message
         except ValueError as error:
@@ -204,15 +203,15 @@ class Recording:
         return max(found, key=attrgetter("count"), default=None)
 
     def time_of(self, record: MessageRecord) -> int:
-        """Return when a message or an entry was recorded, on the clock of the whiteboard."""
+        """Return the time at which a message or an entry was recorded."""
         return record.log_ns - self._offset_ns
 
     def backwards(self, journal: RecordedJournal, now_ns: int) -> Iterator[MessageRecord]:
-        """Return a journal's entries from a moment back to its beginning, undecoded."""
+        """Yield a journal's entries from a moment back to its beginning, undecoded."""
         return self._index.backwards(journal.channel, now_ns + self._offset_ns)
 
     def history(self, number: int, slots: Collection[str]) -> Iterator[TimelineItem]:
-        """Return the messages of these slots, and all entries, of one of the `chunks`."""
+        """Yield the messages of these slots, and all entries, of one of the `chunks`."""
         channels = [n for name in slots for n in self.slots[name].channels]
         channels += [journal.channel for journal in self.journals]
         if self._index.has(number, channels):
@@ -249,7 +248,7 @@ class Recording:
         self._of[channel.id] = slot, _number(about["writer"]), _number(about["wraps"])
 
     def _about_bag(self) -> Mapping[str, str]:
-        """Return metadata for a bag: its time begins with its first message."""
+        """Make metadata for a bag: its time begins with its first message."""
         cdr = [each for each in self._file.channels.values() if each.message_encoding == CDR]
         if not cdr:
             raise self._wrong("is not a recording of llfsm, nor a bag of ROS 2")
@@ -307,7 +306,7 @@ class Recording:
         return TimelineItem(now_ns, self._of[record.channel][0], self._recorded(record), None)
 
     def entry(self, record: MessageRecord) -> Entry:
-        """Return an entry of a journal."""
+        """Decode an entry of a journal; raise :class:`.RecordingFileError` for an invalid one."""
         try:
             entry = msgspec.json.decode(record.data, type=dict[str, Any])
             kind = entry.get("event")
@@ -324,7 +323,7 @@ class Recording:
 
 
 def _number(text: str | int) -> int:
-    """Return an integer of 64 bits; raise ``ValueError`` for anything else."""
+    """Read an integer of 64 bits; raise ``ValueError`` for anything else."""
     number = int(text)
     if not -(1 << 63) <= number < 1 << 63:
         raise ValueError(f"{number} is not an integer of 64 bits")

@@ -1,13 +1,14 @@
-"""A recording of machines that play a script, made at once and at the times of their clock.
+"""Recorders: of a board's slots, of its machines' journals, and of machines that play a script.
 
-It has what a recording of a robot has, so it is shown and run again like one.
+A slot holds its latest message only, so slots are polled a thousand times a second; the counts show
+how many messages were missed all the same. A journal misses none: the process of an arrangement
+posts it in parts to a slot of its own, and posts the next part when the recorder has announced, by
+the slot `llfsm/recorder`, that it has taken the one before (:mod:`llfsm.runtime.journal.handover`).
+Only one process records a board's machines. It claims that slot, and loses it if it is held up for
+so long that another one takes its place.
 
-The journals of a board's arrangements, received from their processes over the board.
-
-From a whiteboard into a file.
-
-The board is polled a thousand times a second. If a slot changes more often, only the newest message
-is recorded; the counts show how many were missed.
+A script is recorded at once, at the times of its manual clock. Its file has what a recording of a
+robot has, so it is shown and rerun like one.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from llfsm.runtime.journal.entries import Entry, Journal, entries_of
 from llfsm.runtime.journal.handover import BEAT_NS, is_there
 from llfsm.runtime.presence.hosts import Shown
 from llfsm.runtime.presence.remote import SILENT_S
-from llfsm.runtime.testing.play import Playback
+from llfsm.runtime.testing.play import ScriptRun
 from llfsm.whiteboard import BoardClosedError, BoundSlot, Sample, Whiteboard, WhiteboardError
 from llfsm.whiteboard.liveness import host_name, identity, process_text, this_process
 from llfsm.whiteboard.messages.llfsm import (
@@ -50,13 +51,19 @@ if TYPE_CHECKING:
 
 
 _LARGEST: Final = 1 << 27  # bytes of a batch of entries: a longer one is nonsense
+_POLL_S: Final = 0.001  # a slot holds its latest message only: slower polling misses more
+_DISCOVERY_S: Final = 0.1  # between two searches for new slots
+_VIEW_NS: Final = 500_000_000  # between two messages that ask for the machines' variables
+_BEAT_MS: Final = SILENT_S * 1e3 / 2
+"""Statuses are this far apart, so that nothing seems silent in the page."""
+_MOST_BEATS: Final = 1_000
 
 
 class JournalRecorder:
     """Announce on a board that its machines are recorded, and write their journals.
 
-    `other` is the process that records them already, in words. If there is one, this recorder is
-    idle. So it is once another one has replaced it, because it was held up in its container.
+    `other` is the process that records them already, in words, else "". If there is one, this
+    recorder does nothing. Nor does it once another one has taken its place.
     """
 
     def __init__(self, board: Whiteboard, writer: RecordingWriter):
@@ -68,7 +75,7 @@ class JournalRecorder:
         self._journals: dict[int, _IncomingJournal] = {}
         self._full = False
         self.journals = 0
-        """How many journals were begun."""
+        """The number of journals that were begun."""
         self._me = Recorder(*this_process())
         self._count = 0  # of the latest message about this recorder; 0 if it is idle
         self._beat_ns = 0  # when the next is due
@@ -87,7 +94,7 @@ class JournalRecorder:
         return ""
 
     def _announce(self, after: int) -> None:
-        """Post what was taken, in place of the message of that count."""
+        """Post what was taken, if the latest message has that count: else another one records."""
         taken = msgspec.structs.replace(self._me, taken=tuple(self._taken))
         self._count = self._recorder.add_after(taken, after)
         self._beat_ns = time.monotonic_ns() + BEAT_NS
@@ -97,7 +104,7 @@ class JournalRecorder:
         self._taken.append(0)
 
     def _add_spare_slot(self) -> None:
-        """Read one slot more than are in use, so that the next journal is seen at once.
+        """Read one slot more than are in use, so that the next journal is taken at once.
 
         Another one may have begun there already, if two began since the last poll.
         """
@@ -110,7 +117,7 @@ class JournalRecorder:
             logger().warning("no more machines can be recorded: %s", error)
 
     def poll(self) -> None:
-        """Write what has arrived."""
+        """Write the parts of journals that have arrived, and announce that they were taken."""
         if not self._count:
             return
         new = False
@@ -127,7 +134,7 @@ class JournalRecorder:
 
     @property
     def idle(self) -> bool:
-        """Whether all journals have ended, or their processes have."""
+        """True once all journals have ended, or their processes have."""
         return all(journal.over for journal in self._journals.values())
 
     def close(self) -> None:
@@ -178,13 +185,13 @@ class _IncomingJournal:
         )
 
     def is_of(self, part: JournalPart) -> bool:
-        """Return whether a part belongs to it."""
+        """Check that a part belongs to it."""
         first = self._first
         return part.session == first.session and identity(part) == identity(first)
 
     @property
     def over(self) -> bool:
-        """Whether no more parts can arrive."""
+        """True once no more parts can arrive."""
         return self._ended or self._latest is None or not is_there(self._latest)
 
     def take(self, sample: Sample[JournalPart]) -> None:
@@ -235,15 +242,10 @@ class _IncomingJournal:
             )
 
 
-_POLL_S: Final = 0.001  # a slot holds its latest message only: slower polling misses more
-_DISCOVERY_S: Final = 0.1  # between two searches for new slots
-_VIEW_NS: Final = 500_000_000  # between two messages that ask for the machines' variables
-
-
 class BoardRecorder:
-    """Write what is new in the slots of a board whose names match one of `patterns`, if any.
+    """Write the new messages in the slots of a board whose names match one of `patterns`, if any.
 
-    Of these only what is `shown`; by default all.
+    Of these only the slots that are `shown`; by default all.
     """
 
     def __init__(
@@ -265,7 +267,7 @@ class BoardRecorder:
 
     @property
     def alive(self) -> bool:
-        """Whether any process may still write to the board."""
+        """True as long as any process may write to the board."""
         return self._board.alive
 
     def poll(self, *, last: bool = False) -> None:
@@ -285,7 +287,7 @@ class BoardRecorder:
                 self._writer.add(polled.slot, polled.sample, new=new)
 
     def wants(self, name: str) -> bool:
-        """Return whether a name matches one of the patterns, or there are none."""
+        """Check that a name matches one of the patterns, or that there are none."""
         return not self._patterns or any(fnmatchcase(name, each) for each in self._patterns)
 
     def _is_recorded(self, name: str) -> bool:
@@ -333,12 +335,7 @@ def record(
             time.sleep(_POLL_S)  # the pace of recording: see the head of this file
 
 
-_BEAT_MS: Final = SILENT_S * 1e3 / 2
-"""Statuses are this far apart, so that nothing seems silent in the page."""
-_MOST_BEATS: Final = 1_000
-
-
-def record_replay(
+def record_script(
     file: Path,
     members: Iterable[Loading],
     script: Sequence[Step],
@@ -347,9 +344,9 @@ def record_replay(
     folder: Path | None = None,
     unload_accepting: bool = True,
 ) -> None:
-    """Play `script` to `members` and write a recording of it.
+    """Run `members` on a script, and write a recording of it.
 
-    `plan` is what `llfsm rerun` makes the machines of, in `folder`, by default the current one.
+    `llfsm rerun` makes the machines of `plan` again, in `folder`, by default the current one.
     Raise `RecordingFileError` for a file that is there already or cannot be written.
     """
     described = {
@@ -363,26 +360,26 @@ def record_replay(
         journal = Journal(lambda data: _write(output, data))
         if plan is not None:
             journal.add(("Plan", plan, str(folder or Path.cwd())))
-        playback = Playback(
+        run = ScriptRun(
             members, unload_accepting=unload_accepting, journal=journal, start_ns=start_ns
         )
-        board = _BoardRecorder(playback, writer)
-        for _ in playback.play(board.paced(script)):
+        board = _ScriptRecorder(run, writer)
+        for _ in run.play(board.paced(script)):
             journal.flush()
             board.record()
         journal.flush()
 
 
-class _BoardRecorder:
-    """Write what is new on the board, and let the machines publish their statuses."""
+class _ScriptRecorder:
+    """Let the machines publish their statuses, and write the new messages on their board."""
 
-    def __init__(self, playback: Playback, writer: RecordingWriter):
+    def __init__(self, run: ScriptRun, writer: RecordingWriter):
         self._writer = writer
-        self._clock = playback.scripted.clock
-        self._board = playback.scripted.whiteboard
+        self._clock = run.scripted.clock
+        self._board = run.scripted.whiteboard
         self._viewer = Viewer(os.getpid())  # which asks for the machines' variables
-        self._presence = playback.scripted.attend(playback.arrangement)
-        self._poller = BoardPoller(playback.scripted.whiteboard)
+        self._presence = run.scripted.attend(run.arrangement)
+        self._poller = BoardPoller(run.scripted.whiteboard)
         self.record()
 
     def record(self) -> None:
@@ -394,7 +391,7 @@ class _BoardRecorder:
                 self._writer.add(polled.slot, polled.sample, new=True)
 
     def paced(self, script: Sequence[Step]) -> Iterator[Step]:
-        """Return the steps, and record what time passes before each of them."""
+        """Yield the steps, and record between them, so that nothing seems silent on a page."""
         most_ms = max(_BEAT_MS, sum(step.wait_ms for step in script) / _MOST_BEATS)
         for step in script:
             left_ms = step.wait_ms

@@ -1,9 +1,9 @@
-"""Machines on the topics of a bag: a bag as a script, and what they post beside what it holds.
+"""Messages of a recording, posted again: onto a board, or, of a bag, to machines that are rerun.
 
-A bag has no events of machines, so nothing of a run can be repeated. But its topics are what
-machines read, and what machines posted when it was recorded.
-
-From a recording back onto a whiteboard, in real time or step by step.
+Onto a board they are posted in real time or step by step. A bag has no events of machines, so
+nothing of a run can be repeated. But its topics are what machines read, and what machines posted
+when it was recorded: so it is made a script for machines under a manual clock, and what they post
+is compared with what it holds.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final, NamedTuple
 
-from llfsm.bridges.recording.errors import OtherMachinesError
+from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.reader import RecordedMessage, RecordedSlot, Recording
 from llfsm.runtime import Clock, ManualClock, MonotonicClock
 from llfsm.runtime.journal.entries import Journal, entries_of
-from llfsm.runtime.testing.play import Loading, Playback
+from llfsm.runtime.testing.play import Loading, ScriptRun
 from llfsm.runtime.testing.scripted import Step
 from llfsm.whiteboard import Board, BoundSlot, Message, Slot
 from llfsm.whiteboard.messages.llfsm import (
@@ -31,6 +31,7 @@ from llfsm.whiteboard.messages.llfsm import (
 from llfsm.whiteboard.schema import to_plain
 
 _SLICE_NS: Final = 50_000_000  # a wait is cut into these, to notice a request to end
+_MOST_ROUNDS: Final = 100  # at one time, for machines whose transitions always fire
 _REQUESTS: Final = (BELL.name, VIEWER.name, viewer_slot("*").name, request_slot("*").name)
 
 
@@ -50,7 +51,7 @@ class ReplayStep(NamedTuple):
     """The ringlet's machine, round, state and transition; empty in a recording without events."""
     posted: Sequence[Posted]
     moved: bool = False
-    """Whether the machine entered its state, or a transition fired."""
+    """True if the machine entered its state, or a transition fired."""
 
 
 class BoardReplay:
@@ -94,7 +95,7 @@ class BoardReplay:
         _wait(clock, start_ns + round((self._end_ns - first_ns) / speed), is_over)
 
     def steps(self, *, from_s: float = 0.0) -> Iterator[ReplayStep]:
-        """Post in steps: the messages of a ringlet, or a message outside of any ringlet."""
+        """Post in steps, and yield each: the messages of a ringlet, or one outside of any."""
         first_ns = self._begin_ns + round(from_s * 1e9)
         self._catch_up(first_ns)
         turn: ReplayStep | None = None  # the one in progress
@@ -160,10 +161,6 @@ def _wait(clock: Clock, due_ns: int, is_over: Callable[[], bool]) -> bool:
     return False
 
 
-_MOST_ROUNDS = 100
-"""At one time, for machines whose transitions always fire."""
-
-
 class _Post(NamedTuple):
     """A message that was posted, as it is in a bag."""
 
@@ -181,7 +178,7 @@ class PostDifference(NamedTuple):
     found: _Post | None
 
     def __str__(self) -> str:
-        """Return both, one below the other."""
+        """Show both, one below the other."""
         return "\n".join(
             (
                 f"message {self.number} of {self.slot.slot.name} differs:",
@@ -200,56 +197,48 @@ class PostDifference(NamedTuple):
 def bag_script(
     recording: Recording, reads: Mapping[str, Slot[Any]], *, idle_ms: float, period_ms: float | None
 ) -> list[Step]:
-    """Return a script that posts a bag's messages to the slots `reads`, at their times.
+    """Make a script that posts a bag's messages to the slots `reads`, at their times.
 
     There are rounds at each message, and after `idle_ms` without one: one, and more at once while
     transitions fire. With `period_ms` single rounds are that far apart instead, and each sees the
-    newest message. Raise
-    :class:`.RecordingFileError` for bytes that are no message, :class:`.OtherMachinesError` for a
-    topic of another type than its slot, or if none of the slots is one.
+    newest message. Raise :class:`.RecordingFileError` for bytes that are no message,
+    :class:`.RecordingError` for a topic of another type than its slot, or if none of the slots is
+    a topic.
     """
     fed = [name for name in reads if name in recording.slots]
     if reads and not fed:
-        raise OtherMachinesError(
+        raise RecordingError(
             f"{recording.path}: the machines read {', '.join(reads)}, but its topics are "
             f"{', '.join(recording.slots)}; --config says which slot a topic is"
         )
     for name in fed:
         held = recording.slots[name].slot
         if held.fingerprint != reads[name].fingerprint:
-            raise OtherMachinesError(f"{recording.path}: {reads[name].clash(held.schema)}")
-    return list(_steps(recording, reads, fed, idle_ms, period_ms))
-
-
-def _steps(
-    recording: Recording,
-    reads: Mapping[str, Slot[Any]],
-    fed: Sequence[str],
-    idle_ms: float,
-    period_ms: float | None,
-) -> Iterator[Step]:
-    begin_ns, end_ns = recording.span_ns
+            raise RecordingError(f"{recording.path}: {reads[name].clash(held.schema)}")
+    now_ns, end_ns = recording.span_ns
     rest_ns = round((period_ms or idle_ms) * 1e6)
     most_rounds = _MOST_ROUNDS if period_ms is None else 1
+    script: list[Step] = []
     new: dict[Slot[Any], Any] = {}
-    now_ns = begin_ns
     for slot, recorded in recording.messages(fed):
         while now_ns + rest_ns < recorded.seen_ns:
             now_ns += rest_ns
-            yield Step(rest_ns / 1e6, new, most_rounds=most_rounds)
+            script.append(Step(rest_ns / 1e6, new, most_rounds=most_rounds))
             new = {}
         new[reads[slot.slot.name]] = recording.message(slot, recorded)
         if period_ms is None:
-            yield Step((recorded.seen_ns - now_ns) / 1e6, new, most_rounds=most_rounds)
+            wait_ms = (recorded.seen_ns - now_ns) / 1e6
+            script.append(Step(wait_ms, new, most_rounds=most_rounds))
             new, now_ns = {}, recorded.seen_ns
     while new or now_ns < end_ns:  # what is left of it, in which machines may still post
         now_ns += rest_ns
-        yield Step(rest_ns / 1e6, new, most_rounds=most_rounds)
+        script.append(Step(rest_ns / 1e6, new, most_rounds=most_rounds))
         new = {}
+    return script
 
 
-class BagRun:
-    """Run machines on a script, once, and compare what they post to the slots `posts` with a bag.
+class BagRerun:
+    """Rerun machines on a bag's script, once, and compare their messages to the slots `posts`.
 
     The messages of each slot are compared in their order. Their times are not, and a message that
     is equal to the one before counts once, as a relay may leave it out. The machines' last
@@ -263,30 +252,30 @@ class BagRun:
         self._clock = ManualClock()
         self._ended = False
         self.rounds = 0
-        """How many rounds the machines have run."""
+        """The number of rounds that the machines have run."""
         self.compared = dict.fromkeys(self._slots, 0)
-        """How many messages of each slot that is a topic of the bag were as they are there."""
+        """By slot that is a topic of the bag, the number of messages that were as recorded."""
         self.difference: PostDifference | None = None
 
     def compare(
         self, members: Iterable[Loading], script: Iterable[Step], *, unload_accepting: bool = True
     ) -> PostDifference | None:
-        """Run `members` and return the first difference, or None.
+        """Run `members`; return the first difference, or None.
 
         Raise :class:`.ExecutionError` if code of a machine raises.
         """
         journal = Journal(self._take)
-        playback = Playback(members, unload_accepting=unload_accepting, journal=journal)
-        self._clock = playback.scripted.clock
-        for _ in playback.play(script):
+        run = ScriptRun(members, unload_accepting=unload_accepting, journal=journal)
+        self._clock = run.scripted.clock
+        for _ in run.play(script):
             journal.flush()
-            if self.difference is not None or playback.arrangement.finished:
+            if self.difference is not None or run.arrangement.finished:
                 break
-        if playback.error is not None:
-            raise playback.error
+        if run.error is not None:
+            raise run.error
         self._ended = True
-        self.rounds = playback.arrangement.rounds
-        playback.arrangement.end()
+        self.rounds = run.arrangement.rounds
+        run.arrangement.end()
         for name in self._slots:
             self._check(name, None)
         return self.difference
@@ -315,7 +304,7 @@ class BagRun:
 
 
 def _distinct(recording: Recording, slot: RecordedSlot) -> Iterator[_Post]:
-    """Return the messages of a slot without those equal to the one before."""
+    """Yield the messages of a slot without those equal to the one before."""
     latest: bytes | None = None
     begin_ns = recording.span_ns[0]
     for _, recorded in recording.messages((slot.slot.name,)):

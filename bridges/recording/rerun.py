@@ -1,15 +1,22 @@
-"""Run machines again on what they learnt in a recording, and compare what they do.
+"""Rerun machines on what they learnt in a recording, and find the first thing they do differently.
 
-The clock returns the recorded readings. If the machines read it more often than they did then, it
-stands still until their next event, so that another number of readings makes no difference.
-Their events, without times, and the messages that they post are compared.
+Machines learn from outside by a few ways only, all of which lead through their environment: what
+sensors find and how old it is, readings of the clock, answers of machines elsewhere, counts of
+posted messages, and requests. A journal has all of these. Given the same, the same machines do the
+same; so whatever differs is due to their code.
 
-An environment in which machines learn what a journal recorded.
+The journal is cut into segments, each ended by an event. Whatever a machine reads or asks while it
+runs is answered from the segment that its next event will end (:class:`RecordedInputs`). When that
+event has come and is as recorded, the next segment begins. There is no other order to keep: within
+a segment each sensor, and each kind of question, is answered in its own.
 
-A journal is cut into segments, each ended by an event. Whatever a machine reads or asks while it
-runs is answered from the segment that its next event will end.
+What is compared is what machines do: their events, without times, and the messages they post, in
+one sequence. A comparison of "states" or "posts" leaves events out, and their segments are joined,
+so that machines may evaluate other guards on the way. The clock returns the recorded readings. If
+machines read it more often than they did then, it stands still until their next event, so that
+another number of readings makes no difference.
 
-What machines do differently when they run again, and how closely that is looked at.
+A rerun ends at the first difference: what machines learn afterwards was not meant for what they do.
 """
 
 from __future__ import annotations
@@ -23,8 +30,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 import msgspec
 
 from llfsm.bridges.recording.errors import (
-    NoEventsError,
-    OtherMachinesError,
+    RecordingError,
     RecordingFileError,
     RerunError,
 )
@@ -45,7 +51,7 @@ if TYPE_CHECKING:
 
 
 class Segment:
-    """What machines learnt and posted between two events, and the event that ended it."""
+    """The part of a journal between two events, and the event that ended it."""
 
     def __init__(self) -> None:
         self.reads: list[int] = []
@@ -60,7 +66,7 @@ class Segment:
 
 
 def segments_of(entries: Iterable[Entry], ends: Container[str]) -> Iterator[Segment]:
-    """Return a journal's segments, which end with events of the kinds in `ends`.
+    """Yield a journal's segments, which end with events of the kinds in `ends`.
 
     The last one, often empty, ends with no event. It is also the one in which entries were lost, as
     nothing is known of what came after.
@@ -120,16 +126,16 @@ class _Clock(ManualClock):
         self._on_sleep()
 
 
-class Memory:
-    """A journal's segments; `segment` is the one in which the machines are."""
+class RecordedInputs:
+    """The segments of a journal, from which machines learn; `segment` is where they are."""
 
     def __init__(self, entries: Iterable[Entry], ends: Container[str]):
         self.clock = _Clock(lambda: self.ask())
         self.error: RecordingFileError | None = None
-        """Why the machines cannot learn what they learnt."""
+        """The reason why machines cannot learn what the journal says."""
         self.arrangement: Arrangement | None = None
         self.behind_ns = 0
-        """How far the clock of the latest event is behind the host's."""
+        """Nanoseconds by which the clock of the latest event is behind the host's."""
         self._segments = segments_of(entries, ends)
         self.segment = Segment()
         self.advance(0)
@@ -152,19 +158,19 @@ class Memory:
                 getattr(self.arrangement, asked["action"])(asked["machine"])
 
     def sensed(self, machine: str, sensor: str) -> Entry | None:
-        """Return what a sensor finds if it differs from before, else None."""
+        """Take the entry of a sensor that finds something else than before, else None."""
         return self.segment.sensed.pop((machine, sensor), None)
 
     def knows(self) -> bool:
-        """Return whether the machine of another process that is asked next was there."""
+        """Check that the machine of another process that is asked next was there."""
         return bool(self.segment.answers) and self.segment.answers[0] is not None
 
     def answer(self) -> Any:
-        """Return its answer; None if it was not there, or was not asked then."""
+        """Take its answer; None if it was not there, or was not asked then."""
         return self.segment.answers.popleft() if self.segment.answers else None
 
     def age_ns(self) -> int | None:
-        """Return the age of a sensor's message; None if it was not asked for then."""
+        """Take the age of a sensor's message; None if it was not asked for then."""
         return self.segment.ages.popleft() if self.segment.ages else None
 
     def counted(self, count: int) -> int:
@@ -173,25 +179,25 @@ class Memory:
         return int(posts[0]["count"]) if posts else count
 
 
-class RecalledEnvironment(BoardEnvironment):
-    """An environment in which machines learn what `memory` holds; they post to `whiteboard`."""
+class RecordedEnvironment(BoardEnvironment):
+    """An environment in which machines learn from recorded inputs; they post to `whiteboard`."""
 
-    def __init__(self, whiteboard: Board, memory: Memory):
-        super().__init__(whiteboard, memory.clock)
-        self._memory = memory
+    def __init__(self, whiteboard: Board, inputs: RecordedInputs):
+        super().__init__(whiteboard, inputs.clock)
+        self._inputs = inputs
         self._latest: dict[tuple[str, str], object] = {}  # also if a sensor is connected again
 
     def enter(self, arrangement: Arrangement) -> None:
         """Have the arrangement obey the requests that were recorded."""
-        self._memory.arrangement = arrangement
+        self._inputs.arrangement = arrangement
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
-        """Return a function that returns what the sensor found then."""
-        memory, latest = self._memory, self._latest
+        """Return a function that finds what the sensor found then."""
+        inputs, latest = self._inputs, self._latest
         key = machine, name
 
-        def recall() -> object:
-            sensed = memory.sensed(machine, name)
+        def find() -> object:
+            sensed = inputs.sensed(machine, name)
             if sensed is None:
                 return latest.get(key)
             if sensed["error"] is not None:
@@ -200,13 +206,13 @@ class RecalledEnvironment(BoardEnvironment):
                 data = sensed["message"]
                 latest[key] = None if data is None else slot.decoder.decode(data)
             except ValueError as error:
-                memory.error = RecordingFileError(
+                inputs.error = RecordingFileError(
                     f"{machine} cannot read what its sensor {name!r} found then: {error}"
                 )
                 raise
             return latest[key]
 
-        return recall
+        return find
 
     def read_aged(
         self,
@@ -216,73 +222,73 @@ class RecalledEnvironment(BoardEnvironment):
         slot: Slot[Any],
         start_count: int | None = None,
     ) -> AgedRead:
-        """Return what returns what the sensor found then, and the ages."""
-        return _RecalledAgedRead(self.read(machine, name, sensor, slot), self._memory)
+        """Return a reader of what the sensor found then, with the ages of then."""
+        return _RecordedAgedRead(self.read(machine, name, sensor, slot), self._inputs)
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
         """Return a function that posts and returns the count that the message got then."""
-        memory, add = self._memory, super().post(machine, name, actuator, slot)
-        return lambda message: memory.counted(add(message))
+        inputs, add = self._inputs, super().post(machine, name, actuator, slot)
+        return lambda message: inputs.counted(add(message))
 
     def override(self, machine: str, slot: Slot[Any], message: Any) -> None:
-        """Raise `OptionError`: machines learn what they learnt then."""
+        """Raise `OptionError`: machines learn from the recording only."""
         raise OptionError(f"{machine} reads {slot.name!r} as it was recorded, always")
 
     def unloaded(self, machine: str) -> None:
-        """Forget what a machine has found, as another one may get its name."""
+        """Forget what a machine has found: another one may get its name."""
         super().unloaded(machine)
         for key in [key for key in self._latest if key[0] == machine]:
             del self._latest[key]
 
-    def elsewhere(self, name: str, known: Iterable[str]) -> _RecalledMachine:
+    def elsewhere(self, name: str, known: Iterable[str]) -> _RecordedMachine:
         """Return a machine of another process, if it was there then."""
-        if not self._memory.knows():
-            self._memory.answer()
+        if not self._inputs.knows():
+            self._inputs.answer()
             raise UnknownMachineError(name, known)
-        return _RecalledMachine(self._memory)
+        return _RecordedMachine(self._inputs)
 
 
-class _RecalledAgedRead:
+class _RecordedAgedRead:
     """A reader that returns the messages and ages of then."""
 
     start_count = 0
 
-    def __init__(self, read: Read, memory: Memory):
+    def __init__(self, read: Read, inputs: RecordedInputs):
         self._read = read
-        self._memory = memory
+        self._inputs = inputs
 
     def __call__(self) -> object:
-        """Return what the sensor found then."""
+        """Read the sensor as it was then."""
         return self._read()
 
     def age_ns(self) -> int | None:
         """Return the age that was asked for then."""
-        return self._memory.age_ns()
+        return self._inputs.age_ns()
 
 
-class _RecalledMachine:
-    """A machine of another process, which answers what it answered then."""
+class _RecordedMachine:
+    """A machine of another process, with its answers of then."""
 
-    def __init__(self, memory: Memory):
-        self._memory = memory
+    def __init__(self, inputs: RecordedInputs):
+        self._inputs = inputs
 
     @property
     def state(self) -> str:
         """The name of its state."""
-        return str(self._memory.answer())
+        return str(self._inputs.answer())
 
     @property
     def suspended(self) -> bool:
-        """Whether it is in its suspend state."""
-        return bool(self._memory.answer())
+        """True if it was in its suspend state."""
+        return bool(self._inputs.answer())
 
     def request(self, action: str) -> Status:
         """Return its status before."""
-        return Status(self._memory.answer())
+        return Status(self._inputs.answer())
 
 
 Comparison: TypeAlias = Literal["all", "states", "posts"]
-"""What is compared: every event and posted message, the states and those, or those alone."""
+"""Compare every event and posted message, states and posted messages, or the messages alone."""
 
 _TIMES: Final = {"reads", "time_ns", "duration_ns"}
 _MARKS: Final = {"Overridden", "Released", "Plan", "Lost"}
@@ -319,7 +325,7 @@ def compared(entry: Entry, how: Comparison) -> dict[str, Any]:
 
 
 class Difference(NamedTuple):
-    """The first thing that machines do differently; None where one of the two does nothing."""
+    """The first event or message that differs; None where one of the two runs has none."""
 
     number: int
     """Its number among the recording's events and posts that are compared, from 1."""
@@ -328,10 +334,10 @@ class Difference(NamedTuple):
     recorded: Entry | None
     found: Entry | None
     saw: Mapping[str, object] = {}
-    """What the sensors of its machine had found."""
+    """The findings of its machine's sensors, by name."""
 
     def __str__(self) -> str:
-        """Return both side by side, with a star where they differ, and what the machine saw."""
+        """Show both side by side, with a star where they differ, and what the machine saw."""
         both = [_shown(self.recorded), _shown(self.found)]
         names = dict.fromkeys(name for each in both for name in each)
         rows = [("", "recorded", "now")]
@@ -356,12 +362,11 @@ def _shown(entry: Entry | None) -> dict[str, str]:
 
 
 class Rerun:
-    """Run the machines of a journal again, once: `arrange` them, then `compare`.
+    """Rerun the machines of a journal, once: `arrange` them, then `compare`.
 
-    `environment` is where they learn what the journal holds; what they post goes nowhere. `how`
-    says what is compared: "all", or "states" and posted messages, or "posts" alone, so that a
-    guard that was rewritten, or a state with another name, is no difference.
-    Raise `NoEventsError` if nothing was recorded.
+    In `environment` they learn from the journal; what they post goes nowhere. `how` is "all", or
+    "states" and posted messages, or "posts" alone: then a guard that was rewritten, or a state with
+    another name, is no difference. Raise `RecordingError` if nothing was recorded.
     """
 
     def __init__(
@@ -369,15 +374,15 @@ class Rerun:
     ):
         self._how: Comparison = how
         self._machines: list[str] = []  # that were there from the beginning
-        self._memory = Memory(self._noting_machines(entries), COMPARISONS[how])
+        self._inputs = RecordedInputs(self._noting_machines(entries), COMPARISONS[how])
         self._journal = Journal(lambda _: None)
         self._journal.add = lambda entry: self._take(as_entry(entry))
-        recalled = RecalledEnvironment(Whiteboard.local(), self._memory)
-        self.environment = JournalledEnvironment(recalled, self._journal)
+        recorded = RecordedEnvironment(Whiteboard.local(), self._inputs)
+        self.environment = JournalledEnvironment(recorded, self._journal)
         self._source = source
-        first = self._memory.segment.event
+        first = self._inputs.segment.event
         if first is None:
-            raise NoEventsError(
+            raise RecordingError(
                 f"{source} holds no events of machines: record them with llfsm run --record"
             )
         self._begin_ns = first["time_ns"]
@@ -391,49 +396,49 @@ class Rerun:
         return Arrangement(machines, environment=self.environment, **options)
 
     def compare(self) -> Difference | None:
-        """Run it and return the first difference, or None if the machines do all they did.
+        """Run the arrangement; return the first difference, or None if all is as recorded.
 
-        Raise `OtherMachinesError` if these are not the machines that were recorded, and
+        Raise `RecordingError` if these are not the machines that were recorded, and
         `RecordingFileError` if the messages recorded are not of their sensors' types.
         """
-        memory, arrangement = self._memory, self.arrangement
+        inputs, arrangement = self._inputs, self.arrangement
         names = [machine.name for machine in arrangement.machines]
         if names != self._machines:
-            raise OtherMachinesError(
+            raise RecordingError(
                 f"{self._source}: its machines are {', '.join(self._machines)}, "
                 f"not {', '.join(names) or 'none'}; another one must have the name of the first"
             )
         while self.difference is None and not self._over:
-            segment = memory.segment
+            segment = inputs.segment
             if segment.event is None:
                 break
-            memory.ask()
+            inputs.ask()
             self._step(arrangement, segment.event)
-            if memory.error is not None:
-                raise RecordingFileError(f"{self._source}: {memory.error}")
-            if memory.segment is segment:
+            if inputs.error is not None:
+                raise RecordingFileError(f"{self._source}: {inputs.error}")
+            if inputs.segment is segment:
                 self._differ(segment.event, None)
         return self.difference
 
     @property
     def arrangement(self) -> Arrangement:
         """The arrangement that learns from the journal."""
-        assert self._memory.arrangement is not None, "arrange() first"
-        return self._memory.arrangement
+        assert self._inputs.arrangement is not None, "arrange() first"
+        return self._inputs.arrangement
 
     @property
     def lost(self) -> bool:
-        """Whether entries were lost as they were recorded: it was compared up to there."""
-        return self._memory.segment.lost
+        """True if entries were lost in the recording: all was compared up to there."""
+        return self._inputs.segment.lost
 
     @property
     def behind_ns(self) -> int:
-        """How far the machines' clock was behind the host's at the latest event."""
-        return self._memory.behind_ns
+        """Nanoseconds by which the machines' clock was behind the host's at the latest event."""
+        return self._inputs.behind_ns
 
     @property
     def events(self) -> int:
-        """How many events and posted messages were as recorded."""
+        """The number of events and posted messages that were as recorded."""
         return self._number
 
     def _noting_machines(self, entries: Iterable[Entry]) -> Iterator[Entry]:
@@ -447,7 +452,7 @@ class Rerun:
     def _step(self, arrangement: Arrangement, event: Entry) -> None:
         match event["event"]:
             case "RoundBegin":
-                # Both are seen in the events, or in that there is none.
+                # Both errors show in the events, or in that there is none.
                 with suppress(ExecutionError, ArrangementEndedError):
                     arrangement.round()
             case "IdleSleep":
@@ -456,8 +461,8 @@ class Rerun:
                 arrangement.end(Reason(event["reason"]))
 
     def _take(self, found: Entry) -> None:
-        """Compare what a machine does with what is next in the journal."""
-        segment = self._memory.segment
+        """Compare an event or a post of a machine with the next one in the journal."""
+        segment = self._inputs.segment
         if self.difference is not None or self._over:
             return
         if found["event"] not in COMPARISONS[self._how]:
@@ -469,10 +474,10 @@ class Rerun:
         elif found["event"] == "Posted":
             self._differ(segment.event, found)
         elif self._check(segment.event, found):
-            self._memory.advance(segment.event["time_ns"])
+            self._inputs.advance(segment.event["time_ns"])
             if found["event"] == "Turn":
                 with self._journal.asking():
-                    self._memory.ask()
+                    self._inputs.ask()
 
     def _check(self, recorded: Entry, found: Entry) -> bool:
         if compared(recorded, self._how) != compared(found, self._how):
@@ -483,14 +488,14 @@ class Rerun:
 
     def _differ(self, recorded: Entry, found: Entry | None) -> None:
         if self.difference is None:
-            now_ns = recorded.get("time_ns", self._memory.clock.now_ns())
+            now_ns = recorded.get("time_ns", self._inputs.clock.now_ns())
             after_s = (now_ns - self._begin_ns) / 1e9
             saw = self._seen_by(recorded.get("machine"))
             self.difference = Difference(self._number + 1, after_s, recorded, found, saw)
 
     def _seen_by(self, machine: str | None) -> dict[str, object]:
-        """Return what the sensors of a machine have found, by their names."""
-        arrangement = self._memory.arrangement
+        """Return the latest findings of a machine's sensors, by their names."""
+        arrangement = self._inputs.arrangement
         for each in () if arrangement is None else arrangement.machines:
             if each.name == machine:
                 return {name: getattr(each, name) for name in type(each).table.sensors}
@@ -504,11 +509,11 @@ def rerun(
     compare: Comparison = "all",
     **options: Any,
 ) -> Difference | None:
-    """Run machines on what was recorded; return the first difference, or None.
+    """Rerun machines on a recording; return the first difference, or None.
 
     They are the recorded ones in their order; `compare` is `how` of `Rerun`, `options` are those
-    of the `Arrangement` that are not as usual, such as `unload_accepting` and `library`. It raises
-    what `Rerun.compare` raises.
+    of the `Arrangement` that are not as usual, such as `unload_accepting` and `library`. Raise as
+    `Rerun.compare` does.
     """
     again = _open(recording, compare)
     again.arrange(machines, **options)
@@ -533,27 +538,27 @@ def _open(recording: Path | str | Recording, how: Comparison) -> Rerun:
         recording = Recording(Path(recording))
     journals = whole_journals(recording)
     if len(journals) > 1:
-        raise OtherMachinesError(
+        raise RecordingError(
             f"{recording.path} is of several arrangements: give `Rerun` the entries of one"
         )
     return Rerun(recording.entries(journals[0]), str(recording.path), how)
 
 
 def whole_journals(recording: Recording) -> list[RecordedJournal]:
-    """Return the journals that can be run again, or raise `NoEventsError`."""
+    """Return the journals that can be rerun; raise `RecordingError` if there are none."""
     journals = [journal for journal in recording.journals if journal.whole]
     if not recording.journals:
-        raise NoEventsError(
+        raise RecordingError(
             f"{recording.path} holds no events of machines: record them with llfsm run --record, "
             f"or start llfsm record before the machines"
         )
     if not journals:
-        raise NoEventsError(f"{recording.path}: {', '.join(map(why_not, recording.journals))}")
+        raise RecordingError(f"{recording.path}: {', '.join(map(why_not, recording.journals))}")
     return journals
 
 
 def why_not(journal: RecordedJournal) -> str:
-    """Return why machines that do not have a whole journal cannot be run again."""
+    """Explain for a user that a journal without its beginning cannot be rerun."""
     return (
         f"{journal.about.get('machines', 'machines')} (process {journal.process}) ran before they "
         f"were recorded, so what they had learnt is missing: start llfsm record first, or use "

@@ -1,4 +1,4 @@
-"""The file of a recording in progress: what was written can be read whenever the process dies.
+"""The file of a recording in progress: what was written can be read whenever the process ends.
 
 Messages are compressed in chunks; a chunk is closed and handed to the system after at most one
 second. Nothing is synced to the disk, so only a crash of the whole host can lose more.
@@ -9,16 +9,17 @@ number of wrap-arounds. Times are those of the whiteboard plus `offset_ns`, whic
 wall-clock times. A message that was on the board before the recording has the beginning of the
 recording as log time, and the time at which it was added as publish time.
 
-Arrangements and machine definitions are metadata and attachments, which MCAP tools list.
+An arrangement's journal is a channel, too: each of its entries is a JSON object
+(:mod:`llfsm.runtime.journal.entries` has their kinds), at the machines' time plus how far that is
+behind the host's. Sequences show where entries are missing; a gap that is known is an entry `Lost`.
+Arrangements and machine definitions are metadata and attachments, which MCAP tools list. The
+metadata of an arrangement are written when all its first machines are known, at its first event.
 
-A slot's messages as JSON that any tool can read, and back without loss.
-
-The JSON object follows the slot's schema: `bytes` are base64, integers keep all their digits. JSON
-has no number for NaN and the infinities, which are written as null, and does not distinguish the
-members of some unions. An object that would be ambiguous has an additional member `$msgpack`: the
-message as on the whiteboard, MessagePack in base64. No field's name can begin with a `$`.
-
-One arrangement's journal in a recording, with what describes the arrangement.
+Messages are JSON that any tool can read, and come back without loss. The object follows the slot's
+schema: `bytes` are base64, integers keep all their digits. JSON has no number for NaN and the
+infinities, which are written as null, and does not distinguish the members of some unions. An
+object that would be ambiguous has an additional member `$msgpack`: the message as on the
+whiteboard, MessagePack in base64. No field's name can begin with a `$`.
 """
 
 from __future__ import annotations
@@ -41,7 +42,25 @@ from llfsm.whiteboard import Message, Sample, Slot
 from llfsm.whiteboard.messages.llfsm import MachineDefinition
 from llfsm.whiteboard.schema import from_plain, to_plain
 
+EVENTS = "llfsm/events"
+"""The topic of the journals of arrangements; each journal has a channel."""
+ABOUT = "llfsm/recording"
+ARRANGEMENT = "llfsm/arrangement"
+STATISTICS = "llfsm/statistics"
 EXACT = "$msgpack"
+COUNT, WRITER = "$count", "$writer"
+"""Members of an attachment besides a definition's fields."""
+WRAP = 1 << 32
+"""Sequences in a file are counts modulo this."""
+_FLUSH_NS = 1_000_000_000
+_CHUNK = 1 << 20  # bytes, before compression
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)  # as on Windows
+_EVENT_SCHEMA = {
+    "title": "llfsm/Event",
+    "type": "object",
+    "properties": {"event": {"type": "string"}},
+    "required": ["event"],
+}
 
 
 class Codec(Protocol):
@@ -49,24 +68,24 @@ class Codec(Protocol):
 
     @property
     def encode(self) -> Callable[[Any], bytes]:
-        """Return a message's bytes."""
+        """Encode a message."""
         ...
 
     @property
     def decode(self) -> Callable[[bytes], Any]:
-        """Return the message of bytes; raise ``ValueError`` if they are none."""
+        """Decode a message; raise ``ValueError`` if the bytes are none."""
         ...
 
 
 class JsonCodec:
-    """Encode and decode the messages of one slot."""
+    """Encodes and decodes the messages of one slot as JSON."""
 
     def __init__(self, slot: Slot[Any]):
         self.slot = slot
         self._ambiguous = b"anyOf" in msgspec.json.encode(slot.schema)
 
     def encode(self, message: Message) -> bytes:
-        """Return the JSON object."""
+        """Encode a message as a JSON object, with its exact form if that would be ambiguous."""
         plain = to_plain(message)
         text = msgspec.json.encode(plain)
         if (self._ambiguous or b"null" in text) and not self._is_exact(plain, text, message):
@@ -76,14 +95,14 @@ class JsonCodec:
         return text
 
     def decode(self, text: bytes) -> Message:
-        """Return the message; raise ``ValueError`` if the text is not a message of this slot."""
+        """Decode a message; raise ``ValueError`` if the text is not a message of this slot."""
         plain = msgspec.json.decode(text)
         if not isinstance(plain, dict):
             raise ValueError("not a JSON object")
         return self.message(plain)
 
     def message(self, plain: dict[str, Any]) -> Message:
-        """Return the message of a decoded object; raise ``ValueError`` if it is invalid."""
+        """Make a message of a JSON object; raise ``ValueError`` if it is invalid."""
         if EXACT in plain:
             message = self.slot.decoder.decode(a2b_base64(plain[EXACT]))
         else:
@@ -97,27 +116,6 @@ class JsonCodec:
         except ValueError:  # for example null where a number is required
             return False
         return back == message and to_plain(back) == plain
-
-
-EVENTS = "llfsm/events"
-"""The topic of the journals of arrangements; each journal has a channel."""
-ABOUT = "llfsm/recording"
-ARRANGEMENT = "llfsm/arrangement"
-STATISTICS = "llfsm/statistics"
-COUNT, WRITER = "$count", "$writer"
-"""Members of an attachment besides a definition's fields, whose names cannot begin with a `$`."""
-
-WRAP = 1 << 32
-"""Sequences in a file are counts modulo this."""
-_FLUSH_NS = 1_000_000_000
-_CHUNK = 1 << 20  # bytes, before compression
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)  # as on Windows
-_EVENT_SCHEMA = {
-    "title": "llfsm/Event",
-    "type": "object",
-    "properties": {"event": {"type": "string"}},
-    "required": ["event"],
-}
 
 
 class _WrittenJournal:
@@ -165,7 +163,7 @@ class RecordingWriter:
 
     @property
     def size(self) -> int:
-        """Bytes in the file so far, without the open chunk."""
+        """The bytes in the file so far, without the open chunk."""
         return self._file.tell()
 
     def add(self, slot: Slot[Any], sample: Sample[Message], *, new: bool = False) -> None:
@@ -230,7 +228,7 @@ class RecordingWriter:
         return sum(number for _, _, number in self._seen.values())
 
     def missed(self) -> dict[str, int]:
-        """Return how many messages of each slot were replaced before they were read."""
+        """Count the messages of each slot that were replaced before they were read."""
         return {
             name: last - first + 1 - number for name, (first, last, number) in self._seen.items()
         }
@@ -321,7 +319,7 @@ class _File:
 
 
 class JournalWriter:
-    """Write the entries of the journal that process `pid` began at `session`.
+    """Write the journal of one arrangement, which process `pid` began at the time `session`.
 
     `whole` is a journal that begins before its machines have done anything.
     """
@@ -340,7 +338,7 @@ class JournalWriter:
         """The names of the machines that were loaded at the beginning."""
 
     def add(self, entry: Entry) -> None:
-        """Write an entry."""
+        """Write an entry; those that describe the arrangement become its metadata."""
         kind: Any = entry["event"]
         if kind == "Plan":
             self._made = {
@@ -359,7 +357,7 @@ class JournalWriter:
         self._writer.add_lost(self._channel)
 
     def describe(self) -> bool:
-        """Write the metadata of the arrangement if that was not done; return whether it was."""
+        """Write the metadata of the arrangement once; return True if they were written before."""
         before, self._is_described = self._is_described, True
         if not before:
             about = {**self._about, "machines": ", ".join(self.machines), **self._made}

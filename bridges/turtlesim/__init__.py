@@ -2,24 +2,18 @@
 
 The core is deterministic and does no input or output; each module imports only those above it:
 
-    errors       what a caller can do wrong
-    arithmetic   turtlesim's numbers: its float32 roundings, its pi, the size of the field
-    pen          colours and pens
+    errors       the error of wrong arguments
+    canvas       colours, pens, and the field: pixels for the colour sensor, strokes for pictures
     parameters   the node's parameters: background colour, holonomic
-    stroke       a pen's trail, kept as the fewest points that show it
-    canvas       the field that pens draw on: pixels for the colour sensor, strokes for pictures
-    rotate       a goal of the action rotate_absolute
-    turtle       one turtle: what a step of 16 ms does to it
+    turtle       one turtle: what a step of 16 ms does to it, and its rotation goal
     simulator    all turtles, and every request that turtlesim answers
 
-Pictures of the field, drawn from a finished or a running simulator:
+A picture of the field, of a finished or a running simulator:
 
     field        the field with its trails and turtles as shapes, and as a file
 
 Connected to others; one simulator to one of them:
 
     node         on a whiteboard: commands in, poses and colours out
-    ros_turtle   a turtle on a ROS graph: its topics, services and action
     ros          turtlesim's whole graph, on any transport of llfsm.bridges.ros2
-    command      llfsm turtlesim
 """

@@ -1,19 +1,15 @@
 """The field that pens draw on: pixels for the colour sensor, strokes for pictures.
 
-turtlesim's pens draw into a Qt image of 500 x 500 pixels, 45 to the metre, and the colour sensor
-reads a pixel of it. Here a line is the rectangle around it that Qt's flat pen with square ends
-covers, and a pixel is drawn if its centre lies in that rectangle. Qt first rounds the rectangle to
-fractions of a pixel, so against Qt 5.15 some 4 pixels in 1000 differ, all at a line's edge. Lines
-of a pen of width 1, which Qt draws by another algorithm, are often a pixel aside.
+Pixels. turtlesim's pens draw into a Qt image of 500 x 500 pixels, 45 to the metre, and the colour
+sensor reads a pixel of it. Here a line is the rectangle around it that Qt's flat pen with square
+ends covers, and a pixel is drawn if its centre lies in that rectangle. Qt first rounds the
+rectangle to fractions of a pixel, so against Qt 5.15 some 4 pixels in 1000 differ, all at a line's
+edge. Lines of a pen of width 1, which Qt draws by another algorithm, are often a pixel aside.
 
-Colours and pens, as turtlesim's messages have them: every field a uint8.
-
-The trail of one pen, kept as the fewest points that show it.
-
-At 62.5 points a second a trail must be thinned while it grows. A leg of a stroke runs from its
-anchor to the latest point. Each point it has passed leaves a cone of slopes at which the leg still
-runs within `TOLERANCE` of that point. A new point inside all those cones moves the leg's end; one
-outside them, or one that turns back, is the end of a new leg. So a step costs the same however
+Strokes. At 62.5 points a second a trail must be thinned while it grows. A leg of a stroke runs from
+its anchor to the latest point. Each point it has passed leaves a cone of slopes at which the leg
+still runs within `TOLERANCE` of that point. A new point inside all those cones moves the leg's end;
+one outside them, or one that turns back, is the end of a new leg. So a step costs the same however
 long the trail has grown, and a straight run is one leg however long it took.
 """
 
@@ -23,7 +19,16 @@ from functools import lru_cache
 from math import ceil, floor, hypot
 from typing import NamedTuple
 
-from llfsm.bridges.turtlesim.errors import PenError
+from llfsm.bridges.turtlesim.errors import TurtlesimError
+
+SIZE = 500
+"""Width and height in pixels; x runs right and y down from the upper left corner."""
+
+_BYTES = 4  # of a pixel: red, green, blue, and 255 where something is drawn
+_FLAT = 1e-9  # a direction's part so small is taken for this: the slopes below divide by it
+_LOW, _HIGH = -300.0, SIZE + 300.0  # beyond, even the widest pen (255) leaves no mark
+TOLERANCE = 0.05
+"""Pixels that a point on the way may lie off the kept line: too little to see."""
 
 
 class Rgb(NamedTuple):
@@ -40,7 +45,7 @@ class Rgb(NamedTuple):
 
 
 class Pen(NamedTuple):
-    """What a turtle draws with: a colour, and a width in pixels (1 to 255)."""
+    """The pen of a turtle: a colour, and a width in pixels (1 to 255)."""
 
     color: Rgb = Rgb(0xB3, 0xB8, 0xFF)
     width: int = 3
@@ -50,12 +55,8 @@ class Pen(NamedTuple):
         """Make the pen that SetPen asks for; width 0 is 1, as Qt's default is."""
         for name, value in (("r", r), ("g", g), ("b", b), ("width", width)):
             if not 0 <= value <= 255:
-                raise PenError(f"a pen's {name} is from 0 to 255, not {value}")
+                raise TurtlesimError(f"a pen's {name} is from 0 to 255, not {value}")
         return cls(Rgb(r, g, b), width or 1)
-
-
-TOLERANCE = 0.05
-"""Pixels that a point on the way may lie off the kept line: too little to see."""
 
 
 class Stroke:
@@ -106,14 +107,6 @@ class Stroke:
         self._low = -self._high
 
 
-SIZE = 500
-"""Width and height in pixels; x runs right and y down from the upper left corner."""
-
-_BYTES = 4  # of a pixel: red, green, blue, and 255 where something is drawn
-_FLAT = 1e-9  # a direction's part so small is taken for this: the slopes below divide by it
-_LOW, _HIGH = -300.0, SIZE + 300.0  # beyond, even the widest pen (255) leaves no mark
-
-
 class Canvas:
     """Keep what the pens of all turtles have drawn."""
 
@@ -128,7 +121,7 @@ class Canvas:
 
     @property
     def strokes(self) -> tuple[Stroke, ...]:
-        """Return all strokes in the order in which they were begun, killed turtles' included."""
+        """All strokes in the order in which they were begun, killed turtles' included."""
         return tuple(self._strokes)
 
     def color_at(self, x: float, y: float) -> Rgb | None:
@@ -202,7 +195,7 @@ class Canvas:
 
 @lru_cache(maxsize=64)
 def _ink(color: Rgb) -> bytes:
-    """Return a row of pixels of a colour."""
+    """Make a row of pixels of a colour."""
     return bytes((*color, 255)) * SIZE
 
 

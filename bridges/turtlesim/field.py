@@ -14,11 +14,11 @@ from typing import Final, NamedTuple
 from uuid import uuid4
 
 from llfsm.bridges.turtlesim.canvas import SIZE, Rgb
-from llfsm.bridges.turtlesim.errors import PictureFormatError
+from llfsm.bridges.turtlesim.errors import TurtlesimError
 from llfsm.bridges.turtlesim.simulator import Simulator
 from llfsm.bridges.turtlesim.turtle import FIELD, METER, Turtle
 from llfsm.runtime.drawing.png import write_png
-from llfsm.runtime.drawing.shapes import Ellipse, FilledPolygon, Group, Line, Picture, Shape, Text
+from llfsm.runtime.drawing.shapes import Ellipse, Group, Line, Picture, Polygon, Shape, Text
 from llfsm.runtime.drawing.svg import write_svg
 
 _WRITERS: Final[dict[str, Callable[[Picture], bytes]]] = {
@@ -54,21 +54,21 @@ _COATS: Final = (
 
 
 def draw(simulator: Simulator, path: str | os.PathLike[str], caption: str = "") -> tuple[Path, ...]:
-    """Draw the field into `path`, or without an ending into .svg and .png; return what it wrote.
+    """Draw the field into `path`, or without an ending into .svg and .png; return the files.
 
-    Missing folders are created. Files are replaced atomically. Raise `PictureFormatError` for an
+    Missing folders are created. Files are replaced atomically. Raise `TurtlesimError` for an
     ending that is neither .svg nor .png, `DrawingError` for a PNG without Pillow, and `OSError` if
     a file cannot be written.
     """
     path = Path(path)
     if not path.name:
-        raise PictureFormatError(f"cannot draw {path}: it names a folder, not a file")
+        raise TurtlesimError(f"cannot draw {path}: it names a folder, not a file")
     if not path.suffix:
         paths: tuple[Path, ...] = (path.with_suffix(".svg"), path.with_suffix(".png"))
     elif path.suffix.lower() in _WRITERS:
         paths = (path,)
     else:
-        raise PictureFormatError(
+        raise TurtlesimError(
             f"cannot draw {path}: its ending is {path.suffix!r}, and must be .svg or .png, "
             "or left out for both"
         )
@@ -90,7 +90,7 @@ def _replace(path: Path, content: bytes) -> None:
 
 
 def field_picture(simulator: Simulator, caption: str = "") -> Picture:
-    """Return the field as a picture, with a caption below it if there is one."""
+    """Make a picture of the field, with a caption below it if there is one."""
     background = simulator.parameters.background
     shapes: list[Shape] = [
         Line(stroke.points, stroke.pen.color.hex, stroke.pen.width)
@@ -110,7 +110,7 @@ def field_picture(simulator: Simulator, caption: str = "") -> Picture:
 def _caption(lines: list[str], band: float) -> Iterator[Shape]:
     if lines:
         corners = ((0, SIZE), (SIZE, SIZE), (SIZE, SIZE + band), (0, SIZE + band))
-        yield FilledPolygon(corners, _WHITE)
+        yield Polygon(corners, _WHITE)
     for number, line in enumerate(lines, start=1):
         baseline = SIZE + _CAPTION_LEADING * number + _CAPTION_SIZE / 3
         yield Text(SIZE / 2, baseline, line, _CAPTION_SIZE, _INK)
@@ -126,7 +126,7 @@ def _name(turtle: Turtle, rim: str) -> Shape:
 
 
 def _position(turtle: Turtle) -> tuple[float, float]:
-    """Return where a turtle is; one just spawned outside is where its first step will put it."""
+    """Return the place of a turtle; if just spawned outside, where its first step will put it."""
     x, y = turtle.pose.x, FIELD - turtle.pose.y
     return min(max(x, 0.0), FIELD) * METER, min(max(y, 0.0), FIELD) * METER
 
@@ -144,7 +144,7 @@ def _turtle(turtle: Turtle) -> Shape:
 
 def _body(coat: _Coat) -> Iterator[Shape]:
     """Draw a turtle that faces right, about the origin."""
-    yield FilledPolygon(((-14.0, -3.5), (-23.0, 0.0), (-14.0, 3.5)), coat.skin)
+    yield Polygon(((-14.0, -3.5), (-23.0, 0.0), (-14.0, 3.5)), coat.skin)
     for side in (-1.0, 1.0):
         yield Ellipse(9.5, side * 13.0, 8.0, 4.0, coat.skin, side * 50.0)
         yield Ellipse(-10.0, side * 12.0, 7.0, 3.5, coat.skin, side * -50.0)

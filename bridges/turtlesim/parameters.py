@@ -1,16 +1,16 @@
-"""The node's parameters."""
+"""The node's parameters: the background's colour, and `holonomic`."""
 
 from __future__ import annotations
 
 from llfsm.bridges.ros2.node_parameters import NodeParameters, Parameter, Value
 from llfsm.bridges.turtlesim.canvas import Rgb
-from llfsm.bridges.turtlesim.errors import ParameterError
+from llfsm.bridges.turtlesim.errors import TurtlesimError
 
 _BYTE = (0, 255)
 
 
 class Parameters(NodeParameters):
-    """Hold `background_r`, `background_g`, `background_b` (0 to 255) and `holonomic`."""
+    """The values of `background_r`, `background_g`, `background_b` (0 to 255) and `holonomic`."""
 
     background: Rgb
     holonomic: bool
@@ -27,9 +27,9 @@ class Parameters(NodeParameters):
         self._derive()
 
     def set(self, name: str, value: Value) -> None:
-        """Set a parameter, or raise ParameterError with the reason in rclcpp's words."""
+        """Set a parameter; raise `TurtlesimError` with the reason in rclcpp's words."""
         if reason := self.refusal((name, value)):
-            raise ParameterError(reason)
+            raise TurtlesimError(reason)
         self.assign(name, value)
 
     def assign(self, name: str, value: Value) -> None:

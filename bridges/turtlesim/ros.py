@@ -1,6 +1,7 @@
 """The simulator as a ROS 2 node, on any transport: turtlesim's whole graph.
 
-One turtle on a ROS graph: its topics, its services, its action.
+A :class:`RosTurtle` has the topics, services and action of one turtle; the node adds and removes
+them as turtles come and go. All that arrives waits in a queue for the next step.
 """
 
 from __future__ import annotations
@@ -113,9 +114,8 @@ class RosTurtle:
         self._put_on(lambda: None if self._gone else do())
 
     def _on_command(self, arrival: SerializedMessage[Twist]) -> None:
-        self._put(
-            partial(self._obey, arrival.decode())
-        )  # here, so that the transport reports bad ones
+        twist = arrival.decode()  # here, so that the transport reports bad ones
+        self._put(partial(self._obey, twist))
 
     def _obey(self, twist: Twist) -> None:
         self._commanded_ns = self._time.now_ns()
@@ -170,7 +170,7 @@ class RosTurtlesim:
     callbacks before each step. So the simulator runs on one thread, which also answers requests.
 
     simulator: the simulator; between two steps it may be used freely.
-    queue: what waits for the next step.
+    queue: the calls that wait for the next step.
     time: the node's, which is simulated by ``use_sim_time``.
     log: called with each line of the log, which is published on /rosout, too.
     """

@@ -13,7 +13,7 @@ from math import isfinite
 from types import MappingProxyType
 
 from llfsm.bridges.turtlesim.canvas import Canvas, Pen
-from llfsm.bridges.turtlesim.errors import UnknownTurtleError
+from llfsm.bridges.turtlesim.errors import TurtlesimError
 from llfsm.bridges.turtlesim.parameters import Parameters
 from llfsm.bridges.turtlesim.turtle import FIELD, Level, Log, RotateGoal, Turtle, float32
 from llfsm.runtime.engine.clock import Clock, MonotonicClock
@@ -40,11 +40,11 @@ def run(step: Callable[[], None], is_over: Callable[[], bool], clock: Clock | No
 
 
 class Simulator:
-    """Hold the field, as turtlesim starts with it: turtle1 in the centre, heading right.
+    """The field, as turtlesim starts with it: turtle1 in the centre, heading right.
 
     log: called with the level and text of each line that turtlesim logs.
     parameters: the background's colour and `holonomic`; None: as turtlesim starts.
-    canvas: what the pens have drawn.
+    canvas: all that the pens have drawn.
     """
 
     def __init__(self, log: Log = _unlogged, parameters: Parameters | None = None) -> None:
@@ -57,16 +57,16 @@ class Simulator:
 
     @property
     def turtles(self) -> Mapping[str, Turtle]:
-        """Return the turtles there are now by name, in the order in which they step."""
+        """The turtles there are now by name, in the order in which they step."""
         return MappingProxyType(self._turtles)
 
     def turtle(self, name: str) -> Turtle:
-        """Return a turtle, or raise UnknownTurtleError."""
+        """Return a turtle; raise `TurtlesimError`, which lists those that exist."""
         try:
             return self._turtles[name]
         except KeyError:
             others = ", ".join(self._turtles) or "none"
-            raise UnknownTurtleError(f"no turtle is named {name!r}; there are: {others}") from None
+            raise TurtlesimError(f"no turtle is named {name!r}; there are: {others}") from None
 
     def step(self) -> None:
         """Advance all turtles by 16 ms of simulated time, in the order of their names."""
@@ -138,7 +138,7 @@ class Simulator:
     def set_pen(self, name: str, r: int, g: int, b: int, width: int, off: bool = False) -> None:
         """Give a turtle a pen, at once; `off` only lifts the one it has.
 
-        Each number is from 0 to 255, else PenError; width is in pixels and 0 the same as 1.
+        Each number is from 0 to 255, else TurtlesimError; width is in pixels and 0 the same as 1.
         """
         turtle = self.turtle(name)
         pen = Pen.of(r, g, b, width)
@@ -185,7 +185,7 @@ class Simulator:
 
 
 def _name_fault(name: str) -> str:
-    """Return why a name is not a valid prefix of a turtle's topics, or "" if it is."""
+    """Name the fault of a name that is no valid prefix of a turtle's topics; "" without one."""
     if len(name) > _LONGEST_NAME:
         return f"it has more than {_LONGEST_NAME} characters"
     if not _NAME.fullmatch(name):

@@ -1,17 +1,13 @@
 """One turtle: what a step of 16 ms does to it.
 
 The arithmetic follows turtlesim 1.8.2's turtle.cpp to the bit. The state is double precision with
-y pointing *down*, as in Qt's image; poses are published with y up. A step applies, in this order:
-teleports, the rotation goal, the time-out, the motion, the walls. Then it publishes pose and
-colour, and only then draws, so that a turtle does not sense the line it is drawing.
+y pointing *down*, as in Qt's image; poses are published with y up. What crosses a message or
+service is float32, and so is the size of the field. The order of every operation is that of
+turtle.cpp: double-precision addition is not associative, so regrouping a term changes poses.
 
-turtlesim's numbers, on which bit-exact poses hang.
-
-A turtle's state is double precision. What crosses a message or service is float32, and so is the
-size of the field. The order of every operation in `turtle` is that of turtlesim's turtle.cpp:
-double-precision addition is not associative, so regrouping a term changes poses.
-
-A goal of the action rotate_absolute: turn on the spot to a heading.
+A step applies, in this order: teleports, the rotation goal, the time-out, the motion, the walls.
+Then it publishes pose and colour, and only then draws, so that a turtle does not sense the line it
+is drawing.
 """
 
 from __future__ import annotations
@@ -38,6 +34,17 @@ DT = 0.016
 """Seconds of simulated time in a step."""
 
 
+SPEED = 1.0
+"""Rad/s at which a goal is turned to."""
+NEAR = 0.02
+"""Rad; closer than this the goal is reached."""
+COMMAND_STEPS = 63
+"""Steps that a command lasts: those that begin at most 1 s after it."""
+
+_BARE = Rgb(255, 255, 255)
+_SAME = 1e-12  # metres; Qt takes points about this close for equal, and no line is drawn
+
+
 def float32(value: float) -> float:
     """Round to the nearest float32; beyond its range to an infinity, as C's conversion does."""
     return array("f", (value,))[0]
@@ -52,12 +59,8 @@ def normalize(angle: float) -> float:
     return angle - _TWO_PI * floor((angle + PI) / _TWO_PI)
 
 
-SPEED = 1.0  # rad/s
-NEAR = 0.02  # rad; closer than this the goal is reached
-
-
 class RotateGoal:
-    """Follow one accepted goal to its end.
+    """A goal of the action rotate_absolute, followed to its end: turn on the spot to a heading.
 
     theta: the wanted heading in rad, float32; it may lie beyond pi.
     status: where the goal stands; SUCCEEDED, CANCELED and ABORTED are final.
@@ -77,7 +80,7 @@ class RotateGoal:
 
     @property
     def active(self) -> bool:
-        """Whether the goal has not ended."""
+        """True until the goal has ended."""
         return self.status.active
 
     def cancel(self) -> bool:
@@ -103,15 +106,8 @@ class RotateGoal:
         return -SPEED if remaining < 0.0 else SPEED
 
 
-COMMAND_STEPS = 63
-"""Steps that a command lasts: those that begin at most 1 s after it."""
-
-_BARE = Rgb(255, 255, 255)
-_SAME = 1e-12  # metres; Qt takes points about this close for equal, and no line is drawn
-
-
 class Level(IntEnum):
-    """How grave a log line is, numbered as in rcl_interfaces/msg/Log and in `logging`."""
+    """The severity of a log line, numbered as in rcl_interfaces/msg/Log and in `logging`."""
 
     INFO = 20
     WARN = 30
@@ -119,7 +115,7 @@ class Level(IntEnum):
 
 
 Log = Callable[[Level, str], object]
-"""What takes a log line, without a time stamp; `logging.getLogger("turtlesim").log` will do."""
+"""It takes a log line, without a time stamp; `logging.getLogger("turtlesim").log` will do."""
 
 
 class TurtlePose(NamedTuple):

@@ -16,9 +16,8 @@ import msgspec
 from llfsm.bridges.view.errors import RequestError
 from llfsm.bridges.view.page_source import Change, PageSource, Snapshot
 from llfsm.runtime.drawing import Diagram, arrange
-from llfsm.runtime.drawing.diagram import Box, Edge, arrow_head
+from llfsm.runtime.drawing.diagram import Box, Edge, arrow_head, box_lines, label_lines
 from llfsm.runtime.drawing.shapes import Text
-from llfsm.runtime.drawing.typeset import box_lines, label_lines
 from llfsm.runtime.engine.errors import DefinitionError
 from llfsm.runtime.presence.published import table_of
 from llfsm.runtime.presence.remote import condition_of

@@ -1,4 +1,4 @@
-"""Move by what half a second of a command does, and answer requests at once."""
+"""Move as half a second of a command moves the turtle, and answer requests at once."""
 
 from llfsm.machines.common import CMD_VEL
 from llfsm.machines.grid_turtle import AHEAD, FIELD, GRIP, GRIPS, Grip

@@ -1,4 +1,4 @@
-"""Find out whether the pump lowers high water within five seconds."""
+"""Report a failure if the pump does not lower high water within five seconds."""
 
 from llfsm.machines.mine_pump import (
     PUMP,

@@ -1,8 +1,8 @@
 def both() -> bool:
-    """Return whether both buttons are pressed."""
+    """True if both buttons are pressed."""
     return hands.left and hands.right
 
 
 def none() -> bool:
-    """Return whether no button is pressed."""
+    """True if no button is pressed."""
     return not hands.left and not hands.right

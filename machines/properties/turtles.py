@@ -34,7 +34,7 @@ WALL = (RosWallTurttleBot, GridTurtle)
 
 
 def at_wall(v: Any) -> bool:
-    """Return whether the turtle touches a wall."""
+    """True if the turtle touches a wall."""
     return v.GridTurtle.x in (0, FIELD) or v.GridTurtle.y in (0, FIELD)
 
 

@@ -1,28 +1,24 @@
-"""A machine is loaded in a process of its own: its class is always that of the newest text.
+"""Machine classes, read in processes of their own: each has the newest text of the class.
 
-The process is asked once, by its arguments, and answers with a JSON object.
-
-A machine class as its texts, to be looked at: also one of which no bundle can be made.
+A module is imported once in a process, so a class whose file has changed is loaded by a new one.
+What is returned are texts, which need no code of the class. No bundle need be possible of it.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
-import os
-import subprocess
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import msgspec
+from typing import Any, Final, NamedTuple
 
 from llfsm.errors import LlfsmError
 from llfsm.runtime.bundles import load_bundle
 from llfsm.runtime.bundles.model import CLASS, Bundle, BundleState, BundleTransition, Fragment
-from llfsm.runtime.checking import Finding
+from llfsm.runtime.checking import Finding, check_class, requests_of
+from llfsm.runtime.converting.convert import write_converted
 from llfsm.runtime.drawing.arrange import MachineLinks, links_of
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.machine import Machine
@@ -30,6 +26,7 @@ from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.source_text import body_of
 from llfsm.runtime.engine.table import Table
 from llfsm.runtime.plans import PlannedMachine
+from llfsm.runtime.worker import Worker, WorkerError
 
 
 def class_outline(cls: type[Machine]) -> Bundle:
@@ -67,7 +64,7 @@ def _port(name: str, port: Sensor[Any, Any] | Actuator[Any]) -> str:
     return f"{name} = {type(port).__name__}({slot.name!r}, {slot.type.__name__})"
 
 
-_PATIENCE_S = 30.0  # for the imports of the module, too
+_PATIENCE_S: Final = 30.0  # for the imports of the module, too
 
 
 class ClassName(NamedTuple):
@@ -79,11 +76,11 @@ class ClassName(NamedTuple):
 
     @property
     def arguments(self) -> list[str]:
-        """The arguments of a process that imports the class."""
+        """What `load_machine` takes, in a process that imports as this one does."""
         return [str(self.file), self.module, self.name, json.dumps(sys.path)]
 
 
-class ClassText(msgspec.Struct):
+class ClassText(NamedTuple):
     """What there is to see of a class."""
 
     bundle: Bundle
@@ -91,75 +88,55 @@ class ClassText(msgspec.Struct):
 
 
 def read_class(machine: ClassName) -> ClassText:
-    """Return the class as its file has it now; raise `BundleError` if it cannot be imported."""
-    answer = _asked(["read", *machine.arguments], machine.file)
-    return msgspec.convert(answer, ClassText, dec_hook=_path)
+    """Read the class as its file has it now; raise `BundleError` if it cannot be imported."""
+    text: ClassText = _asked(machine.arguments, "text")
+    return text
 
 
 def convert_class(machine: ClassName) -> Path:
     """Make a bundle of the class, beside its file; raise `BundleError` if that cannot be done."""
-    return Path(_asked(["convert", *machine.arguments], machine.file)["wrote"])
+    folder: Path = _asked(machine.arguments, "convert")
+    return folder
 
 
 def read_links(found_by: Sequence[str], planned: PlannedMachine) -> MachineLinks:
-    """Return what a machine has to do with others, which loads it; raise `BundleError`.
+    """Return the slots and requests that join a machine with others; raise `BundleError`.
 
     `found_by` are arguments for `load_machine`.
     """
-    as_planned = msgspec.json.encode(planned).decode()
-    return MachineLinks(**_asked(["links", as_planned, *found_by], Path(found_by[0])))
+    links: MachineLinks = _asked(found_by, "links", planned)
+    return links
 
 
-def _path(kind: type, value: Any) -> Any:
-    return kind(value)
-
-
-def _asked(arguments: Sequence[str], file: Path) -> Any:
-    command = [sys.executable, "-B", "-m", __name__, *arguments]
+def _asked(found_by: Sequence[str], name: str, *arguments: Any) -> Any:
+    """Call a method of `_Loaded` in a new process, of the machine that is found there."""
+    file = Path(found_by[0])
     try:
-        done = subprocess.run(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            timeout=_PATIENCE_S,
-            check=False,
-        )
-        answer = json.loads(done.stdout)
-    except subprocess.TimeoutExpired as error:
-        what = f"importing {file.stem} does not return for {_PATIENCE_S:g} s"
-        raise BundleError(what, file) from error
-    except ValueError as error:
-        raise BundleError(f"importing {file.stem} has ended its process", file) from error
-    if "problem" in answer:
-        raise BundleError(answer["problem"])
-    return answer
-
-
-def _main() -> None:
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what the module prints is no answer
-    what, *arguments = sys.argv[1:]
-    try:
-        answer = _answer(what, arguments)
+        with Worker(f"importing {file.stem}") as worker:
+            worker.make(_Loaded, found_by, patience_s=_PATIENCE_S)
+            return worker.call(name, *arguments, patience_s=_PATIENCE_S)
+    except WorkerError as error:
+        raise BundleError(str(error), file) from error
     except LlfsmError as error:
-        answer = {"problem": str(error)}
-    answers.write(msgspec.json.encode(answer, enc_hook=str))
-    answers.flush()
+        raise BundleError(str(error)) from error
 
 
-def _answer(what: str, arguments: Sequence[str]) -> Any:
-    from llfsm.runtime.checking import check_class, requests_of
-    from llfsm.runtime.converting.convert import write_converted
+class _Loaded:
+    """The class in the process that has loaded it."""
 
-    if what == "links":
-        planned = msgspec.json.decode(arguments[0], type=PlannedMachine)
-        cls = load_machine(arguments[1:])
-        requests = requests_of(cls, planned.variables)
-        return links_of(cls, planned.slots, requests)._asdict()
-    cls = load_machine(arguments)
-    if what == "convert":
-        return {"wrote": str(write_converted(cls, Path(arguments[0]).parent))}
-    return ClassText(class_outline(cls), check_class(cls))
+    def __init__(self, found_by: Sequence[str]):
+        self._file = Path(found_by[0])
+        self._class = load_machine(found_by)
+
+    def text(self) -> ClassText:
+        return ClassText(class_outline(self._class), check_class(self._class))
+
+    def convert(self) -> Path:
+        return write_converted(self._class, self._file.parent)
+
+    def links(self, planned: PlannedMachine) -> MachineLinks:
+        requests = requests_of(self._class, planned.variables)
+        return links_of(self._class, planned.slots, requests)
 
 
 def load_machine(arguments: Sequence[str]) -> type[Machine]:
@@ -186,7 +163,3 @@ def _line_in(file: str, error: BaseException) -> int | None:
     """Return the line of a module's file at which the import has failed."""
     frames = traceback.extract_tb(error.__traceback__)
     return next((each.lineno for each in reversed(frames) if each.filename == file), None)
-
-
-if __name__ == "__main__":
-    _main()

@@ -2,14 +2,17 @@
 
 `arrange` makes a `Diagram`, plain geometry, of a machine's table; `to_svg` and `to_png` write it.
 `overview` draws the machines of an arrangement and their slots; `timeline` shows what machines did.
+
+From the bottom up: `curves` and `shapes` (what pictures consist of), `svg` and `png` (their
+writers), `style` and `typeset` (looks and words), `diagram`, the two layouts, `arrange`, and
+`formats`, the table of all formats.
 """
 
 from llfsm.runtime.drawing.arrange import MachineLinks, arrange, overview
-from llfsm.runtime.drawing.diagram import Box, Diagram, Edge, Label
+from llfsm.runtime.drawing.curves import Point
+from llfsm.runtime.drawing.diagram import Box, Diagram, Edge, Label, to_png, to_svg
 from llfsm.runtime.drawing.dot import to_dot
 from llfsm.runtime.drawing.mermaid import to_mermaid
-from llfsm.runtime.drawing.rendering import to_png, to_svg
-from llfsm.runtime.drawing.shapes import PicturePoint
 from llfsm.runtime.drawing.timeline import Stay, Timeline, timeline
 
 __all__ = [
@@ -18,7 +21,7 @@ __all__ = [
     "Edge",
     "Label",
     "MachineLinks",
-    "PicturePoint",
+    "Point",
     "Stay",
     "Timeline",
     "arrange",

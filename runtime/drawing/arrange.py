@@ -1,28 +1,30 @@
-"""From a machine's table to its picture's geometry.
+"""Diagrams of machines, and of arrangements: which boxes and arrows there are, and in which layout.
 
-The overview of an arrangement: its machines, the slots that they share, and their requests.
+A machine's states stand where its editor's layout has them, or else in layers. The overview of an
+arrangement has its machines, the slots that they share, and their requests.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 from llfsm.runtime.drawing.automatic_layout import automatic_layout
-from llfsm.runtime.drawing.curves import hits, sample, straight
-from llfsm.runtime.drawing.diagram import Arrow, Box, Diagram, Edge, Label, SectionText
-from llfsm.runtime.drawing.editor_layout import editor_layout, has_room
-from llfsm.runtime.drawing.shapes import Curve, PicturePoint
-from llfsm.runtime.drawing.style import DOT, LINE, MARGIN
-from llfsm.runtime.drawing.typeset import (
+from llfsm.runtime.drawing.curves import Curve, Point, sample, straight
+from llfsm.runtime.drawing.diagram import (
+    Arrow,
+    Box,
+    Diagram,
+    Edge,
+    Label,
     cut_sections,
     make_box,
     make_label,
-    numbered_labels,
-    section_texts,
 )
+from llfsm.runtime.drawing.editor_layout import editor_layout, has_room, hits
+from llfsm.runtime.drawing.style import DOT, LINE, MARGIN
+from llfsm.runtime.drawing.typeset import SectionText, numbered_labels, section_texts
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.state import State
@@ -32,7 +34,7 @@ _START = 26.0  # from the dot's centre to the initial state
 
 
 def arrange(table: Table, *, title: str | None = None, sections: bool | None = None) -> Diagram:
-    """Return the positions of a machine's states, transitions and labels.
+    """Lay out a machine: find the positions of its states, transitions and labels.
 
     They are those of the table's layout if it has one; states and transitions that are missing
     there are placed around it. Without a layout, states are placed in layers below the initial one.
@@ -80,18 +82,18 @@ def _box(state: State, table: Table, sections: bool | None) -> Box:
 
 
 def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Curve:
-    """Return the arrow to the initial state, at the side with the most room."""
+    """Draw the arrow to the initial state, at the side with the most room."""
     others, curves = list(others), [sample(edge.curve) for edge in edges]
     sides = [
-        (PicturePoint(box.x, box.top - _START), PicturePoint(box.x, box.top)),
-        (PicturePoint(box.left - _START, box.y), PicturePoint(box.left, box.y)),
-        (PicturePoint(box.right + _START, box.y), PicturePoint(box.right, box.y)),
-        (PicturePoint(box.x, box.bottom + _START), PicturePoint(box.x, box.bottom)),
+        (Point(box.x, box.top - _START), Point(box.x, box.top)),
+        (Point(box.left - _START, box.y), Point(box.left, box.y)),
+        (Point(box.right + _START, box.y), Point(box.right, box.y)),
+        (Point(box.x, box.bottom + _START), Point(box.x, box.bottom)),
     ]
 
-    def clash(side: tuple[PicturePoint, PicturePoint]) -> int:
+    def clash(side: tuple[Point, Point]) -> int:
         dot, tip = side
-        near = [PicturePoint((dot.x + tip.x) / 2, (dot.y + tip.y) / 2), dot]
+        near = [Point((dot.x + tip.x) / 2, (dot.y + tip.y) / 2), dot]
         hit = sum(10 * hits(near, other, DOT + 4) for other in others)
         around = Label(near[0].x, near[0].y, 2 * DOT + 8, _START, ())
         return hit + sum(hits(points, around) for points in curves)
@@ -100,7 +102,7 @@ def _start(box: Box, others: Iterable[Box | Label], edges: Iterable[Edge]) -> Cu
 
 
 def framed(title: str, boxes: list[Box], edges: list[Edge], start: Curve) -> Diagram:
-    """Return the diagram with a frame around all that is in it."""
+    """Make a diagram with a frame around its boxes, labels and curves."""
     x = [point.x + side for point in start[:1] for side in (-DOT, DOT)]
     y = [point.y + side for point in start[:1] for side in (-DOT, DOT)]
     items: list[Box | Label] = [*boxes, *(edge.label for edge in edges)]
@@ -117,9 +119,9 @@ def framed(title: str, boxes: list[Box], edges: list[Edge], start: Curve) -> Dia
 
 
 class MachineLinks(NamedTuple):
-    """What a machine has to do with others: the slots that it reads and posts, and its requests.
+    """The slots that a machine reads and posts, by name, and its requests to other machines.
 
-    A request is what is asked, as "suspend", and the name of the machine that is asked.
+    A request is what is asked, such as "suspend", and the name of the machine that is asked.
     """
 
     reads: Sequence[str] = ()
@@ -130,7 +132,7 @@ class MachineLinks(NamedTuple):
 def links_of(
     cls: type[Machine], slots: Mapping[str, str], requests: Sequence[tuple[str, str]]
 ) -> MachineLinks:
-    """Return the links of a machine that makes `requests` and is loaded with other `slots`."""
+    """List the links of a machine that makes `requests` and is loaded with other `slots`."""
 
     def names(ports: Mapping[str, Sensor[Any, Any] | Actuator[Any]]) -> list[str]:
         return [slots.get(port.slot.name, port.slot.name) for port in ports.values()]
@@ -139,7 +141,7 @@ def links_of(
 
 
 def overview(title: str, machines: Mapping[str, MachineLinks]) -> Diagram:
-    """Return a drawing of machines and slots: arrows lead where messages and requests go.
+    """Lay out machines and their slots: arrows lead where messages and requests go.
 
     A machine that is only asked, as one that others load, is drawn, too. Equal machines give equal
     diagrams.
@@ -149,9 +151,8 @@ def overview(title: str, machines: Mapping[str, MachineLinks]) -> Diagram:
     slots = list(dict.fromkeys(s for m in machines.values() for s in (*m.posts, *m.reads)))
     machine_at = {name: i for i, name in enumerate(names)}
     slot_at = {slot: len(names) + i for i, slot in enumerate(slots)}
-    kinds = {"initial": False, "accepting": False, "suspend": False}
-    boxes = [make_box(name, (), **kinds) for name in names]
-    boxes += [replace(make_box(slot, (), **kinds), slot=True) for slot in slots]
+    boxes = [make_box(name) for name in names]
+    boxes += [make_box(slot, slot=True) for slot in slots]
     found: list[tuple[int, int, str]] = []
     for name, each in machines.items():
         here = machine_at[name]

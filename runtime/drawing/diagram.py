@@ -1,27 +1,50 @@
-"""A drawn machine as data: boxes, curves and labels with their places, for any writer.
+"""Diagrams: states as boxes, transitions as curves with labels, all with their places.
 
-Lengths are in units of the picture, x to the right and y down. A curve ends at the tip of its
-arrow.
+A `Diagram` is plain geometry for any writer: the page draws it itself, and here it becomes a
+`Picture` of flat shapes, in which each state and transition is marked so that a page can light it.
+Boxes and labels are made as large as their text needs, and then placed by a layout. Lengths are in
+units of the picture, x to the right and y down; a curve ends at the tip of its arrow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import hypot
 from typing import NamedTuple
 
-from llfsm.runtime.drawing.shapes import Curve, PicturePoint
+from llfsm.runtime.drawing import style
+from llfsm.runtime.drawing.curves import Curve, Point
+from llfsm.runtime.drawing.png import write_png
+from llfsm.runtime.drawing.shapes import (
+    Ellipse,
+    Group,
+    Path,
+    Picture,
+    Polygon,
+    Rectangle,
+    Shape,
+    Text,
+)
+from llfsm.runtime.drawing.svg import write_svg
+from llfsm.runtime.drawing.typeset import (
+    SectionText,
+    code_width,
+    line_height,
+    printable,
+    text_width,
+    wrap,
+)
 
 HEAD = 9.0
 """The length of an arrow's head."""
 
-
-class SectionText(NamedTuple):
-    """A section of a state and its source text; no lines if the source cannot be read."""
-
-    name: str
-    lines: tuple[str, ...]
+_PADDING = 12.0  # beside the text of a box
+_ABOVE = 9.0  # above and below a title on its own
+_ABOVE_SECTIONS = 7.0  # above a title with sections, and below these
+_HEADING = 4.0 + line_height(style.HEADING_SIZE)
+_CUT = " …"
+_BASELINE = 0.35  # of a size below the middle of a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +110,7 @@ class Edge:
 
 
 class Arrow(NamedTuple):
-    """A transition to be drawn: source and target are places in the list of boxes."""
+    """A transition without a curve yet; source and target are indices into the list of boxes."""
 
     source: int
     number: int
@@ -95,7 +118,7 @@ class Arrow(NamedTuple):
     label: Label
 
     def edge(self, boxes: Sequence[Box], curve: Curve, label: Label) -> Edge:
-        """Return it drawn along `curve` with its label in its place."""
+        """Draw it along `curve`, with its label in its place."""
         return Edge(boxes[self.source].state, self.number, boxes[self.target].state, curve, label)
 
 
@@ -104,7 +127,7 @@ class Diagram:
     """A machine's picture; (left, top) need not be (0, 0), for places that an editor chose.
 
     `start` is the arrow to the initial state; its first point is the centre of a dot. That of an
-    overview is empty.
+    overview is empty. A notebook shows the diagram.
     """
 
     title: str
@@ -117,22 +140,184 @@ class Diagram:
     start: Curve
 
     def _repr_svg_(self) -> str:
-        """Return what a notebook shows."""
-        from llfsm.runtime.drawing.rendering import to_svg
-
         return to_svg(self)
 
 
-def arrow_head(curve: Curve) -> tuple[PicturePoint, PicturePoint, PicturePoint]:
+# Boxes and labels as large as their text
+
+
+def make_label(text: str) -> Label:
+    """Make a label of some text, at (0, 0) and as large as it needs."""
+    lines = wrap(text)
+    width = max(text_width(line, style.LABEL_SIZE) for line in lines)
+    return Label(0, 0, width + 8, len(lines) * line_height(style.LABEL_SIZE) + 2, lines)
+
+
+def make_box(
+    state: str,
+    sections: tuple[SectionText, ...] = (),
+    *,
+    initial: bool = False,
+    accepting: bool = False,
+    suspend: bool = False,
+    slot: bool = False,
+    width: float = 0,
+    height: float = 0,
+) -> Box:
+    """Make the box of a state, at (0, 0): at least as large as asked and as its text needs."""
+    title = wrap(state)
+    widths = [text_width(line, style.TITLE_SIZE) * style.BOLD for line in title]
+    needed = _title_height(title) + 2 * (_ABOVE_SECTIONS if sections else _ABOVE)
+    for section in sections:
+        widths.append(text_width(section.name, style.HEADING_SIZE) * style.BOLD)
+        widths += [code_width(line, style.CODE_SIZE) for line in section.lines]
+        needed += _HEADING + len(section.lines) * line_height(style.CODE_SIZE)
+    width, height = max(width, max(widths) + 2 * _PADDING), max(height, needed)
+    return Box(state, 0, 0, width, height, title, sections, initial, accepting, suspend, slot)
+
+
+def cut_sections(
+    state: str, sections: tuple[SectionText, ...], width: float, height: float
+) -> tuple[SectionText, ...]:
+    """Cut a state's sections to the size of its box; an ellipsis stands for the rest."""
+    letters = max(int((width - 2 * _PADDING) / code_width("m", style.CODE_SIZE)), 1)
+    room = height - _title_height(wrap(state)) - 2 * _ABOVE_SECTIONS
+    kept: list[SectionText] = []
+    for section in sections:
+        room -= _HEADING
+        if room < 0:
+            if kept:
+                kept[-1] = kept[-1]._replace(name=f"{kept[-1].name.removesuffix(_CUT)}{_CUT}")
+            break
+        lines = [
+            line if len(line) <= letters else f"{line[: letters - 1]}…" for line in section.lines
+        ]
+        shown = tuple(lines[: int(room / line_height(style.CODE_SIZE))])
+        room -= len(shown) * line_height(style.CODE_SIZE)
+        kept.append(SectionText(section.name + _CUT * (len(shown) < len(lines)), shown))
+    return tuple(kept)
+
+
+def box_lines(box: Box) -> Iterator[Text]:
+    """Yield the lines of a box: its title, in the middle or above the sections, and these."""
+    y = box.top + _ABOVE_SECTIONS if box.sections else box.y - _title_height(box.title) / 2
+    for line in box.title:
+        y += line_height(style.TITLE_SIZE)
+        base = y - line_height(style.TITLE_SIZE) / 2 + _BASELINE * style.TITLE_SIZE
+        yield Text(box.x, base, line, style.TITLE_SIZE, style.INK, "bold", True)
+    x = box.left + _PADDING
+    for section in box.sections:
+        y += _HEADING
+        base = y - _BASELINE * style.HEADING_SIZE
+        yield Text(x, base, section.name, style.HEADING_SIZE, style.ACCENT, "bold", False)
+        for line in section.lines:
+            y += line_height(style.CODE_SIZE)
+            base = y - _BASELINE * style.CODE_SIZE
+            yield Text(x, base, line, style.CODE_SIZE, style.CODE, "code", False)
+
+
+def label_lines(label: Label) -> Iterator[Text]:
+    """Yield the lines of a label, from the top."""
+    size = style.LABEL_SIZE
+    y = label.y - (len(label.lines) - 1) / 2 * line_height(size) + _BASELINE * size
+    for line in label.lines:
+        yield Text(label.x, y, line, size, style.LABEL, "regular", True)
+        y += line_height(size)
+
+
+def _title_height(title: tuple[str, ...]) -> float:
+    return len(title) * line_height(style.TITLE_SIZE)
+
+
+# The diagram as a picture
+
+
+def to_svg(diagram: Diagram) -> str:
+    """Write a diagram as the text of an SVG file.
+
+    A state is a group of class ``state``, and ``initial``, ``accepting`` or ``suspend``, with its
+    name as ``data-state``; a transition is one of class ``transition`` with ``data-transition``
+    set to its state's name, a colon and its number from 0. Looks are attributes, not styles:
+    a page's style sheet overrides them.
+    """
+    return write_svg(_picture(diagram))
+
+
+def to_png(diagram: Diagram) -> bytes:
+    """Write a diagram as a PNG file, two pixels to its unit, or one if it is very large.
+
+    Raise `DrawingError` without Pillow, or for a diagram too large to draw.
+    """
+    return write_png(_picture(diagram))
+
+
+def _picture(diagram: Diagram) -> Picture:
+    shapes = [
+        *(
+            Group(
+                [Ellipse(dot.x, dot.y, style.DOT, style.DOT, style.INK),
+                 *_arrow(diagram.start, style.INK)],
+                attributes={"class": "start"},
+            )
+            for dot in diagram.start[:1]
+        ),
+        *(_group(edge, _arrow(edge.curve, style.EDGE)) for edge in diagram.edges),
+        *(_box(box) for box in diagram.boxes),
+        *(_group(edge, _label(edge)) for edge in diagram.edges),
+    ]  # fmt: skip
+    return Picture(
+        printable(diagram.title), diagram.width, diagram.height, style.BACKGROUND, shapes,
+        diagram.left, diagram.top,
+    )  # fmt: skip
+
+
+def _group(edge: Edge, shapes: Iterator[Shape]) -> Group:
+    marks = {
+        "class": "transition",
+        "data-transition": f"{printable(edge.source)}:{edge.number}",
+        "data-target": printable(edge.target),
+    }
+    return Group([*shapes], attributes=marks)
+
+
+def _arrow(curve: Curve, color: str) -> Iterator[Shape]:
+    yield Path(curve, color, style.LINE)
+    yield Polygon(arrow_head(curve), color)
+
+
+def _label(edge: Edge) -> Iterator[Shape]:
+    label = edge.label
+    left, top = label.x - label.width / 2, label.y - label.height / 2
+    yield Rectangle(left, top, label.width, label.height, style.LABEL_CORNER, style.BACKGROUND)
+    yield from label_lines(label)
+
+
+def _box(box: Box) -> Group:
+    marks = ("initial", box.initial), ("accepting", box.accepting), ("suspend", box.suspend)
+    corner, fill = (box.height / 2, style.BACKGROUND) if box.slot else (style.CORNER, style.FILL)
+    kinds = " ".join(["slot" if box.slot else "state", *(name for name, marked in marks if marked)])
+    frames = [
+        Rectangle(
+            box.left + inset, box.top + inset, box.width - 2 * inset, box.height - 2 * inset,
+            corner - inset / 2, fill, style.BORDER, style.LINE,
+            style.DASH if box.suspend else None,
+        )
+        for inset in ((0.0, style.RIM) if box.accepting else (0.0,))
+    ]  # fmt: skip
+    attributes = {"class": kinds, "data-state": printable(box.state)}
+    return Group([*frames, *box_lines(box)], attributes=attributes)
+
+
+def arrow_head(curve: Curve) -> tuple[Point, Point, Point]:
     """Return the triangle at the end of a curve, its tip first."""
     tip = curve[-1]
-    before = next((p for p in reversed(curve) if p != tip), PicturePoint(tip.x, tip.y - 1))
+    before = next((p for p in reversed(curve) if p != tip), Point(tip.x, tip.y - 1))
     length = hypot(tip.x - before.x, tip.y - before.y)
     dx, dy = (tip.x - before.x) / length, (tip.y - before.y) / length
-    base = PicturePoint(tip.x - HEAD * dx, tip.y - HEAD * dy)
+    base = Point(tip.x - HEAD * dx, tip.y - HEAD * dy)
     side = HEAD * 0.38
     return (
         tip,
-        PicturePoint(base.x - side * dy, base.y + side * dx),
-        PicturePoint(base.x + side * dy, base.y - side * dx),
+        Point(base.x - side * dy, base.y + side * dx),
+        Point(base.x + side * dy, base.y - side * dx),
     )

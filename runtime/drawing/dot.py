@@ -10,7 +10,7 @@ from llfsm.runtime.engine.table import Table
 
 
 def to_dot(table: Table, *, title: str | None = None, sections: bool = False) -> str:
-    """Return a machine's table as DOT: accepting states have two borders, suspend states dashes."""
+    """Write a machine's table as DOT: accepting states have two borders, suspend states dashes."""
     ids = {state: f"s{i}" for i, state in enumerate(table.states)}
     lines = [
         f'digraph "{_text(table.path if title is None else title)}" {{',

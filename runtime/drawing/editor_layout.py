@@ -1,6 +1,16 @@
 """A machine at the positions of an editor; what its layout lacks is placed and routed around.
 
-What is near a place of a drawing: a grid, so that things are compared with neighbours only.
+Boxes stand where the layout has them, others in a row below, and arrows follow its paths. Two
+things need care. Text may need more room than the editor gave a box: boxes that then cover each
+other are moved apart, and the ends of their arrows with them. And a path leads to an editor's
+border of a box, not to ours: it is cut where it crosses our border, and dropped if too little is
+left to see an arrow.
+
+Arrows without a path, loops and labels each try a few places, the best first, and take the one
+that covers least: a bow that keeps clear of boxes and of other arrows between the same two, the
+side of a box for loops, a place on the curve or beside it for a label. A `Grid` finds what is near,
+so that each thing is compared with its neighbours only, and a drawing of twice the size takes
+twice the work.
 """
 
 from __future__ import annotations
@@ -11,56 +21,10 @@ from itertools import combinations, pairwise
 from math import floor, hypot, inf
 from typing import Generic, TypeVar
 
-from llfsm.runtime.drawing.curves import at, contains, crossing, hits, part, sample, self_loops
+from llfsm.runtime.drawing.automatic_layout import self_loops
+from llfsm.runtime.drawing.curves import Curve, Point, at, part, sample
 from llfsm.runtime.drawing.diagram import HEAD, Arrow, Box, Edge, Label, arrow_head
-from llfsm.runtime.drawing.shapes import Curve, PicturePoint
 from llfsm.runtime.engine.table import MachineLayout, TransitionPath
-
-_CELL = 64.0
-_MOST = 4096.0  # half the width and height of what is in cells, and looked for in them
-_FAR = 1e12  # beyond, the cells cannot be numbered exactly
-
-Item = TypeVar("Item")
-
-
-class Grid(Generic[Item]):
-    """Items with a width and a height around their centres, found by where they are."""
-
-    def __init__(self) -> None:
-        self._items: list[Item] = []
-        self._cells: dict[tuple[int, int], list[int]] = {}
-        self._anywhere: list[int] = []  # what is too large for cells, or without a place
-
-    def add(self, item: Item, x: float, y: float, width: float = 0.0, height: float = 0.0) -> None:
-        """Add an item."""
-        number = len(self._items)
-        self._items.append(item)
-        if _fits(x, y, width, height):
-            for cell in _cells(x, y, width, height):
-                self._cells.setdefault(cell, []).append(number)
-        else:
-            self._anywhere.append(number)
-
-    def near(self, x: float, y: float, width: float = 0.0, height: float = 0.0) -> list[Item]:
-        """Return all items that overlap a rectangle, and a few more, in the order of adding."""
-        if not _fits(x, y, width, height):
-            return list(self._items)
-        found = set(self._anywhere)
-        for cell in _cells(x, y, width, height):
-            found.update(self._cells.get(cell, ()))
-        return [self._items[number] for number in sorted(found)]
-
-
-def _fits(x: float, y: float, width: float, height: float) -> bool:
-    """Return whether a rectangle has few cells; one that is not finite has none."""
-    return abs(x) + abs(y) < _FAR and width < 2 * _MOST and height < 2 * _MOST
-
-
-def _cells(x: float, y: float, width: float, height: float) -> Iterator[tuple[int, int]]:
-    columns = range(floor((x - width / 2) / _CELL), floor((x + width / 2) / _CELL) + 1)
-    rows = range(floor((y - height / 2) / _CELL), floor((y + height / 2) / _CELL) + 1)
-    return ((column, row) for column in columns for row in rows)
-
 
 _GAP = 40.0
 _BOWS = (0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 140.0, -140.0, 220.0, -220.0)
@@ -73,6 +37,11 @@ _STEPS = 96  # in which a curve is searched for the borders of boxes
 _TOUCH = 0.5  # an editor's curve may end so far inside a box by rounding alone
 _COVERED = 60.0  # how bad it is to cover a point of another arrow, in units of covered area
 
+_CELL = 64.0
+_MOST = 4096.0  # half the width and height of what is in cells, and looked for in them
+_FAR = 1e12  # beyond, the cells cannot be numbered exactly
+
+Item = TypeVar("Item")
 Place = TypeVar("Place")
 
 
@@ -85,9 +54,7 @@ def editor_layout(
     """
     there = place_boxes(boxes, layout)
     boxes = _apart(there, layout)
-    moves = [
-        PicturePoint(box.x - old.x, box.y - old.y) for box, old in zip(boxes, there, strict=True)
-    ]
+    moves = [Point(box.x - old.x, box.y - old.y) for box, old in zip(boxes, there, strict=True)]
     around: Grid[int] = Grid()
     for i, box in enumerate(boxes):
         around.add(i, box.x, box.y, box.width, box.height)
@@ -100,14 +67,14 @@ def editor_layout(
             curve = given_curve(path, boxes[arrow.source], boxes[arrow.target])
             if curve is not None:
                 curves[arrow] = curve
-    alike: dict[frozenset[int], list[PicturePoint]] = {}  # points of the arrows between two boxes
+    alike: dict[frozenset[int], list[Point]] = {}  # points of the arrows between two boxes
     for arrow in [*curves, *(each for each in arrows if each not in curves)]:
         if arrow not in curves and arrow.source != arrow.target:
             beside = alike.get(_ends(arrow), [])
             curves[arrow] = _free_curve(arrow, boxes, around, beside)
         if arrow in curves:
             alike.setdefault(_ends(arrow), []).extend(sample(curves[arrow])[4:-4])
-    points: Grid[tuple[PicturePoint, Arrow]] = Grid()
+    points: Grid[tuple[Point, Arrow]] = Grid()
     for arrow, curve in curves.items():
         _add_points(points, arrow, curve)
     loops: dict[int, list[Arrow]] = {}
@@ -131,7 +98,7 @@ def editor_layout(
 
 
 def has_room(boxes: Sequence[Box], layout: MachineLayout) -> bool:
-    """Return whether no two boxes overlap at their positions in `layout`."""
+    """Check that no two boxes overlap at their positions in `layout`."""
     places = place_boxes(boxes, layout)
     return not any(overlap(a, b) for a, b in combinations(places, 2))
 
@@ -190,7 +157,7 @@ def _beside(box: Box, other: Box) -> Box:
     return replace(box, y=other.y + (y if box.y >= other.y else -y))
 
 
-def _moved(path: TransitionPath, source: PicturePoint, target: PicturePoint) -> TransitionPath:
+def _moved(path: TransitionPath, source: Point, target: Point) -> TransitionPath:
     """Move the two halves of a path as its boxes have moved."""
     return TransitionPath(
         (path.src[0] + source.x, path.src[1] + source.y),
@@ -201,13 +168,13 @@ def _moved(path: TransitionPath, source: PicturePoint, target: PicturePoint) -> 
 
 
 def given_curve(path: TransitionPath, source: Box, target: Box) -> Curve | None:
-    """Return the part of an editor's curve between our boxes, which may be larger than its own.
+    """Cut an editor's curve to the part between our boxes, which may be larger than its own.
 
     None if so little of it is left that no arrow can be seen, or if its head is inside the target.
     """
     curve: Curve = (
-        _outside(source, path.src), PicturePoint(*path.control1),
-        PicturePoint(*path.control2), _outside(target, path.dst),
+        _outside(source, path.src), Point(*path.control1),
+        Point(*path.control2), _outside(target, path.dst),
     )  # fmt: skip
     steps = [i / _STEPS for i in range(_STEPS + 1)]
     places = [at(curve, t)[0] for t in steps]
@@ -228,12 +195,12 @@ def given_curve(path: TransitionPath, source: Box, target: Box) -> Curve | None:
     curve = (_on_border(source, curve[0]), *curve[1:3], _on_border(target, curve[3]))
     length = sum(hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(sample(curve)))
     _, left, right = arrow_head(curve)
-    base = PicturePoint((left.x + right.x) / 2, (left.y + right.y) / 2)
+    base = Point((left.x + right.x) / 2, (left.y + right.y) / 2)
     return curve if length > 2 * HEAD and not contains(target, base, _TOUCH) else None
 
 
 def _longest_run(inside: Sequence[bool]) -> tuple[int, int]:
-    """Return first and last index of the longest run outside; (0, -1) if there is none."""
+    """Find first and last index of the longest run outside; (0, -1) if there is none."""
     best, first = (0, -1), 0
     for i, within in enumerate([*inside, True]):
         if within:
@@ -241,21 +208,21 @@ def _longest_run(inside: Sequence[bool]) -> tuple[int, int]:
     return best
 
 
-def _outside(box: Box, point: tuple[float, float]) -> PicturePoint:
-    """Return a point on the border of `box` instead of one outside it."""
-    place = PicturePoint(*point)
+def _outside(box: Box, point: tuple[float, float]) -> Point:
+    """Move a point outside of `box` to its border; one inside stays."""
+    place = Point(*point)
     return place if contains(box, place) else _on_border(box, place)
 
 
-def _on_border(box: Box, point: tuple[float, float]) -> PicturePoint:
-    """Return the point of a box's border that is nearest to `point`."""
+def _on_border(box: Box, point: tuple[float, float]) -> Point:
+    """Find the point of a box's border that is nearest to `point`."""
     x = min(max(point[0], box.left), box.right)
     y = min(max(point[1], box.top), box.bottom)
     sides = [
-        (abs(x - box.left), PicturePoint(box.left, y)),
-        (abs(x - box.right), PicturePoint(box.right, y)),
-        (abs(y - box.top), PicturePoint(x, box.top)),
-        (abs(y - box.bottom), PicturePoint(x, box.bottom)),
+        (abs(x - box.left), Point(box.left, y)),
+        (abs(x - box.right), Point(box.right, y)),
+        (abs(y - box.top), Point(x, box.top)),
+        (abs(y - box.bottom), Point(x, box.bottom)),
     ]
     return min(sides)[1]
 
@@ -264,15 +231,15 @@ def _ends(arrow: Arrow) -> frozenset[int]:
     return frozenset((arrow.source, arrow.target))
 
 
-def _add_points(points: Grid[tuple[PicturePoint, Arrow]], arrow: Arrow, curve: Curve) -> None:
+def _add_points(points: Grid[tuple[Point, Arrow]], arrow: Arrow, curve: Curve) -> None:
     for point in sample(curve):
         points.add((point, arrow), point.x, point.y)
 
 
 def _free_curve(
-    arrow: Arrow, boxes: Sequence[Box], around: Grid[int], alike: Sequence[PicturePoint]
+    arrow: Arrow, boxes: Sequence[Box], around: Grid[int], alike: Sequence[Point]
 ) -> Curve:
-    """Return a curve that bows as little as it can to keep clear of boxes and of its like."""
+    """Find the curve that bows least and keeps clear of boxes and of `alike`, its parallels."""
     ends = _ends(arrow)
 
     def clash(curve: Curve) -> int:
@@ -295,9 +262,9 @@ def _free_loops(
     labels: Sequence[Label],
     boxes: Sequence[Box],
     around: Grid[int],
-    points: Grid[tuple[PicturePoint, Arrow]],
+    points: Grid[tuple[Point, Arrow]],
 ) -> list[tuple[Curve, Label]]:
-    """Return loops at the side of box `i` where less is in their way."""
+    """Draw loops at the side of box `i` where less is in their way."""
 
     def clash(loops: list[tuple[Curve, Label]]) -> float:
         return sum(
@@ -314,18 +281,18 @@ def _free_loops(
 
 
 def _covered(
-    points: Grid[tuple[PicturePoint, Arrow]],
+    points: Grid[tuple[Point, Arrow]],
     label: Label,
     margin: float = 0,
     own: Arrow | None = None,
 ) -> int:
-    """Return how many points of other arrows are within a label, or nearer to it than `margin`."""
+    """Count the points of other arrows within a label, or nearer to it than `margin`."""
     near = points.near(label.x, label.y, label.width + 2 * margin, label.height + 2 * margin)
     return hits((point for point, arrow in near if arrow is not own), label, margin)
 
 
 def _best(places: Iterable[Place], cost: Callable[[Place], float]) -> Place:
-    """Return the first place of the least cost; behind one that costs nothing, none is tried."""
+    """Choose the first place of the least cost; behind one that costs nothing, none is tried."""
     best, least = None, inf
     for place in places:
         now = cost(place)
@@ -338,37 +305,33 @@ def _best(places: Iterable[Place], cost: Callable[[Place], float]) -> Place:
 
 
 def bowed_curve(source: Box, target: Box, bow: float) -> Curve:
-    """Return a curve between two boxes whose middle is so far to the left of a straight line."""
+    """Draw a curve between two boxes whose middle is `bow` to the left of the straight line."""
     dx, dy = target.x - source.x, target.y - source.y
     length = hypot(dx, dy) or 1
-    side = PicturePoint(-dy / length * bow, dx / length * bow)
-    middle = PicturePoint((source.x + target.x) / 2 + side.x, (source.y + target.y) / 2 + side.y)
+    side = Point(-dy / length * bow, dx / length * bow)
+    middle = Point((source.x + target.x) / 2 + side.x, (source.y + target.y) / 2 + side.y)
     start, end = _towards(source, middle), _towards(target, middle)
     return (
         start,
-        PicturePoint(
-            (start.x + 2 * middle.x) / 3 + side.x / 6, (start.y + 2 * middle.y) / 3 + side.y / 6
-        ),
-        PicturePoint(
-            (end.x + 2 * middle.x) / 3 + side.x / 6, (end.y + 2 * middle.y) / 3 + side.y / 6
-        ),
+        Point((start.x + 2 * middle.x) / 3 + side.x / 6, (start.y + 2 * middle.y) / 3 + side.y / 6),
+        Point((end.x + 2 * middle.x) / 3 + side.x / 6, (end.y + 2 * middle.y) / 3 + side.y / 6),
         end,
     )
 
 
-def _towards(box: Box, point: PicturePoint) -> PicturePoint:
-    """Return where the line from a box's centre to `point` leaves the box."""
+def _towards(box: Box, point: Point) -> Point:
+    """Find the point at which the line from a box's centre to `point` leaves the box."""
     dx, dy = point.x - box.x, point.y - box.y
     scale = max(abs(dx) / (box.width / 2), abs(dy) / (box.height / 2))
     if not scale:
-        return PicturePoint(box.x, box.bottom)
+        return Point(box.x, box.bottom)
     if abs(dx) / box.width > abs(dy) / box.height:
-        return PicturePoint(box.right if dx > 0 else box.left, box.y + dy / scale)
-    return PicturePoint(box.x + dx / scale, box.bottom if dy > 0 else box.top)
+        return Point(box.right if dx > 0 else box.left, box.y + dy / scale)
+    return Point(box.x + dx / scale, box.bottom if dy > 0 else box.top)
 
 
 def _free_label(
-    arrow: Arrow, curve: Curve, taken: Grid[Box | Label], points: Grid[tuple[PicturePoint, Arrow]]
+    arrow: Arrow, curve: Curve, taken: Grid[Box | Label], points: Grid[tuple[Point, Arrow]]
 ) -> Label:
     """Place a label on its curve or beside it, where it covers least."""
     label = arrow.label
@@ -384,22 +347,87 @@ def _free_label(
 
 def label_places(
     label: Label, curve: Curve, asides: Sequence[float] = _ASIDE, along: Sequence[float] = _ALONG
-) -> Iterator[PicturePoint]:
+) -> Iterator[Point]:
     """Give places for a label on its curve, then beside it, the best first."""
     for aside in asides:
         for t in along:
             point, way = at(curve, t)
             length = hypot(*way) or 1
             x = point.x - way.y / length * (aside + _sign(aside) * label.width / 4)
-            yield PicturePoint(x, point.y + way.x / length * aside)
+            yield Point(x, point.y + way.x / length * aside)
 
 
 def _sign(value: float) -> int:
     return (value > 0) - (value < 0)
 
 
+# What covers what
+
+
 def overlap(a: Box | Label, b: Box | Label) -> float:
-    """Return the area that two things have in common."""
+    """Return the area that two rectangles have in common."""
     x = (a.width + b.width) / 2 - abs(a.x - b.x)
     y = (a.height + b.height) / 2 - abs(a.y - b.y)
     return x * y if x > 0 and y > 0 else 0.0
+
+
+def contains(box: Box, point: Point, depth: float = 0.0) -> bool:
+    """Check that a point is inside a box, farther from its border than `depth`."""
+    x, y = box.width / 2 - depth, box.height / 2 - depth
+    return abs(point.x - box.x) < x and abs(point.y - box.y) < y
+
+
+def hits(points: Iterable[Point], box: Box | Label, margin: float = 0) -> int:
+    """Count the points within a box, or nearer to it than `margin`."""
+    x, y = box.width / 2 + margin, box.height / 2 + margin
+    return sum(abs(p.x - box.x) < x and abs(p.y - box.y) < y for p in points)
+
+
+def crossing(curve: Curve, box: Box, outside: float, inside: float) -> float:
+    """Find the parameter at which a curve crosses a box's border, by halving: just outside."""
+    for _ in range(40):
+        middle = (outside + inside) / 2
+        if contains(box, at(curve, middle)[0]):
+            inside = middle
+        else:
+            outside = middle
+    return outside
+
+
+class Grid(Generic[Item]):
+    """Items with a width and a height around their centres, found by where they are."""
+
+    def __init__(self) -> None:
+        self._items: list[Item] = []
+        self._cells: dict[tuple[int, int], list[int]] = {}
+        self._anywhere: list[int] = []  # what is too large for cells, or without a place
+
+    def add(self, item: Item, x: float, y: float, width: float = 0.0, height: float = 0.0) -> None:
+        """Add an item around its centre (x, y)."""
+        number = len(self._items)
+        self._items.append(item)
+        if _fits(x, y, width, height):
+            for cell in _cells(x, y, width, height):
+                self._cells.setdefault(cell, []).append(number)
+        else:
+            self._anywhere.append(number)
+
+    def near(self, x: float, y: float, width: float = 0.0, height: float = 0.0) -> list[Item]:
+        """List all items that overlap a rectangle, and a few more, in the order of adding."""
+        if not _fits(x, y, width, height):
+            return list(self._items)
+        found = set(self._anywhere)
+        for cell in _cells(x, y, width, height):
+            found.update(self._cells.get(cell, ()))
+        return [self._items[number] for number in sorted(found)]
+
+
+def _fits(x: float, y: float, width: float, height: float) -> bool:
+    """Check that a rectangle has few cells; one that is not finite has none."""
+    return abs(x) + abs(y) < _FAR and width < 2 * _MOST and height < 2 * _MOST
+
+
+def _cells(x: float, y: float, width: float, height: float) -> Iterator[tuple[int, int]]:
+    columns = range(floor((x - width / 2) / _CELL), floor((x + width / 2) / _CELL) + 1)
+    rows = range(floor((y - height / 2) / _CELL), floor((y + height / 2) / _CELL) + 1)
+    return ((column, row) for column in columns for row in rows)

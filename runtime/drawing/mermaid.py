@@ -9,7 +9,7 @@ from llfsm.runtime.engine.table import Table
 
 
 def to_mermaid(table: Table, *, title: str | None = None, sections: bool = False) -> str:
-    """Return a machine's table as a Mermaid stateDiagram-v2; sections become notes.
+    """Write a machine's table as a Mermaid stateDiagram-v2; sections become notes.
 
     Accepting states lead to the end mark, and the suspend state has a dashed border.
     """

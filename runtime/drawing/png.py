@@ -1,4 +1,8 @@
-"""Pictures as PNG, with Pillow: twice the picture's size, drawn larger and averaged."""
+"""Pictures as PNG, with Pillow: twice the picture's size.
+
+Pillow draws without anti-aliasing, so the picture is drawn up to three times larger than that and
+averaged; a picture for which that takes too much memory is drawn less large.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +13,14 @@ from itertools import pairwise
 from math import ceil, cos, hypot, pi, radians, sin
 from typing import TYPE_CHECKING, TypeAlias
 
-from llfsm.runtime.drawing.curves import sample
+from llfsm.runtime.drawing.curves import Point, sample
 from llfsm.runtime.drawing.shapes import (
     Ellipse,
-    FilledPolygon,
     Group,
     Line,
     Path,
     Picture,
-    PicturePoint,
+    Polygon,
     Rectangle,
     Shape,
     Text,
@@ -43,7 +46,7 @@ _Place: TypeAlias = Callable[[tuple[float, float]], tuple[float, float]]
 
 
 def write_png(picture: Picture) -> bytes:
-    """Return a picture as a PNG file.
+    """Write a picture as a PNG file.
 
     Raise `DrawingError` without Pillow, or for a picture too large to draw.
     """
@@ -88,7 +91,7 @@ class _Painter:
                 case Path(curve, color, width):
                     points = sample(curve, 20 * ((len(curve) - 1) // 3))
                     self.line(map(place, points), color, width)
-                case FilledPolygon(points, fill):
+                case Polygon(points, fill):
                     self.draw.polygon([place(point) for point in points], fill)
                 case Ellipse(x, y, rx, ry, fill, turn):
                     within = _within(place, x, y, turn)
@@ -135,13 +138,13 @@ class _Painter:
 
 
 def _within(place: _Place, x: float, y: float, turn: float) -> _Place:
-    """Return the place of points whose origin is moved to (x, y) and turned about it."""
+    """Place points whose origin is moved to (x, y) and turned about it by `turn` degrees."""
     c, s = cos(radians(turn)), sin(radians(turn))
     return lambda p: place((x + c * p[0] - s * p[1], y + s * p[0] + c * p[1]))
 
 
 def _fonts_for(shape: Text) -> tuple[str, ...]:
-    """Return the system's fonts to look for, where Pillow's own lacks characters or width."""
+    """List the system's fonts to look for, where Pillow's own lacks characters or width."""
     if shape.face == "code":
         return _MONOSPACED
     return () if shape.text.isascii() else _SANS
@@ -160,8 +163,8 @@ def _font(names: tuple[str, ...], size: float) -> FreeTypeFont | ImageFont:
     return ImageFont.load_default(size)
 
 
-def _outline(shape: Rectangle) -> list[PicturePoint]:
-    """Return the points around a rectangle, the first one again at the end."""
+def _outline(shape: Rectangle) -> list[Point]:
+    """List the points around a rectangle with round corners, the first one again at the end."""
     corner = shape.corner
     left, right = shape.left, shape.left + shape.width
     top, bottom = shape.top, shape.top + shape.height
@@ -169,31 +172,27 @@ def _outline(shape: Rectangle) -> list[PicturePoint]:
     for x, y, dx, dy in (
         (right, top, -1, 1), (right, bottom, -1, -1), (left, bottom, 1, -1), (left, top, 1, 1)
     ):  # fmt: skip
-        side, end = PicturePoint(x + dx * corner, y), PicturePoint(x, y + dy * corner)
+        side, end = Point(x + dx * corner, y), Point(x, y + dy * corner)
         arc = _ARC * corner
-        quarter = (side, PicturePoint(x + dx * arc, y), PicturePoint(x, y + dy * arc), end)
+        quarter = (side, Point(x + dx * arc, y), Point(x, y + dy * arc), end)
         points += sample(quarter if dx * dy < 0 else quarter[::-1], 8)
     return [*points, points[0]]
 
 
-def _dashes(points: Sequence[PicturePoint], on: float, gap: float) -> Iterator[list[PicturePoint]]:
+def _dashes(points: Sequence[Point], on: float, gap: float) -> Iterator[list[Point]]:
     """Cut a line into dashes."""
-    dash: list[PicturePoint] = []
+    dash: list[Point] = []
     walked = 0.0
     for a, b in pairwise(points):
         length, done = hypot(b.x - a.x, b.y - a.y), 0.0
         while done < length:
             phase = walked % (on + gap)
             step = min((on if phase < on else on + gap) - phase + 1e-6, length - done)
-            here = PicturePoint(
-                a.x + (b.x - a.x) * done / length, a.y + (b.y - a.y) * done / length
-            )
+            here = Point(a.x + (b.x - a.x) * done / length, a.y + (b.y - a.y) * done / length)
             done += step
             walked += step
             if phase < on:
-                there = PicturePoint(
-                    a.x + (b.x - a.x) * done / length, a.y + (b.y - a.y) * done / length
-                )
+                there = Point(a.x + (b.x - a.x) * done / length, a.y + (b.y - a.y) * done / length)
                 dash += [there] if dash else [here, there]
             elif dash:
                 yield dash

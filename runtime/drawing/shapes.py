@@ -1,4 +1,4 @@
-"""What a picture is made of, whatever it is written as: a few flat shapes, back to front.
+"""Pictures: a few flat shapes, back to front, which `svg` and `png` write.
 
 Lengths are in units of the picture, x to the right and y down. Angles are in degrees, clockwise.
 Colours are opaque, as "#rrggbb".
@@ -8,18 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
 
-
-class PicturePoint(NamedTuple):
-    """A position in the picture."""
-
-    x: float
-    y: float
-
-
-Curve: TypeAlias = tuple[PicturePoint, ...]
-"""A start, and three points for each cubic Bézier piece."""
+from llfsm.runtime.drawing.curves import Curve
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +32,7 @@ class Path:
 
 
 @dataclass(frozen=True, slots=True)
-class FilledPolygon:
+class Polygon:
     """A filled polygon."""
 
     points: Sequence[tuple[float, float]]
@@ -109,7 +100,7 @@ class Group:
     attributes: Mapping[str, str] = field(default_factory=dict)
 
 
-Shape: TypeAlias = Line | Path | FilledPolygon | Ellipse | Rectangle | Text | Group
+Shape: TypeAlias = Line | Path | Polygon | Ellipse | Rectangle | Text | Group
 
 
 @dataclass(frozen=True, slots=True)

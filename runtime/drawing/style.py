@@ -1,4 +1,4 @@
-"""How pictures look: colours and sizes, the same in every format."""
+"""Colours and sizes of pictures, the same in every format. Sizes are in units of the picture."""
 
 from __future__ import annotations
 

@@ -8,11 +8,11 @@ from html import escape
 
 from llfsm.runtime.drawing.shapes import (
     Ellipse,
-    FilledPolygon,
     Group,
     Line,
     Path,
     Picture,
+    Polygon,
     Rectangle,
     Shape,
     Text,
@@ -28,7 +28,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def write_svg(picture: Picture) -> str:
-    """Return a picture as an SVG file's text. Its own text may hold any character."""
+    """Write a picture as the text of an SVG file. Its own text may hold any character."""
     x, y, width, height = map(_number, (picture.left, picture.top, picture.width, picture.height))
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}"'
@@ -56,7 +56,7 @@ def _elements(shapes: Iterable[Shape]) -> Iterator[str]:
                     f'<path d="M{_points(curve[:1])} C{_points(curve[1:])}" fill="none"'
                     f' stroke="{color}" stroke-width="{_number(width)}"/>'
                 )
-            case FilledPolygon(points, fill):
+            case Polygon(points, fill):
                 yield f'<polygon points="{_points(points)}" fill="{fill}"/>'
             case Ellipse():
                 yield _ellipse(shape)

@@ -1,4 +1,10 @@
-"""What machines did, as a picture: a row for each, and a bar for each state over its time."""
+"""Timelines: a picture of a trace with a row for each machine, and a bar for each stay in a state.
+
+A stay begins with the first turn in a state and ends with the first in another one, when the
+machine is unloaded, or with the last event, which may be an idle sleep. Bars of one machine take
+the same few colours in the order in which it entered its states. The picture is of one width; below
+it is a scale of seconds since the first turn, with four to ten marks.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +18,13 @@ from llfsm.runtime.drawing.typeset import printable, text_width
 from llfsm.runtime.engine.errors import DrawingError
 from llfsm.runtime.engine.events import Accepting, Event, IdleSleep, Turn
 
-_WIDTH = 720.0
-"""Of the time, whatever it is."""
-_ROW, _BAR = 34.0, 24.0
+_WIDTH = 720.0  # of the time, however long it is
+_ROW, _BAR = 34.0, 24.0  # their heights
 _FILLS = ("#d7ebe5", "#dfe6f5", "#f6e7cf", "#f3dbe0", "#e6e0f3", "#e3ecd2")
 
 
 class Stay(NamedTuple):
-    """A machine was in a state from a time of the arrangement's clock to another."""
+    """A machine was in a state between two times of the arrangement's clock, in nanoseconds."""
 
     machine: str
     state: str
@@ -31,14 +36,14 @@ class Timeline(tuple[Stay, ...]):
     """The stays of several machines, in order of time; a notebook shows their picture."""
 
     def to_svg(self) -> str:
-        """Return the picture as an SVG file's text."""
+        """Write the picture as the text of an SVG file."""
         return write_svg(_picture(self))
 
     _repr_svg_ = to_svg
 
 
 def timeline(events: Iterable[Event]) -> Timeline:
-    """Return which machine was in which state, and when; a `Trace` is what it takes.
+    """Find the stays of machines in the events of a `Trace`, to draw them.
 
     A machine is in a state from its first turn there to its first turn in another one, to its end,
     or to the last event. Raise `DrawingError` if no machine had a turn.
@@ -107,7 +112,7 @@ def _picture(stays: Timeline) -> Picture:
 
 
 def _step_ns(total: int) -> int:
-    """Return 1, 2 or 5 times a power of ten: the step between four to ten marks."""
+    """Choose 1, 2 or 5 times a power of ten: the step between four to ten marks."""
     power: int = 10 ** max(len(str(total)) - 2, 0)
     return next(power * factor for factor in (1, 2, 5, 10, 20) if total <= power * factor * 10)
 

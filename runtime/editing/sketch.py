@@ -17,13 +17,21 @@ from llfsm.runtime.bundles.code import label_of
 from llfsm.runtime.bundles.compiling import cpp_label
 from llfsm.runtime.bundles.cpp import without_comments
 from llfsm.runtime.bundles.model import CLASS, PYTHON, Bundle, BundleState, BundleTransition
-from llfsm.runtime.drawing.automatic_layout import automatic_layout
-from llfsm.runtime.drawing.curves import at, self_loops, straight
-from llfsm.runtime.drawing.diagram import Arrow, Box, Diagram, Edge, Label, SectionText
+from llfsm.runtime.drawing.automatic_layout import automatic_layout, self_loops
+from llfsm.runtime.drawing.curves import Curve, Point, at, straight
+from llfsm.runtime.drawing.diagram import (
+    Arrow,
+    Box,
+    Diagram,
+    Edge,
+    Label,
+    cut_sections,
+    make_box,
+    make_label,
+)
 from llfsm.runtime.drawing.editor_layout import bowed_curve, given_curve, label_places, place_boxes
-from llfsm.runtime.drawing.shapes import Curve, PicturePoint
 from llfsm.runtime.drawing.style import MARGIN
-from llfsm.runtime.drawing.typeset import cut_sections, make_box, make_label, text_lines
+from llfsm.runtime.drawing.typeset import SectionText, text_lines
 from llfsm.runtime.engine.errors import BundleError
 from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
 
@@ -57,7 +65,7 @@ def sketch(bundle: Bundle) -> Diagram:
         pairs[pair] += 1
         edges.append(arrow.edge(boxes, curve, room.place(label, curve)))
     first = boxes[0]
-    start = straight(PicturePoint(first.x, first.top - _START), PicturePoint(first.x, first.top))
+    start = straight(Point(first.x, first.top - _START), Point(first.x, first.top))
     return _framed(bundle.name, boxes, edges, start)
 
 
@@ -232,7 +240,7 @@ def _sides(x: float, y: float, width: float, height: float) -> _Sides:
 
 
 @lru_cache(maxsize=4096)
-def _label_places(label: Label, curve: Curve) -> tuple[PicturePoint, ...]:
+def _label_places(label: Label, curve: Curve) -> tuple[Point, ...]:
     return tuple(label_places(label, curve, _BESIDE, _ALONG))
 
 

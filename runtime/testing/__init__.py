@@ -1,8 +1,8 @@
 """Tests of machines: wait under a manual clock, script sensors, compare states, search for bugs.
 
-Read in this order: `waiting` (run until a condition holds, with messages at given times), `states`
-(the states that a machine entered), `play` (a script and the invariant that it violates) and
-`search` (random scripts, the shortest that fails as Python text).
+`waiting` runs an arrangement until a condition holds, with messages at given times, and compares
+the states that a machine entered. `scripted` has scripts and the environment that posts them,
+`play` runs one and checks an invariant, and `search` looks for the shortest that violates it.
 """
 
 from llfsm.runtime.testing.errors import (

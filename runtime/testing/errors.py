@@ -30,11 +30,11 @@ class InvariantError(LlfsmError, AssertionError):
 
 
 class ScriptError(FsmError, ValueError):
-    """A script cannot be played."""
+    """A script cannot be played; the text says which step or machine is wrong."""
 
 
 class NotDeterministicError(FsmError):
-    """A machine depends on more than its sensors and the clock."""
+    """A script that failed did not fail again: something depends on more than sensors and clock."""
 
 
 class HypothesisMissingError(FsmError, ImportError):

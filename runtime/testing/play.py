@@ -1,6 +1,7 @@
-"""Play a script of messages to machines and check an invariant after every ringlet.
+"""Play a script to machines, on an arrangement as any other under a manual clock.
 
-Machines do again what was explored: on an arrangement as any other, under a manual clock.
+`play` checks an invariant after every ringlet, for tests. A `ScriptRun` is the part of it that
+counterexamples and recordings share: machines loaded to do a script, which may be journalled.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from llfsm.runtime.testing.scripted import ScriptedEnvironment, Step
 from llfsm.runtime.testing.waiting import current_states, name_of
 
 Invariant: TypeAlias = Callable[[Arrangement], object]
-"""Holds after a ringlet unless it returns False or raises `AssertionError`."""
+"""A check after a ringlet: it fails by returning False or raising `AssertionError`."""
 
 
 class Loading(Protocol):
@@ -39,14 +40,15 @@ def play(
     unload_accepting: bool = False,
     to_end: bool = False,
 ) -> Arrangement:
-    """Play `script` to new machines on a new board, check `invariant` after every ringlet.
+    """Play `script` to new machines on a new board; check `invariant` after every ringlet.
 
     `machines` are classes, or functions that return machines. Accepting machines stay loaded, so
-    that the invariant can examine them, unless `unload_accepting`; when all machines accept or are
+    that the invariant can examine them, unless `unload_accepting`. When all machines accept or are
     suspended, the rest of the script is skipped unless it is played `to_end`, as if others might
-    still resume one. If `invariant` has a method `begin`, that is
-    called before the first ringlet. Return the arrangement. Raise `InvariantError` or
-    any other error of the invariant, and `ExecutionError` for one of a machine's code.
+    still resume one. If `invariant` has a method `begin`, that is called before the first ringlet.
+
+    Return the arrangement, which has ended. Raise `InvariantError` or any other error of the
+    invariant, `ExecutionError` for one of a machine's code, and `ScriptError` for a wrong script.
     """
     environment = ScriptedEnvironment()
     arrangement = Arrangement(environment=environment, unload_accepting=unload_accepting)
@@ -75,7 +77,7 @@ def play(
 
 
 def factories(machines: Factory | Iterable[Factory | Loading]) -> list[Factory | Loading]:
-    """Return `machines` as a list; raise `ScriptError` for anything else."""
+    """List `machines`; raise `ScriptError` for anything that makes no machine."""
     if isinstance(machines, Machine):
         machines = [machines]
     found: list[Factory | Loading] = [machines] if callable(machines) else [*machines]
@@ -115,7 +117,7 @@ class _Watch:
             self._turn = event if isinstance(event, Turn) else None
 
     def look_again(self) -> None:
-        """Check the invariant when something was asked after the round: the machines may end."""
+        """Check the invariant again after requests that followed the round: machines may end."""
         if self._last is not None:
             self._check(self._last)
 
@@ -136,10 +138,10 @@ class _Watch:
         ) from cause
 
 
-class Playback:
-    """Load `members`, to play scripts to them.
+class ScriptRun:
+    """Machines loaded to do a script; the manual clock begins at `start_ns`.
 
-    With a `journal`, it observes them; else nothing does. The clock begins at `start_ns`.
+    With a `journal`, all that they do is written to it; without one, nothing observes them.
     """
 
     def __init__(
@@ -151,6 +153,7 @@ class Playback:
         start_ns: int = 0,
     ):
         self.error: ExecutionError | None = None
+        """The error of a machine's code that has ended the run."""
         self.scripted = ScriptedEnvironment(start_ns)
         environment: Environment = self.scripted
         if journal is not None:
@@ -161,10 +164,7 @@ class Playback:
             member.load(self.arrangement)
 
     def play(self, script: Iterable[Step]) -> Iterator[Step]:
-        """Run one round after the other, and return the step of each when it is over.
-
-        Code that raises ends it, as it ends a run; `error` is then what it has raised.
-        """
+        """Do a script, and yield each step when its rounds are over; end at an error of code."""
         try:
             yield from self.scripted.play(self.arrangement, script)
         except ExecutionError as error:
@@ -173,12 +173,12 @@ class Playback:
 
 def journal_of(
     members: Iterable[Loading], script: Iterable[Step], *, unload_accepting: bool = True
-) -> tuple[Playback, list[Entry]]:
-    """Play `script`, and return what was played with its journal."""
+) -> tuple[ScriptRun, list[Entry]]:
+    """Do `script`, and return the run with the entries of its journal."""
     written: list[bytes] = []
     journal = Journal(written.append)
-    playback = Playback(members, unload_accepting=unload_accepting, journal=journal)
-    for _ in playback.play(script):
+    run = ScriptRun(members, unload_accepting=unload_accepting, journal=journal)
+    for _ in run.play(script):
         pass
     journal.flush()
-    return playback, [entry for data in written for entry in entries_of(data)]
+    return run, [entry for data in written for entry in entries_of(data)]

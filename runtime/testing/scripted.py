@@ -1,4 +1,10 @@
-"""Scripts: what machines read, round by round and even turn by turn, on a manual clock."""
+"""Scripts: the messages and requests that machines get, by rounds and turns, on a manual clock.
+
+A script decides all that machines can depend on. Each step lets time pass, which the manual clock
+knows alone, posts messages, and runs a round. Messages and requests can also come just before one
+machine's turn, as they do in an exploration and in a run: messages when the machine's first sensor
+is read, requests when its turn begins. So a counterexample with any interleaving is a script.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +54,7 @@ class Step(NamedTuple):
 
 
 class ScriptedEnvironment(LiveEnvironment):
-    """A board of its own on which a script is played, at the times of a manual clock."""
+    """An environment with a board of its own to which a script posts, and a manual clock."""
 
     clock: ManualClock
     whiteboard: LocalBoard
@@ -57,7 +63,7 @@ class ScriptedEnvironment(LiveEnvironment):
         clock = ManualClock(start_ns)
         super().__init__(LocalBoard(now_ns=clock.now_ns), clock)
         self.asking: Callable[[], AbstractContextManager[None]] = nullcontext
-        """Entered while a script asks something of machines."""
+        """Entered while the script makes its requests, so that a journal can tell them apart."""
         self.machines: dict[str, Machine] = {}
         """All machines that were loaded, by name, also those that have left."""
         self._arrangement: Arrangement | None = None
@@ -65,7 +71,7 @@ class ScriptedEnvironment(LiveEnvironment):
         self._emptied: dict[str, int] = {}  # slot -> the count up to which it counts as empty
 
     def play(self, arrangement: Arrangement, script: Iterable[Step]) -> Iterator[Step]:
-        """Run the rounds of a script, and return each step after its last."""
+        """Do a script, and yield each step when its rounds are over; raise `ScriptError`."""
         for step in script:
             if step.wait_ms < 0:
                 raise ScriptError(f"a step waits {step.wait_ms} ms; it must be 0 or more")
@@ -84,7 +90,7 @@ class ScriptedEnvironment(LiveEnvironment):
     def _asking(
         self, arrangement: Arrangement, asks: Mapping[str, Sequence[Ask]]
     ) -> Iterator[None]:
-        """Ask what a script asks, each at the beginning of a turn."""
+        """Make a step's requests while this is entered, each at the beginning of a turn."""
 
         def ask(event: Event) -> None:
             if isinstance(event, Turn) and event.machine in asks:
@@ -106,23 +112,23 @@ class ScriptedEnvironment(LiveEnvironment):
                     getattr(arrangement, action)(machine)
 
     def content(self, slot: Slot[Any]) -> Any:
-        """Return the latest message of a slot; None if it is empty."""
+        """Return the latest message of a slot; None if it is empty or the script emptied it."""
         bound = self.whiteboard[slot]
         return None if self._emptied.get(slot.name) == bound.count else bound.get()
 
     def enter(self, arrangement: Arrangement) -> None:
-        """Note the arrangement, to know its machines."""
+        """Keep the arrangement, to know its machines."""
         super().enter(arrangement)
         self._arrangement = arrangement
 
     def loaded(self, machine: str, path: str) -> None:
-        """Note a machine that was loaded."""
+        """Keep a machine that was loaded."""
         super().loaded(machine, path)
         assert self._arrangement is not None
         self.machines[machine] = self._arrangement.machine(machine)
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
-        """Return a function that first posts what the script has for this turn."""
+        """Make a function that reads a slot, after posting the script's messages for this turn."""
         reader = self._reader(machine, slot)
 
         def read() -> object:

@@ -1,6 +1,11 @@
 """Search for the shortest script that violates an invariant, and write it as Python text.
 
-Values, scripts and calls as Python text.
+Hypothesis makes random scripts and shrinks the first that fails: fewer steps, less time, simpler
+messages. Machines under a manual clock do the same for the same script, so the shortest one fails
+again when it is played once more; if not, the machines depend on something else, which is an error.
+The search has fixed seeds and keeps no database, so a test does the same in every run.
+
+`PythonText` writes values, steps and calls, with the imports that they need.
 """
 
 from __future__ import annotations
@@ -23,13 +28,14 @@ if TYPE_CHECKING:
 
 
 KIT: Final = "llfsm.runtime.testing"
+"""The module from which the text imports `Step` and `play`."""
 
 
 class PythonText:
     """Write values as Python, and collect the imports that they need.
 
-    What is an attribute of a module is imported; what is local to a function is called by its name
-    there, and a lambda by the name that it is given.
+    An attribute of a module is imported; an object local to a function is called by its name there,
+    and a lambda by a given name.
     """
 
     def __init__(self) -> None:
@@ -38,7 +44,7 @@ class PythonText:
         self._modules: set[str] = set()
 
     def imports(self) -> str:
-        """Return the lines that import what the text calls."""
+        """Write the lines that import all that the text names."""
         names: dict[str, list[str]] = {}
         for module, name in sorted(self._names):
             names.setdefault(module, []).append(name)
@@ -47,7 +53,7 @@ class PythonText:
         return "\n".join(lines)
 
     def imported(self, module: str, name: str) -> str:
-        """Import `name`; return it, qualified by its module if another module has the same name."""
+        """Import `name`; return it, qualified by its module if another one has the same name."""
         first = name.partition(".")[0]
         if self._homes.setdefault(first, module) == module:
             self._names.add((module, first))
@@ -56,7 +62,7 @@ class PythonText:
         return f"{module}.{name}"
 
     def named(self, thing: object, default: str) -> str:
-        """Return what calls a function or class."""
+        """Import a function or class, and return its name; `default` for a lambda."""
         name = name_of(thing, default)
         module = getattr(thing, "__module__", "__main__")
         if "<" in getattr(thing, "__qualname__", "<") or module in ("__main__", "builtins"):
@@ -64,7 +70,7 @@ class PythonText:
         return self.imported(module, name)
 
     def step(self, step: Step) -> str:
-        """Return what makes a step of a script."""
+        """Write a step of a script as a call of `Step`."""
         self.imported(KIT, "Step")
         parts = [f"{step.wait_ms:.15g}"]
         if step.messages:
@@ -171,7 +177,7 @@ def _not_deterministic() -> NotDeterministicError:
 def source_of(
     machines: Iterable[Factory | Loading], script: Iterable[Step], invariant: Invariant
 ) -> str:
-    """Return Python text that plays `script`.
+    """Write Python text that plays `script`.
 
     The text imports every object that is an attribute of a module. It calls an object local to a
     function by its name there, and a lambda by the name of its argument.

@@ -1,6 +1,7 @@
-"""Run an arrangement under a manual clock until a condition holds, with scripted sensors.
+"""Run an arrangement under a manual clock until a condition holds, and compare states.
 
-The states that a machine entered, against those expected; the current states, for failures.
+Nothing waits: between two rounds the clock is moved to when the next one is due, as `Arrangement`
+would sleep until then. So an hour of a machine takes as long as its ringlets do.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from llfsm.whiteboard.errors import wrong_type
 
 
 def states_of(trace: Iterable[Event], machine: str) -> list[str]:
-    """Return the states that `machine` entered, in order, its suspend state included.
+    """List the states that `machine` entered, in order, its suspend state included.
 
     Raise `UnknownMachineError` if the trace has no section of that machine.
     """
@@ -54,7 +55,7 @@ def _entries(trace: Iterable[Event], machine: str) -> list[Section]:
 
 
 def current_states(arrangement: Arrangement, machines: Iterable[Machine]) -> str:
-    """Return a line for each machine, each after a line break: its state, and for how long."""
+    """Write a line for each machine, after a line break: its state, and for how long."""
     now_ns = arrangement.clock.now_ns()
     return (
         "".join(f"\n  {_current_state(machine, now_ns)}" for machine in machines)
@@ -78,7 +79,7 @@ def _current_state(machine: Machine, now_ns: int) -> str:
 
 
 def name_of(function: object, default: str) -> str:
-    """Return the name of a function or class as in source text; `default` for a lambda."""
+    """Name a function or class as in source text; `default` is for a lambda."""
     name = str(getattr(function, "__qualname__", default)).rpartition("<locals>.")[2]
     return default if "<" in name else name
 
@@ -129,13 +130,13 @@ def run_until(arrangement: Arrangement, condition: Condition, *, within_ms: floa
 
 
 def next_round_ns(arrangement: Arrangement, round_ns: int, fired: bool) -> int:
-    """Return when the round is due that follows one, and whether a transition fired in that."""
+    """Return the time of the round after one at `round_ns`, in which a transition `fired`."""
     pause_ns = _ROUND_NS if fired else max(arrangement.idle_us * 1_000, _ROUND_NS)
     return arrangement.due_ns or round_ns + pause_ns
 
 
 def _in_state(arrangement: Arrangement, place: str) -> Callable[[Arrangement], bool]:
-    """Return the condition that a machine is in a state; it may be loaded later."""
+    """Make the condition that a machine is in a state; it may be loaded later."""
     name, dot, state = place.rpartition(".")
     if not dot:
         raise OptionError(f'{place!r} names no state: it must be "Machine.STATE"')
@@ -178,11 +179,11 @@ class SensorScript:
 
     @property
     def finished(self) -> bool:
-        """Whether every message was posted."""
+        """True once every message was posted."""
         return not self._left
 
     def __call__(self, event: Event) -> None:
-        """Take an event."""
+        """Post the messages that are due when a round begins."""
         if not isinstance(event, RoundBegin):
             return
         if self._begin_ns is None:

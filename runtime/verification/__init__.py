@@ -9,20 +9,16 @@
         sensors={DOOR: every(Door)},
     )
 
-Read in this order: `domains`, `values` (keys of values), `explored` (what a ringlet may ask),
-`ringlets` (one ringlet from any state), `passing` (of time), `system` (all ringlets, each once),
-`packing` and `tables` (states as whole numbers), `breadth_first`, `state_view`, `properties`,
-`property_search`, `responses`, `clocks`, `witness`, `deciding`, `repeating`, `hidden`, `space` and
-`exploring`.
+Start at `exploring`. From the bottom up: `domains` and `values`; `environment` and `ringlets` (one
+ringlet from any control state), `time_model`, `system` (each ringlet once), `tables` (states as
+whole numbers), `breadth_first`; `properties`, `predicates`, `responses`, `deciding`;
+`unmodelled_state` and `space`.
 """
 
 from llfsm.runtime.verification.domains import Member, every
 from llfsm.runtime.verification.errors import (
     DomainError,
-    EndlessError,
     PredicateError,
-    PropertyError,
-    RepeatError,
     UnsupportedError,
     VerificationError,
 )
@@ -32,6 +28,7 @@ from llfsm.runtime.verification.properties import (
     ChosenTurn,
     MachineView,
     Property,
+    PropertyError,
     Verdict,
     View,
     Witness,
@@ -48,14 +45,12 @@ __all__ = [
     "NO_FAILURE",
     "ChosenTurn",
     "DomainError",
-    "EndlessError",
     "MachineView",
     "Member",
     "PredicateError",
     "Progress",
     "Property",
     "PropertyError",
-    "RepeatError",
     "Space",
     "UnsupportedError",
     "Verdict",

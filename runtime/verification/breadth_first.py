@@ -1,31 +1,41 @@
-"""Breadth first: all states of a system, level by level, each with the same number of turns."""
+"""Breadth first: all states of a system, level by level, each with the same number of turns.
+
+A state is a whole number, and whose turn is next is kept beside it: each level is a list of states
+for each machine, and what was seen is a set for each. A level is expanded machine by machine, not
+state by state: the few steps of a round (drop what is settled, let time pass, choose for the round,
+find who is loaded, have the turn) each go over a list of states, with one look into a table for
+each. So the first way found to a state is a shortest one.
+
+Of ways nothing is kept: a state's predecessor is searched for in the level before it, by halves.
+That costs less than to keep one with every state, as few ways are asked for.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias
 
+from llfsm.runtime.verification.ringlets import ENDINGS
 from llfsm.runtime.verification.system import Choice, RelearnError, System
 from llfsm.runtime.verification.tables import FieldName, Tables
-from llfsm.runtime.verification.time_model import ENDINGS
 
 Level: TypeAlias = dict[int, list[int]]
-"""States by whose turn is next: 0 is also the beginning of a round."""
+"""States by the place of the machine whose turn is next; 0 is also the beginning of a round."""
 STATES_AT_ONCE = 50_000
 """States of a level that are expanded without asking whether to go on."""
 
 
 class Successor(NamedTuple):
-    """One turn: of which machine, what its environment did, and the state after it."""
+    """One turn: its machine, the choice of its environment, and the state after it."""
 
     place: int
     round_contents: tuple[tuple[str, int], ...]
-    """What was chosen for the round that it begins, if choices are made by rounds."""
+    """The choice for the round that it begins, if choices are made by rounds."""
     choice: Choice
     ready: int
     """The state before the ringlet: where a round begins, its period has passed."""
     restarted: bool
-    """Whether the machine entered its state in this turn, or will in its next."""
+    """True if the machine entered its state in this turn, or will in its next."""
     turn: int
     state: int
 
@@ -37,7 +47,7 @@ class Search:
         self.tables = tables
         self.transitions = 0
         self.interrupted = False
-        """Whether it has ended within a level, such as by Ctrl-C."""
+        """True if it has ended within a level, such as by Ctrl-C."""
         self.levels: list[Level] = []
         self._last = len(tables.system.names) - 1
         self._seen: list[set[int]] = [set() for _ in tables.system.names]
@@ -48,11 +58,11 @@ class Search:
         return sum(map(len, self._seen))
 
     def begin(self) -> Level:
-        """Return the first level: the initial state."""
+        """Add and return the first level: the initial state."""
         return self._add({0: {self.tables.initial()}})
 
     def go_on(self, goes_on: Callable[[Search], bool]) -> Level:
-        """Return the next level: the new states one turn after the last one; {} at the end.
+        """Add and return the next level: the new states one turn after the last; {} at the end.
 
         Of a large level, `goes_on` is asked again and again whether to finish it.
         """
@@ -71,7 +81,7 @@ class Search:
         return self._add(after)
 
     def _expand(self, turn: int, states: list[int]) -> tuple[int, dict[int, set[int]]]:
-        """Return the number of transitions of states, and what they lead to by whose turn it is."""
+        """Count the transitions of states, and find the states after them by whose turn it is."""
         transitions = 0
         after: dict[int, set[int]] = {}
         for place, group in self._ready(turn, states):
@@ -95,7 +105,7 @@ class Search:
         return level
 
     def pairs(self, turn: int, states: list[int]) -> list[tuple[int, int]]:
-        """Return the states before and after each ringlet in one turn from `states`."""
+        """List the states before and after each ringlet in one turn from `states`."""
         pairs = []
         for place, group in self._ready(turn, states):
             table, mask = self.tables.turns[place], self.tables.masks[place]
@@ -103,7 +113,7 @@ class Search:
         return pairs
 
     def _ready(self, turn: int, states: list[int]) -> Iterator[tuple[int, list[int]]]:
-        """Return the states in which a machine's ringlet begins, by the machine."""
+        """Yield each machine whose ringlet begins in some states, with these states."""
         if failed := self.tables.failed.mask:
             states = [s for s in states if not s & failed]
         if turn == 0:
@@ -138,7 +148,7 @@ class Search:
                 states = [s for s in states if not loaded[s & mask]]
 
     def _to_turns(self, place: int, states: set[int]) -> Iterator[tuple[int, set[int]]]:
-        """Return states after a machine's turn by whose turn is next."""
+        """Sort states after a machine's turn by whose turn is next."""
         if self.tables.leavers:
             for turn, group in self._by_machine(place + 1, list(states)):
                 each = set(group)
@@ -156,20 +166,20 @@ class Search:
     # One state at a time
 
     def after(self, turn: int, state: int) -> list[tuple[int, int]]:
-        """Return the turns and states that one turn from a state leads to.
+        """List the states one turn after a state, each after whose turn is next.
 
-        Raise `TimeUpError`.
+        Raise `TimeUpError` after the deadline.
         """
         self.tables.system.ringlets.deadline.check()
         _, found = self._expand(turn, [state])
         return [(next_turn, s) for next_turn, each in found.items() for s in each]
 
     def step_between(self, before: tuple[int, int], after: tuple[int, int]) -> Successor:
-        """Return a turn that leads from one state to another; there must be one."""
+        """Find a turn that leads from one state to another; there must be one."""
         return next(step for step in self.steps(*before) if (step.turn, step.state) == after)
 
     def steps(self, turn: int, state: int) -> Iterator[Successor]:
-        """Return all that can happen in one turn from a state."""
+        """List all possible turns from a state."""
         tables = self.tables
         contents = list(tables.system.contents(sorted(tables.system.domains)))
         for place, group in self._ready(turn, [state]):
@@ -182,7 +192,7 @@ class Search:
                         yield Successor(place, chosen, choice, ready, restarted, next_turn, after)
 
     def path(self, turn: int, state: int) -> list[Successor]:
-        """Return the shortest way from the initial state to one that was found."""
+        """Find a shortest way from the initial state to one that was found."""
         number = next(n for n, level in enumerate(self.levels) if state in level.get(turn, ()))
         path: list[Successor] = []
         for level in reversed(self.levels[:number]):
@@ -191,7 +201,7 @@ class Search:
         return path[::-1]
 
     def rest_of_round(self, steps: list[Successor]) -> Iterator[Successor]:
-        """Return some steps that complete the round of the last one, or else are a first round."""
+        """Find turns that complete the round of the last step, or else are a first round."""
         turn, state = (steps[-1].turn, steps[-1].state) if steps else (0, self.tables.initial())
         over = bool(steps) and turn == 0
         while not over:
@@ -202,7 +212,7 @@ class Search:
             turn, state, over = step.turn, step.state, step.turn == 0
 
     def _step_before(self, level: Level, turn: int, state: int) -> tuple[int, int, Successor]:
-        """Return a state of a level and the turn by which it leads to another one."""
+        """Find a state of a level that leads to another one, and the turn, by halving the level."""
         for before, states in level.items():
             if state not in self._expand(before, states)[1].get(turn, ()):
                 continue
@@ -214,14 +224,14 @@ class Search:
         raise AssertionError("a state was found that no turn leads to")
 
 
-def explored(
+def search_states(
     system: System,
     named: set[FieldName],
     look: Callable[[Search, Level], bool],
     goes_on: Callable[[Search], bool],
     restart: Callable[[Tables], None],
 ) -> Search:
-    """Return the states of a system; start again whenever something new was learnt.
+    """Find the states of a system; begin again whenever something new was learnt.
 
     `look` is called with each level, and ends the search by returning False, as `goes_on` does
     within a level; `restart` with the tables of each attempt, before. `look` and `restart` may

@@ -1,4 +1,10 @@
-"""Decide properties, level by level, and those of liveness at the end."""
+"""Decide properties: those of states and turns level by level, those of liveness at the end.
+
+A property of states or turns is decided by the first state that it finds, which has a shortest way.
+If any time may pass, that way may need clocks that run at different speeds; then the property is
+doubtful until the end, when a possible way is searched for. Of a `leads_to`, only the states from
+which a response is due are collected.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +14,8 @@ from itertools import pairwise
 from math import inf
 
 from llfsm.runtime.verification.breadth_first import Level, Search, Successor
+from llfsm.runtime.verification.predicates import Checker
 from llfsm.runtime.verification.properties import NO_FAILURE, ChosenTurn, Property, Verdict, Witness
-from llfsm.runtime.verification.property_search import Checker
 from llfsm.runtime.verification.responses import (
     Lasso,
     Node,
@@ -19,10 +25,10 @@ from llfsm.runtime.verification.responses import (
     possible_way,
     times_of,
 )
+from llfsm.runtime.verification.ringlets import ENDINGS
 from llfsm.runtime.verification.space import Progress
 from llfsm.runtime.verification.system import System
 from llfsm.runtime.verification.tables import FieldName, Tables
-from llfsm.runtime.verification.time_model import ENDINGS, AnyTime, Periods
 
 
 class Decisions:
@@ -40,9 +46,9 @@ class Decisions:
         self.named: set[FieldName] = set()
         """The fields that properties ask for."""
         self.complete = True
-        """Whether the exploration was not ended early."""
+        """True unless the exploration was ended early."""
         self.cut = False
-        """Whether Ctrl-C or the deadline has ended it, or what comes after it."""
+        """True if Ctrl-C or the deadline has ended it, or the work after it."""
         self._system = system
         self._properties = properties
         self._max_states = max_states
@@ -54,15 +60,15 @@ class Decisions:
         self._checkers = {prop: _checkers_of(prop) for prop in properties}
         self._sources: dict[Property, list[list[Node]]] = {}
         self._witnesses: dict[Property, Witness] = {}
-        self._doubtful: set[Property] = set()  # of which the way that was found is not possible
+        self._doubtful: set[Property] = set()  # the way that was found is not possible in time
 
     @property
     def seconds(self) -> float:
-        """How long it took so far."""
+        """The seconds since the beginning."""
         return time.monotonic() - self._begin
 
     def restart(self, tables: Tables) -> None:
-        """Begin again with other tables."""
+        """Forget all that was decided: the exploration begins again with other tables."""
         self._witnesses, self._doubtful = {}, set()
         self._sources = {prop: [] for prop in self._properties if prop.kind == "leads_to"}
         for checkers in self._checkers.values():
@@ -70,7 +76,7 @@ class Decisions:
                 checker.restart(tables)
 
     def look(self, search: Search, level: Level) -> bool:
-        """Check the states of a level, and return whether to go on."""
+        """Check the states of a level; return True to go on."""
         for prop in self._properties:
             if prop.kind == "leads_to":
                 self._note_sources(prop, level)
@@ -84,7 +90,7 @@ class Decisions:
         return self.complete
 
     def goes_on(self, search: Search) -> bool:
-        """Report the progress, and return whether there is time and nobody has ended it."""
+        """Report the progress; return True if there is time left and nobody has ended it."""
         if self._progress is not None:
             depth = len(search.levels) - 1
             now = Progress(search.states, search.transitions, depth, self.seconds)
@@ -93,11 +99,11 @@ class Decisions:
         return self._max_seconds is None or self.seconds < self._max_seconds
 
     def end(self) -> None:
-        """Take it that not all was explored, or not all was run again."""
+        """Note that not all was explored, or not all ringlets were run again."""
         self.complete, self.cut = False, True
 
     def verdicts(self, search: Search) -> Iterator[Verdict]:
-        """Return what is known of each property."""
+        """Yield the verdict of each property: undecided if this is interrupted."""
         for prop in self._properties:
             try:
                 yield self._verdict(prop, search)
@@ -116,8 +122,8 @@ class Decisions:
         return Verdict(prop, None if witness is None and not known else holds, witness)
 
     def _note_way(self, prop: Property, search: Search, steps: list[Successor]) -> None:
-        """Keep the way to a violation, or that it is not possible in time."""
-        if isinstance(self._system.passing, AnyTime) and times_of(search, steps) is None:
+        """Keep the way to a violation, or note that it is not possible in time."""
+        if self._system.time_model.period_ns is None and times_of(search, steps) is None:
             self._doubtful.add(prop)
         else:
             self._witnesses[prop] = self._witness(search, steps)
@@ -141,7 +147,7 @@ class Decisions:
         return bool(checker.select([step.state], self.named))
 
     def _find(self, prop: Property, search: Search, level: Level) -> list[Successor] | None:
-        """Return the steps to a state or turn of the level that decides a property."""
+        """Find the steps to a state or turn of the level that decides a property."""
         if prop.kind == "step":
             return self._find_step(prop, search, level)
         failed = search.tables.failed.mask
@@ -186,8 +192,9 @@ class Decisions:
         if prop.within_ms is None:
             lasso = no_response(search, sources, response, assumed)
         else:
-            assert isinstance(self._system.passing, Periods)  # else it was refused
-            rounds = round(prop.within_ms * 1e6) // self._system.passing.period_ns
+            period_ns = self._system.time_model.period_ns
+            assert period_ns is not None  # else it was refused
+            rounds = round(prop.within_ms * 1e6) // period_ns
             lasso = late_response(search, sources, response, rounds)
         if lasso is None:
             return Verdict(prop, True, None)
@@ -210,14 +217,13 @@ class Decisions:
         number = 0
         turns: list[ChosenTurn] = []
         begins = True
-        passing = self._system.passing
+        period_ns = self._system.time_model.period_ns
         whole = [*steps, *search.rest_of_round(steps)]
-        times = None if isinstance(passing, Periods) else times_of(search, whole)
+        times = times_of(search, whole) if period_ns is None else None
         for step in whole:
             number += begins
             begins = step.turn == 0
-            time_ns = passing.period_ns * number if isinstance(passing, Periods) else 0
-            time_ns = times[number - 1] if times is not None else time_ns
+            time_ns = (period_ns or 0) * number if times is None else times[number - 1]
             turns.append(_turn_of(search.tables, step, number, time_ns))
         self._system.ringlets.deadline.at_s = self._deadline_s
         return Witness(tuple(turns[: len(steps)]), tuple(turns[len(steps) :]))

@@ -1,8 +1,8 @@
-"""Domains: what the environment may put into a slot.
+"""The subject of an exploration: its machines, and the domains of what their sensors may read.
 
-What is to be explored: machine classes, or functions that make machines, in their order.
-
-Domains as an arrangement file or a command line gives them.
+A machine is given by its class, by a function that makes it, or as a `Member` with its name,
+variables and slots. A domain lists the messages that the environment may put into a slot: made by
+`every` of a type, or as an arrangement file or a command line has it (`domain_of`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def every(kind: Any) -> tuple[Any, ...]:
-    """Return every value of a type, for use as a domain.
+    """List every value of a type, for use as a domain.
 
     Types are bool, None, enums, literals, integers with both bounds (``Annotated[int,
     msgspec.Meta(ge=0, le=9)]``), and unions, fixed tuples and messages of these. Raise
@@ -50,7 +50,7 @@ def every(kind: Any) -> tuple[Any, ...]:
 
 
 def messages_of(slot: Slot[Any], domain: Iterable[Any], where: str) -> tuple[Any, ...]:
-    """Return the messages of a domain for `slot`, each once; raise `DomainError`."""
+    """List the messages of a domain for `slot`, each once; raise `DomainError` for a wrong one."""
     try:
         return messages_of_domain(slot, domain)
     except DefinitionError as error:
@@ -150,7 +150,7 @@ class Member(NamedTuple):
 
 
 def require_explorable(cls: type[Machine]) -> None:
-    """Raise `UnsupportedError` for a class of which not all that its code depends on is known."""
+    """Raise `UnsupportedError` for a class that keeps state elsewhere than in variables."""
     table = cls.table
     if table.suspend is None and any(state.name == _SUSPENDED for state in table.states):
         raise UnsupportedError(
@@ -172,7 +172,7 @@ def require_explorable(cls: type[Machine]) -> None:
 
 
 def members_of(machines: Factory | Member | Iterable[Factory | Member]) -> tuple[Member, ...]:
-    """Return what is to be explored, in order; raise `UnsupportedError` for anything else."""
+    """Make a `Member` of each machine, in order; raise `UnsupportedError` for anything else."""
     one = callable(machines) or isinstance(machines, Machine | Member)
     listed: list[Any] = [machines] if one else list(machines)  # type: ignore[arg-type]
     members = [each if isinstance(each, Member) else Member(each) for each in listed]
@@ -191,11 +191,11 @@ _EVERY, _NONE = "every", "none"
 
 
 def domain_of(slot: Slot[Any], given: Any) -> tuple[Any, ...]:
-    """Return the messages of a domain for `slot`: "every", a list of messages, or a table.
+    """List the messages of a domain for `slot`, given as "every", a list of messages, or a table.
 
     A message is a table of its fields, and "none" is no message. A table maps fields to "every" or
     to lists of values: the domain has all combinations. Fields that are left out are zero, empty or
-    false. Raise `DomainError`.
+    false. Raise `DomainError` for anything else.
     """
     if given == _EVERY:
         return every(slot.type)
@@ -212,7 +212,7 @@ def domain_of(slot: Slot[Any], given: Any) -> tuple[Any, ...]:
 
 
 def _field_values(slot: Slot[Any], name: str, given: Any) -> list[Any]:
-    """Return the values of a field, as data."""
+    """List the values of a field, as plain data."""
     fields = {field.encode_name: field for field in msgspec.structs.fields(slot.type)}
     if name not in fields:
         raise DomainError(

@@ -1,4 +1,17 @@
-"""Explore machines, and verify properties of them."""
+"""Explore machines, and verify properties of them: explicit-state model checking of their classes.
+
+A state is all that the future depends on (see `Space`). From each state, all that the environment
+may do at the next turn is tried: every message of a domain, every request, every time that makes a
+difference. What keeps this fast is that the machines' code is run only for distinct ringlets:
+
+1. `ringlets` and `environment` run one ringlet from any control state, and note what it depends on;
+   `system` keeps each distinct one.
+2. `tables` packs states into whole numbers, and looks turns up by the bits that they depend on.
+3. `breadth_first` finds all states by levels; `predicates` and `deciding` check the properties of
+   each level, and `responses` those of liveness at the end.
+4. All this is right only if a ringlet does the same whenever it is given the same. So at the end
+   `unmodelled_state` runs every kept one again, and looks for state that is kept elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +21,16 @@ from math import inf
 from typing import TYPE_CHECKING, Any, Literal
 
 from llfsm.runtime.engine.errors import OptionError
-from llfsm.runtime.verification.breadth_first import explored
+from llfsm.runtime.verification.breadth_first import search_states
 from llfsm.runtime.verification.deciding import Decisions
 from llfsm.runtime.verification.domains import Member, members_of
-from llfsm.runtime.verification.errors import PredicateError, PropertyError
-from llfsm.runtime.verification.properties import NO_FAILURE, Property, Verdict
+from llfsm.runtime.verification.errors import PredicateError
+from llfsm.runtime.verification.properties import NO_FAILURE, Property, PropertyError, Verdict
+from llfsm.runtime.verification.ringlets import ENDINGS
 from llfsm.runtime.verification.space import Progress, Space
 from llfsm.runtime.verification.system import System
-from llfsm.runtime.verification.time_model import ENDINGS, AnyTime, Passing, Periods
-from llfsm.runtime.verification.unmodelled_state import Hidden, check_repeats
+from llfsm.runtime.verification.time_model import AnyTime, Periods, TimeModel
+from llfsm.runtime.verification.unmodelled_state import UnmodelledState, check_determinism
 
 if TYPE_CHECKING:
     from llfsm.runtime.engine.arrangement import Factory
@@ -39,7 +53,7 @@ def explore(
     max_seconds: float | None = None,
     progress: Callable[[Progress], object] | None = None,
 ) -> Space:
-    """Find all states that the machines can reach, and return the space with its verdicts.
+    """Find all states that the machines can reach, and return the space with the verdicts.
 
     The exploration ends early once every property is decided, if there are any; by `max_states` or
     `max_seconds`; and by Ctrl-C. The order of machines is that of their turns.
@@ -51,10 +65,10 @@ def explore(
             period: if no time need pass, what waits for it need never come.
         sensors: what the environment may put into slots, as in ``{DOOR: every(Door)}``: any of
             these messages, or None for no message, at each turn that reads the slot. They replace
-            the domains that sensors declare. A slot to which a machine posts can have none, and
-            what its sensors declare is not used.
-        properties: what to decide.
-        stop: whether a stop may come before any turn, as by Ctrl-C.
+            the domains that sensors declare. A slot to which a machine posts can have none, and a
+            domain that its sensors declare is not used.
+        properties: the properties to decide.
+        stop: True to let a stop come before any turn, as by Ctrl-C.
         suspend: names of machines that anybody may suspend, resume or restart before their turns.
         choices: "rounds" to let the environment choose once a round for all machines.
         abstract: for "Machine.variable", a function of its value whose result replaces the value
@@ -66,19 +80,20 @@ def explore(
             returning False.
 
     Raises:
-        VerificationError: see its subclasses.
+        OptionError: an argument is impossible.
+        VerificationError: the machines cannot be explored as asked; see its subclasses.
 
     """
     asked = _check_properties(properties)
     watching = dict.fromkeys(each.monitor for each in asked if each.monitor is not None)
     members = (*members_of(machines), *map(Member, watching))
-    passing = _passing(period_ms, asked, any_time=any_time)
+    time_model = _time_model(period_ms, asked, any_time=any_time)
     if choices not in ("turns", "rounds"):
         raise OptionError(f'choices is {choices!r}; it must be "turns" or "rounds"')
     system = System(
         members,
         watchers=len(watching),
-        passing=passing,
+        time_model=time_model,
         sensors=sensors or {},
         stop=stop,
         suspend=[suspend] if isinstance(suspend, str) else suspend,
@@ -94,15 +109,22 @@ def explore(
     decisions = Decisions(
         system, asked, max_states=max_states, max_seconds=max_seconds, progress=progress
     )
-    hidden = Hidden({seat.name: seat.machine for seat in system.ringlets.seats})
-    search = explored(system, decisions.named, decisions.look, decisions.goes_on, decisions.restart)
+    return _explored(system, decisions, members)
+
+
+def _explored(system: System, decisions: Decisions, members: tuple[Member, ...]) -> Space:
+    """Find all states, check that nothing was left out of them, and decide the properties."""
+    unmodelled = UnmodelledState({seat.name: seat.machine for seat in system.ringlets.seats})
+    search = search_states(
+        system, decisions.named, decisions.look, decisions.goes_on, decisions.restart
+    )
     ringlets = system.ringlets.executed
     if search.interrupted:
         decisions.end()
     else:
-        hidden.check()
+        unmodelled.check()
         try:
-            check_repeats(system.ringlets, system.kept())
+            check_determinism(system.ringlets, system.kept())
         except ENDINGS:
             decisions.end()
     verdicts = tuple(decisions.verdicts(search))
@@ -125,7 +147,7 @@ def verify(
 ) -> Space:
     """Explore as `explore` does, and raise `PropertyError` unless all properties hold.
 
-    That no machine's code raises is one of them.
+    That no machine's code raises is one of them. A property that is undecided does not hold.
     """
     space = explore(machines, properties=(NO_FAILURE, *properties), **how)
     wrong = [verdict for verdict in space.verdicts if not verdict.holds]
@@ -146,7 +168,7 @@ def _lines(verdict: Verdict) -> Iterator[str]:
         yield from (f"  {line}" for line in witness.lines())
 
 
-def _passing(period_ms: float | None, asked: list[Property], *, any_time: bool) -> Passing:
+def _time_model(period_ms: float | None, asked: list[Property], *, any_time: bool) -> TimeModel:
     if any_time is (period_ms is not None):
         raise OptionError("give period_ms, or any_time=True")
     if period_ms is None:

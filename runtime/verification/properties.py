@@ -1,11 +1,12 @@
-"""Properties: what must never, always, or can happen.
+"""Properties of machines, the views that their functions get, and the verdicts on them.
 
-A property's function gets a `View` of a state and returns True or False. It must depend on nothing
-else: it is called once for all states that agree in what it looks at.
+A property's function gets a `View` of a state, as in `v.Timer.minutes`, `v[MOTOR].on` or
+`v.Cooker.door`, and returns True or False. It must depend on nothing else: it is called once for
+all states that agree in the fields that it reads. A view shows wrong names as errors, also those of
+states, which are compared as texts: a misspelt name would make a property hold for no reason.
 
-Ways through the states, as data.
-
-What a property's function sees of a state: `v.Timer.minutes`, `v[MOTOR].on`, `v.Cooker.door`.
+A `Verdict` has the shortest way to a violation as a `Witness`: data from which
+`llfsm.runtime.counterexamples` makes scripts, tables and tests.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from math import inf
 from types import CodeType, FrameType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, TypeAlias
 
-from llfsm.errors import did_you_mean
+from llfsm.errors import LlfsmError, did_you_mean
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.engine.source_text import expression_of
 from llfsm.runtime.engine.state import State
@@ -29,7 +30,7 @@ from llfsm.runtime.verification.values import message_text
 if TYPE_CHECKING:
     from llfsm.runtime.engine.machine import Machine
     from llfsm.runtime.engine.seat import Seat
-    from llfsm.runtime.verification.explored import ControlState
+    from llfsm.runtime.verification.environment import ControlState
     from llfsm.whiteboard import Slot
 
 
@@ -37,11 +38,11 @@ LastAsk: TypeAlias = Literal["suspend", "stop"]
 
 
 class ChosenTurn(NamedTuple):
-    """A turn of a machine, and what its environment did just before.
+    """A turn of a machine, and the choice of its environment just before.
 
-    `found` is what the environment put into the slots that it writes, by name (None: no message),
-    `request` what was asked of the machine from outside, and `stop` whether a stop came. The time
-    is that of the round, in milliseconds; the first round is number 1, one period after 0.
+    `found` has the messages in the slots that the environment writes, by name (None: no message).
+    `request` is asked of the machine from outside, and `stop` is True if a stop came. The time is
+    that of the round, in milliseconds; the first round is number 1, one period after 0.
     """
 
     round: int
@@ -51,14 +52,14 @@ class ChosenTurn(NamedTuple):
     request: Request | None
     stop: bool
     withdraws: bool = False
-    """Whether a suspend was asked for before the request: a resume alone replaces no restart."""
+    """True if a suspend is asked for before the request: a resume alone replaces no restart."""
 
 
 class Witness(NamedTuple):
     """A way from the initial state: `turns`, and those that complete the last round, or the first.
 
     With a `loop`, the turns from that index on can repeat for ever. Where the machines end instead,
-    `at_end` has what is asked of them, by name, when the last round is over.
+    `at_end` has the requests to them, by name, when the last round is over.
     """
 
     turns: tuple[ChosenTurn, ...]
@@ -67,7 +68,7 @@ class Witness(NamedTuple):
     at_end: Mapping[str, tuple[LastAsk, ...]] = MappingProxyType({})
 
     def lines(self) -> Iterator[str]:
-        """Return what is new in the environment before each turn, in a line."""
+        """Write the changes of the environment before each turn, in a line."""
         contents: dict[str, Any] = {}
         for turn in self.turns:
             news = [
@@ -88,22 +89,22 @@ class Witness(NamedTuple):
         yield from self.end_lines()
 
     def end_lines(self) -> Iterator[str]:
-        """Return what is asked when the last round is over, in a line for each machine."""
+        """Write the requests when the last round is over, in a line for each machine."""
         for name, asks in self.at_end.items():
             news = ", ".join(f"{ask} is asked for" for ask in asks)
             yield f"at the end of the round, {name}: {news}"
 
 
 class Situation(Protocol):
-    """A state of all machines, from which a view takes what it is asked for."""
+    """A state of all machines, from which a view reads one field after the other."""
 
     seats: Mapping[str, Seat]
     """The machines by name; only what never changes is read from them."""
     defaults: Mapping[str, Any]
-    """By slot, what an empty one reads as."""
+    """By slot, the message as which an empty one reads."""
 
     def control(self, machine: str) -> ControlState:
-        """Return where a machine stands."""
+        """Return a machine's control state."""
         ...
 
     def variables(self, machine: str) -> Mapping[str, Any]:
@@ -111,16 +112,16 @@ class Situation(Protocol):
         ...
 
     def seen(self, machine: str, sensor: str) -> Any:
-        """Return what a machine's sensor found in its last turn; None if nothing."""
+        """Return the message that a machine's sensor found in its last turn; None if none."""
         ...
 
     def content(self, slot: str) -> Any:
-        """Return what is in a slot; None before the first message."""
+        """Return the message in a slot; None before the first."""
         ...
 
 
 def defaults_of(seats: Iterable[Seat]) -> dict[str, Any]:
-    """Return what a view shows for each slot that machines use, by name, while it is empty.
+    """Find the message that a view shows for each slot, by name, while it is empty.
 
     It is the default that sensors agree on, or a message of defaults; None if there is neither.
     """
@@ -186,10 +187,10 @@ class View:
 class MachineView:
     """A machine: its `state`, its variables, and what its sensors found in its last turn.
 
-    `suspended` is whether it is in its suspend state, `loaded` whether it is still there, and
-    `accepted` whether it has accepted. A state compares with names and with `State` objects; a name
-    that the machine's states do not have is an error. So is to look a state up by its hash, but in
-    a set of names that is written out, as in `v.Door.state in {"OPEN", "SHUT"}`.
+    `suspended`, `accepted` and `loaded` are True or False. A state compares with names and with
+    `State` objects; a name that the machine's states do not have is an error. So is to look a state
+    up by its hash, but in a set of names that is written out, as in `v.Door.state in {"OPEN",
+    "SHUT"}`.
     """
 
     def __init__(self, situation: Situation, name: str):
@@ -205,18 +206,18 @@ class MachineView:
 
     @property
     def suspended(self) -> bool:
-        """Whether it is in its suspend state."""
+        """True if it is in its suspend state."""
         control, seat = self._control("suspended"), self._situation.seats[self._name]
         return control.current == seat.suspension.name
 
     @property
     def accepted(self) -> bool:
-        """Whether it has ended a turn in an accepting state."""
+        """True if it has ended a turn in an accepting state."""
         return self._control("accepted").accepted
 
     @property
     def loaded(self) -> bool:
-        """Whether it has not been unloaded."""
+        """True unless it has been unloaded."""
         return self._control("loaded").loaded
 
     def _control(self, asked: str) -> ControlState:
@@ -249,7 +250,7 @@ class StateName(str):
     _known: tuple[str, ...]
 
     def __new__(cls, name: str, machine: str, known: tuple[str, ...]) -> StateName:
-        """Return the name of a state of `machine`, whose states are `known`."""
+        """Make the name of a state of `machine`, whose states are `known`."""
         made = super().__new__(cls, name)
         made._machine = machine
         made._known = known
@@ -281,7 +282,10 @@ class StateName(str):
 
 
 def _written_set(frame: FrameType) -> frozenset[str] | None:
-    """Return the names in `... in {"A", "B"}`, if that is what the frame does just now."""
+    """Find the names in `... in {"A", "B"}`, if the frame is about to evaluate that; else None.
+
+    Python compiles such a set to a constant, which it loads just before the comparison.
+    """
     before: object = None
     for step in dis.get_instructions(frame.f_code):
         if step.offset == frame.f_lasti:
@@ -300,15 +304,15 @@ Kind: TypeAlias = Literal["never", "always", "reachable", "step", "leads_to"]
 
 
 class Property(NamedTuple):
-    """A property: its kind, its functions, and what reports call it."""
+    """A property: its kind, its functions, and its name in reports."""
 
     kind: Kind
     functions: tuple[Callable[..., bool], ...]
     name: str
     assuming: tuple[Predicate, ...] = ()
-    """Of `leads_to`: what happens again and again."""
+    """Of `leads_to`: predicates that hold again and again."""
     within_ms: float | None = None
-    """Of `leads_to`: the time that it may take."""
+    """Of `leads_to`: the milliseconds that it may take; None for any time."""
     monitor: type[Machine] | None = None
     """A machine that is explored after the others, because the property asks for its states."""
 
@@ -317,7 +321,7 @@ class Property(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What was found of a property.
+    """The result for a property.
 
     `holds` is None if the exploration ended before that was known. `witness` is the shortest way
     to a violation or, for `reachable`, to a state that was to be reached. A `vacuous` property
@@ -328,6 +332,14 @@ class Verdict(NamedTuple):
     holds: bool | None
     witness: Witness | None
     vacuous: bool = False
+
+
+class PropertyError(LlfsmError, AssertionError):
+    """A property does not hold, or could not be decided; `verdicts` are those of all."""
+
+    def __init__(self, text: str, verdicts: tuple[Verdict, ...]):
+        self.verdicts = verdicts
+        super().__init__(text)
 
 
 def never(predicate: Predicate, name: str | None = None) -> Property:
@@ -363,7 +375,7 @@ def leads_to(
     It must come within `within_ms` milliseconds, counted by the periods that pass, or else at
     some time: there must be no cycle without it. Of the cycles only those count in which each
     function of `assuming` holds somewhere. An execution that ends without it violates it, too,
-    if the assumptions hold in its last state.
+    if the assumptions hold in its last state. Raise `PredicateError` for both of them together.
     """
     assumed = (assuming,) if callable(assuming) else tuple(assuming)
     if within_ms is not None and assumed:
@@ -409,7 +421,7 @@ def monitor(
 
 
 NO_FAILURE: Final = Property("never", (), "no machine's code raises")
-"""What is checked without being asked for."""
+"""The property that is always checked."""
 
 
 def _property(kind: Kind, name: str | None, *functions: Callable[..., bool]) -> Property:
@@ -431,7 +443,7 @@ def _check_function(what: str, function: object) -> None:
 
 
 def _asks_which_state(code: CodeType | None) -> bool:
-    """Return whether code has `v.Machine.state is ...`, or the other way round."""
+    """Check code for `v.Machine.state is ...`, or the other way round."""
     steps = [] if code is None else list(dis.get_instructions(code))
     for number, (view, machine, state) in enumerate(zip(steps, steps[1:], steps[2:], strict=False)):
         named = machine.opname == state.opname == "LOAD_ATTR" and state.argval == "state"
@@ -448,7 +460,7 @@ def _text_of(function: Callable[..., bool]) -> str:
 
 
 def evaluate(prop: Property, function: Callable[..., bool], *views: View) -> bool:
-    """Return what a property's function says of states; raise `PredicateError`."""
+    """Call a property's function; raise `PredicateError` if it raises or returns no bool."""
     try:
         value = function(*views)
     except PredicateError as error:

@@ -1,10 +1,16 @@
-"""Liveness: find an execution in which a response never comes, or comes too late.
+"""Executions: those in which a response never comes or comes too late, and those possible in time.
 
-Whether a way through the states is possible in time, if any time may pass between rounds.
+*Liveness* (`late_response`, `no_response`). From the states in which a response is due, the search
+goes on without those that respond. With a time limit, a way on which too many rounds begin violates
+the property. Without one, a cycle does, or an end of the execution. Cycles are in the strongly
+connected components of the graph (Tarjan 1972); assumptions are fairness: a component counts if it
+has a state for each (the acceptance of a generalized Büchi automaton). The counterexample is a
+*lasso*: a way to a state and a cycle back to it, both short.
 
-The exploration lets the clocks of several machines pass their limits independently, so a way that
-it finds may need a clock that runs faster than another. Here all clocks run alike: for one way by
-difference constraints, and for all ways by zones, which are sets of such constraints.
+*Clocks* (`times_of`, `possible_way`). With any time between rounds, the exploration lets the clocks
+of several machines pass their limits independently, so a way that it finds may need a clock that
+runs faster than another. Here all clocks run alike: for one way by difference constraints, and for
+all ways by zones, which are sets of such constraints, as for timed automata (Dill 1989).
 """
 
 from __future__ import annotations
@@ -18,7 +24,7 @@ from llfsm.runtime.verification.breadth_first import Search, Successor
 
 _MOST_ZONES = 20_000
 Zone: TypeAlias = tuple[tuple[float, ...], ...]
-"""Row i, column j: the most by which clock i is ahead of clock j; clock 0 always reads 0."""
+"""Row i, column j: the most ns by which clock i is ahead of clock j; clock 0 always reads 0."""
 
 
 class TooManyZonesError(Exception):
@@ -34,7 +40,7 @@ class _Bound(NamedTuple):
 
 
 def times_of(search: Search, steps: Iterable[Successor]) -> list[int] | None:
-    """Return the earliest time of each round, in nanoseconds; None if there are no such times.
+    """Find the earliest time of each round, in nanoseconds; None if there are no such times.
 
     Each bound asks that one round comes so long, or no longer, after another. Bellman and Ford's
     algorithm raises the times until all hold; if that takes too often, they contradict each other.
@@ -67,9 +73,9 @@ def times_of(search: Search, steps: Iterable[Successor]) -> list[int] | None:
 
 
 def possible_way(search: Search, sought: Callable[[Successor], bool]) -> list[Successor] | None:
-    """Return the shortest possible way to a turn that is sought; None if there is none.
+    """Find the shortest possible way to a turn that is sought; None if there is none.
 
-    Raise `TooManyZonesError` if there are too many to look at, and `TimeUpError`.
+    Raise `TooManyZonesError` if there are too many zones, and `TimeUpError` after the deadline.
     """
     size = len(search.tables.system.names) + 1
     most = [0.0]
@@ -128,14 +134,14 @@ def _zones_after(
 
 
 def _bounds(search: Search, ready: int) -> Iterator[_Bound]:
-    """Return what is known of the clocks that run where a round begins."""
+    """Bound the clocks that run where a round begins."""
     for place, limits, number in search.tables.running(ready):
         low_ns = limits[number - 1] + 1 if number else 0
         yield _Bound(place, low_ns, limits[number] if number < len(limits) else inf)
 
 
 def _close(zone: list[list[float]]) -> bool:
-    """Make each bound as tight as the others make it; return False if they contradict."""
+    """Make each bound as tight as the others make it (Floyd); return False if they contradict."""
     size = range(len(zone))
     for k in size:
         for i in size:
@@ -152,7 +158,7 @@ def _restart(zone: list[list[float]], clock: int) -> None:
 
 
 def _rounded(zone: list[list[float]], most: list[float]) -> Zone:
-    """Forget what no limit asks about, so that there is an end of zones."""
+    """Forget bounds beyond the largest limit of a clock, so that there is an end of zones."""
     for i, row in enumerate(zone):
         for j, bound in enumerate(row):
             if i != j:
@@ -185,7 +191,7 @@ class Lasso(NamedTuple):
 def late_response(
     search: Search, sources: Sources, responds: Callable[[Node], bool], rounds: int
 ) -> Lasso | None:
-    """Return the shortest way on which more than `rounds` rounds begin without a response."""
+    """Find the shortest way on which more than `rounds` rounds begin without a response."""
     waited: dict[Node, int] = {}
     parents: dict[tuple[Node, int], tuple[Node, int] | None] = {}
     level: list[tuple[Node, int]] = []
@@ -220,7 +226,7 @@ def no_response(
     responds: Callable[[Node], bool],
     recurring: Sequence[Callable[[Node], bool]],
 ) -> Lasso | None:
-    """Return a short way to a cycle, or an end, without a response but with all that recurs."""
+    """Find a short way to a cycle, or an end, without a response but with all that recurs."""
     parents: dict[tuple[Node, int], tuple[Node, int] | None] = {}
     edges: dict[Node, list[Node]] = {}
     ends: set[Node] = set()
@@ -275,7 +281,7 @@ def _way(
 
 
 def _components(edges: dict[Node, list[Node]]) -> Iterable[set[Node]]:
-    """Return the strongly connected components that have a cycle (Tarjan), without recursion."""
+    """Find the strongly connected components that have a cycle (Tarjan), without recursion."""
     numbers: dict[Node, int] = {}
     lowest: dict[Node, int] = {}
     open_nodes: list[Node] = []
@@ -318,7 +324,7 @@ def _cycle(
     edges: dict[Node, list[Node]],
     recurring: Sequence[Callable[[Node], bool]],
 ) -> list[Node]:
-    """Return a cycle from `start`, which ends it, with a state for each that recurs."""
+    """Find a cycle from `start`, which ends it, with a state for each that recurs."""
     cycle = [start]
     for holds in recurring:
         if not any(holds(node) for node in cycle):
@@ -333,7 +339,7 @@ def _shortest(
     edges: dict[Node, list[Node]],
     sought: Callable[[Node], bool],
 ) -> list[Node]:
-    """Return the nodes after `start` on the shortest way, of one turn or more, to one sought."""
+    """List the nodes after `start` on the shortest way, of one turn or more, to one sought."""
     parents: dict[Node, Node] = {}
     level = [start]
     while True:

@@ -1,13 +1,18 @@
-"""Run one ringlet of one machine from any standing, on an arrangement made for this.
+"""Run one ringlet of one machine from any control state, on an arrangement made for this.
 
 The ringlet, the seats and the requests are the engine's own; only the environment is another one.
-Standings and variables are numbered, so that what a ringlet does can be kept in small tuples.
+So what is explored is the code that runs. A ringlet is run in four steps: all machines that it may
+touch are put into their control states, its variables are set to copies, it has its turn, and what
+has changed since is read back. Control states, variables, messages and errors are numbered in the
+order in which they are found, so that a ringlet's effects are a small tuple.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping
 from copy import deepcopy
+from math import inf
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Unpack, cast
 
 from llfsm.runtime.engine.arrangement import Arrangement, Loadable, LoadOptions
@@ -18,16 +23,15 @@ from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.ringlet import ringlet
 from llfsm.runtime.engine.seat import Seat
 from llfsm.runtime.verification.domains import Member, require_explorable
-from llfsm.runtime.verification.errors import UnsupportedError
-from llfsm.runtime.verification.explored import (
+from llfsm.runtime.verification.environment import (
     ControlState,
     ExploredEnvironment,
     Given,
     RingletOutcome,
     Unknown,
-    UnknownStandingError,
+    UnknownControlError,
 )
-from llfsm.runtime.verification.time_model import Deadline
+from llfsm.runtime.verification.errors import UnsupportedError
 from llfsm.runtime.verification.values import (
     Codes,
     UnknownValueError,
@@ -43,13 +47,37 @@ if TYPE_CHECKING:
 
 
 M = TypeVar("M", bound=Machine)
-
-
 Abstraction: TypeAlias = Mapping[str, Callable[[Any], Any]]
+"""By "Machine.variable", functions that replace its value after each turn."""
+
+
+class TimeUpError(Exception):
+    """The time to explore is over."""
+
+
+ENDINGS = (KeyboardInterrupt, TimeUpError)
+"""The exceptions that end an exploration: a property that is not decided by then is undecided."""
+
+
+class Deadline:
+    """A time after which no more ringlets are run; none at first."""
+
+    def __init__(self) -> None:
+        self.at_s = inf
+        """By `time.monotonic()`."""
+
+    def check(self) -> None:
+        """Raise `TimeUpError` if it has passed."""
+        if time.monotonic() >= self.at_s:
+            raise TimeUpError
 
 
 class Ringlets(Arrangement):
-    """An arrangement that runs ringlets from any standing."""
+    """An arrangement that runs ringlets from any control state.
+
+    Of the machines, the last `watchers` are monitors; anybody may suspend, resume or restart those
+    that `controlled` names.
+    """
 
     environment: ExploredEnvironment
     unobserved = staticmethod(ringlet)  # the definition: its twin in C knows no opaque time
@@ -64,7 +92,7 @@ class Ringlets(Arrangement):
         controlled: Iterable[str],
     ):
         super().__init__(environment=ExploredEnvironment(), unload_accepting=unload_accepting)
-        self._controlled = frozenset(controlled)  # by anybody
+        self._controlled = frozenset(controlled)
         self._error: ExecutionError | None = None
         self._complete = False
         for member in members:
@@ -94,7 +122,7 @@ class Ringlets(Arrangement):
         self._owners = None
 
     def message(self, slot: str, message: Any) -> int:
-        """Return the number of a slot's content; 0 is that of no message."""
+        """Number a slot's message; None, for no message, is 0."""
         codes = self.messages.get(slot)
         if codes is None:
             codes = self.messages[slot] = Codes()
@@ -102,17 +130,18 @@ class Ringlets(Arrangement):
         return 0 if message is None else codes.code(freeze(message, _ignore), message)
 
     def run_ringlet(self, given: Given, *, copied: bool = False) -> RingletOutcome:
-        """Run a ringlet and return what it did; all it is given is copied anew if `copied`.
+        """Run a ringlet and return its effects; if `copied`, it gets copies with shuffled sets.
 
-        Raise `UnsupportedError`; `UnknownStandingError` if `others` lacks a machine; `TimeUpError`.
+        Raise `UnsupportedError` for what cannot be explored, `UnknownControlError` if it touches a
+        machine that `others` lacks, and `TimeUpError` after the deadline.
         """
         self.deadline.check()
         environment, seat = self.environment, self.seats[given.place]
         others = dict(given.others)
         for other, its in given.others:
-            self._stand(other, self.controls[other].values[its])
+            self._set_control(other, self.controls[other].values[its])
         was: ControlState = self.controls[given.place].values[given.control]
-        self._stand(given.place, was)
+        self._set_control(given.place, was)
         if given.request is not None:
             if was.withdrawn_by(given.request):
                 seat.schedule(Request.SUSPEND)
@@ -130,7 +159,7 @@ class Ringlets(Arrangement):
         known = environment.touched & self.places.keys()  # others are refused
         touched = {self.places[name] for name in known} - {given.place}
         if not touched <= others.keys():
-            raise UnknownStandingError(touched)
+            raise UnknownControlError(touched)
         if environment.refusal is not None:
             raise environment.refusal
         clock_state = seat.previous
@@ -155,7 +184,7 @@ class Ringlets(Arrangement):
         )
 
     def _check_ports(self, place: int) -> None:
-        """Refuse a machine that replaces what is no variable, and would stay so."""
+        """Refuse a machine that has replaced an actuator or `stopping`, which are no variables."""
         machine = self.seats[place].machine
         kept = {"stopping": self.stopping}
         if self.seats[place].taken:  # else its actuators are closed
@@ -167,7 +196,7 @@ class Ringlets(Arrangement):
                 )
 
     def fingerprint(self, place: int) -> object:
-        """Return what a ringlet under way has changed so far."""
+        """Return the changes that a ringlet under way has made so far, as a comparable value."""
         return self._control_of(place), self._variables_of(place), self._posts()
 
     def _posts(self) -> tuple[tuple[str, int], ...]:
@@ -176,7 +205,7 @@ class Ringlets(Arrangement):
     def is_settled(
         self, place: int, control: int, *, stopping: bool, may_stop: bool
     ) -> tuple[bool, bool]:
-        """Return whether a machine need not keep the execution alive, and whether it cannot.
+        """Check two things: that a machine need not keep the execution alive; that it cannot.
 
         They differ where a request from outside does, if it is there when the round is over: to
         suspend one that accepts, or to resume or restart one that is suspended; a suspend also
@@ -192,37 +221,38 @@ class Ringlets(Arrangement):
         return seat.settled, seat.settled and (stopping or not controlled)
 
     def waits(self, place: int, control: int) -> bool:
-        """Return whether a machine is suspended, and whoever asks may wake it or leave it so."""
+        """Check that a machine is suspended, and that anybody may wake it or leave it so."""
         seat = self.seats[place]
-        self._stand(place, self.controls[place].values[control])
+        self._set_control(place, self.controls[place].values[control])
         return seat.taken and seat.suspended and seat.name in self._controlled
 
-    # What the engine asks of an arrangement
+    # The arrangement that the engine and the machines' code see
 
     @property
     def contains_exits(self) -> bool:
-        """Whether code that exits has failed: it must not end what explores it."""
+        """True: code that exits has failed, as it must not end the program that explores it."""
         return True
 
-    # Who is loaded is known only of machines that were asked for: note them before anything else.
+    # A machine is loaded here only if its control state was given, so it is noted before anything
+    # else: without it, the ringlet is run again.
 
     def is_suspended(self, name: str) -> bool:
-        """Note that a machine's standing was asked for, and return whether it is suspended."""
+        """Note the machine, and check that it is suspended."""
         self._note(name)
         return super().is_suspended(name)
 
     def state_name_of(self, name: str) -> str:
-        """Note that a machine's standing was asked for, and return its state."""
+        """Note the machine, and return its state."""
         self._note(name)
         return super().state_name_of(name)
 
     def index_of(self, name: str) -> int:
-        """Note that it was asked whether a machine is loaded, and return its place."""
+        """Note the machine, and return its index."""
         self._note(name)
         return super().index_of(name)
 
     def name_of(self, index: int) -> str:
-        """Note that it was asked who is loaded, and return a machine's name."""
+        """Note all machines, any of which could have this index, and return the name at it."""
         self._note_all()
         return super().name_of(index)
 
@@ -273,7 +303,7 @@ class Ringlets(Arrangement):
     def call_machine(
         self, machine: type[M] | M | str, caller: Seat | None = None, **how: Unpack[LoadOptions]
     ) -> Submachine[M]:
-        """Refuse."""
+        """Refuse to call a submachine."""
         self.environment.refuse(f"calls {machine!r} as a submachine: this cannot be explored")
 
     def _check_loading(self, machine: Loadable) -> None:
@@ -284,7 +314,7 @@ class Ringlets(Arrangement):
             )
 
     def abandon(self, name: str, caller: Seat | None = None) -> bool:
-        """Refuse."""
+        """Refuse to abandon a machine."""
         self.environment.refuse(f"abandons {name}: this cannot be explored; suspend it")
 
     def fail(self, seat: Seat, error: ExecutionError) -> None:
@@ -293,9 +323,9 @@ class Ringlets(Arrangement):
             raise error.__cause__
         self._error = error
 
-    # Standings
+    # Control states and variables
 
-    def _stand(self, place: int, control: ControlState) -> None:
+    def _set_control(self, place: int, control: ControlState) -> None:
         seat, roster = self.seats[place], self.roster
         states = seat.states
         seat.current = states.get(control.current, seat.suspension)
@@ -399,4 +429,4 @@ def _fired(seat: Seat, source: BoundState) -> tuple[str, int]:
 
 
 def _ignore(_: object) -> None:
-    """Messages do not change."""
+    """Note nothing: messages do not change."""

@@ -1,9 +1,8 @@
-"""What an exploration found.
+"""The space of states that an exploration found, and files of it for other tools.
 
-Write an explored space for other tools: Storm, SPIN, and those that read Aldebaran's format.
-
-Each file has one node per state, and the initial state is number 0. A label says what the machine
-on turn read. What is known of each state is a set of names: of the properties that hold there.
+Storm, SPIN and readers of Aldebaran's format get one node per state, of which the initial one is
+number 0. The label of an edge names the machine on turn and the choice of its environment. A state
+has a set of names: of the states of the machines, and of the predicates that hold there.
 """
 
 from __future__ import annotations
@@ -17,31 +16,134 @@ from llfsm.runtime.engine.errors import ConfigurationError
 from llfsm.runtime.verification.breadth_first import Search, Successor
 from llfsm.runtime.verification.domains import Member
 from llfsm.runtime.verification.errors import PredicateError, VerificationError
+from llfsm.runtime.verification.predicates import PackedSituation, UnnamedFieldError
 from llfsm.runtime.verification.properties import Property, Verdict, View, evaluate
-from llfsm.runtime.verification.property_search import PackedSituation, UnnamedFieldError
 from llfsm.runtime.verification.system import System
 from llfsm.runtime.verification.tables import Tables
-from llfsm.runtime.verification.time_model import Periods
 from llfsm.runtime.verification.values import message_text
 
+_MANY = 1_000
+"""Values of a variable, or periods of a wait, that make for many states."""
 _OF_STATES: Final = ("never", "always", "reachable")
 """The kinds of properties that are of one state."""
 
 
+class Progress(NamedTuple):
+    """The progress of an exploration; `depth` counts turns from the initial state."""
+
+    states: int
+    transitions: int
+    depth: int
+    seconds: float
+
+
+class Space:
+    """The result of an exploration; `verdicts` are those of the properties, in their order.
+
+    A state is whose turn is next, at the beginning of a round the first machine's, and: of each
+    machine its current, previous and remembered state, its pending request, whether it has accepted
+    and is still loaded, its variables, and for how many periods it has been in its state (0 if it
+    has had no turn there), counted until the longest time that is asked about in that state is
+    over; of each slot that a machine posts to and some machine reads, or a property names, its
+    content; whether a stop has come. Of a slot that the environment writes, the content is part of
+    a state only if a property names it, or in a round that has begun if choices are made by rounds.
+
+    There is a transition for each state and all that the environment may do at its turn. A round
+    begins with a period that passes. A state has no transitions if code has raised, or if all
+    machines accept or are suspended when a round would begin, and no request from outside may
+    change that.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        search: Search,
+        members: tuple[Member, ...],
+        verdicts: tuple[Verdict, ...],
+        seconds: float,
+        *,
+        ringlets: int,
+        complete: bool,
+        cut: bool,
+    ):
+        self.states = search.states
+        """The number of states that can be reached."""
+        self.transitions = search.transitions
+        """The number of transitions between them."""
+        self.ringlets = ringlets
+        """The number of ringlets that were run; all others were looked up."""
+        self.depth = len(search.levels) - 1
+        """The number of turns after which no state is new."""
+        self.seconds = seconds
+        self.complete = complete
+        """True if all states were found, and each ringlet does the same again."""
+        self.cut = cut
+        """True if Ctrl-C or `max_seconds` has ended it before all was decided."""
+        self.verdicts = verdicts
+        self.unreached = tuple(system.unreached())
+        """The states that no machine comes into, as "Machine.STATE"."""
+        self.untaken = tuple(system.untaken())
+        """The transitions that never fire, as "Machine.STATE -> TARGET: label"."""
+        self.values = system.values()
+        """The number of values that each variable has had, by "Machine.variable", most first."""
+        self.members = members
+        """The machines in their order, and those that watch them."""
+        self.slots = system.slots
+        """The slots that they use, by name."""
+        self.suspend = system.suspend
+        """The names of the machines that anybody may suspend, resume or restart."""
+        self.unload_accepting = system.ringlets.unload_accepting
+        self.search = search
+        """The states themselves, packed, and the turns from one to the next."""
+        self._system = system
+
+    def hints(self) -> Iterator[str]:
+        """Give reasons for many states, and remedies, a line each."""
+        variable, number = next(iter(self.values.items()), ("", 0))
+        if number >= _MANY:
+            yield (
+                f"{variable} has had {number:,} values: bound it, or replace it after each turn "
+                f"(--abstract, abstract=)"
+            )
+        period_ns = self._system.time_model.period_ns
+        if period_ns is None:
+            return
+        place, limit_ns = self._system.longest_wait()
+        if limit_ns // period_ns >= _MANY:
+            yield (
+                f"{place} asks whether {limit_ns / 1e6:,.10g} ms have passed, which is "
+                f"{limit_ns // period_ns:,} periods: give a longer period, "
+                f"let any time pass (--any-time, any_time=True), or let the machine wait less"
+            )
+
+    def export(self, file: Path) -> None:
+        """Write all states to a file: .drn for Storm, .pml for SPIN, .aut for Aldebaran.
+
+        Raise `VerificationError` if not all were found, and `ConfigurationError` if the file has
+        another suffix or cannot be written.
+        """
+        if not self.complete:
+            raise VerificationError(f"{file}: nothing was written, as not all states were found")
+        export(file, nodes_of(self.search, [each.property for each in self.verdicts]))
+
+
+# Files for other tools
+
+
 class ExportedState(NamedTuple):
-    """A state, as it is exported."""
+    """A state of an export."""
 
     edges: tuple[tuple[str, int], ...]
-    """What leads to each next state, and its number."""
+    """The label of the edge to each next state, and that state's number."""
     holds: Collection[str] = ()
-    """The names of what holds in it."""
+    """The names of the predicates that hold in it."""
 
 
 def nodes_of(search: Search, properties: Iterable[Property]) -> Iterator[ExportedState]:
-    """Return the states that were found, the initial one first.
+    """Yield the states that were found, the initial one first.
 
-    Of each, what holds is the state of each machine, as "Machine.STATE", and each property's
-    predicate, by the property's name.
+    In each hold the state of each machine, as "Machine.STATE", and predicates of properties, by the
+    property's name.
     """
     tables = search.tables
     names = tables.system.names
@@ -70,7 +172,7 @@ def _holds(prop: Property, view: View) -> bool:
 
 
 def _label(tables: Tables, step: Successor) -> str:
-    """Return whose turn it was, and what its environment did."""
+    """Name the machine on turn and the choice of its environment."""
     codes = tables.system.ringlets.messages
     parts = [
         message_text(slot, codes[slot].values[number] if number else None)
@@ -129,7 +231,7 @@ def _write_storm(stream: TextIO, nodes: list[ExportedState]) -> None:
 def _write_promela(stream: TextIO, nodes: list[ExportedState]) -> None:
     """Write a process with a place for each state, whose number is in `state`.
 
-    What holds are macros, to use in formulas. SPIN compiles a file of some thousand states.
+    Predicates are macros, to use in formulas. SPIN compiles a file of some thousand states.
     """
     stream.write("int state;\nactive proctype machines() {\n")
     for number, node in enumerate(nodes):
@@ -147,7 +249,7 @@ def _write_promela(stream: TextIO, nodes: list[ExportedState]) -> None:
 
 
 def _words(nodes: list[ExportedState]) -> dict[str, str]:
-    """Return a word for each name of what holds: `is_` and letters, digits and _."""
+    """Make a word of each name of a predicate: `is_` and letters, digits and _."""
     words: dict[str, str] = {}
     for name in sorted({name for node in nodes for name in node.holds}):
         word = "is_" + re.sub(r"\W", "_", name, flags=re.ASCII)
@@ -166,107 +268,4 @@ EXPORTS: Final[dict[str, Callable[[TextIO, list[ExportedState]], None]]] = {
     ".pml": _write_promela,
     ".aut": _write_aldebaran,
 }
-"""What writes each format, by the suffix of its files."""
-
-
-_MANY = 1_000
-"""Values of a variable, or periods of a wait, that make for many states."""
-
-
-class Progress(NamedTuple):
-    """How far an exploration has come; `depth` counts turns from the initial state."""
-
-    states: int
-    transitions: int
-    depth: int
-    seconds: float
-
-
-class Space:
-    """What an exploration found; `verdicts` are those of the properties, in their order.
-
-    A state is whose turn is next, at the beginning of a round the first machine's, and: of each
-    machine its current, previous and remembered state, its pending request, whether it has accepted
-    and is still loaded, its variables, and for how many periods it has been in its state (0 if it
-    has had no turn there), counted until the longest time that is asked about in that state is
-    over; of each slot that a machine posts to and some machine reads, or a property names, its
-    content; whether a stop has come. Of a slot that the environment writes, the content is part of
-    a state only if a property names it, or in a round that has begun if choices are made by rounds.
-
-    There is a transition for each state and all that the environment may do at its turn. A round
-    begins with a period that passes. A state has no transitions if code has raised, or if all
-    machines accept or are suspended when a round would begin, and no request from outside may
-    change that.
-    """
-
-    def __init__(
-        self,
-        system: System,
-        search: Search,
-        members: tuple[Member, ...],
-        verdicts: tuple[Verdict, ...],
-        seconds: float,
-        *,
-        ringlets: int,
-        complete: bool,
-        cut: bool,
-    ):
-        self.states = search.states
-        """The number of states that can be reached."""
-        self.transitions = search.transitions
-        """The number of transitions between them."""
-        self.ringlets = ringlets
-        """How many ringlets were run; the others were looked up."""
-        self.depth = len(search.levels) - 1
-        """The number of turns after which no state is new."""
-        self.seconds = seconds
-        self.complete = complete
-        """Whether all states were found, and each ringlet does the same again."""
-        self.cut = cut
-        """Whether Ctrl-C or `max_seconds` has ended it before all was decided."""
-        self.verdicts = verdicts
-        self.unreached = tuple(system.unreached())
-        """The states that no machine comes into, as "Machine.STATE"."""
-        self.untaken = tuple(system.untaken())
-        """The transitions that never fire, as "Machine.STATE -> TARGET: label"."""
-        self.values = system.values()
-        """How many values each variable has had, as "Machine.variable", the most first."""
-        self.members = members
-        """The machines in their order, and those that watch them."""
-        self.slots = system.slots
-        """The slots that they use, by name."""
-        self.suspend = system.suspend
-        """The names of the machines that anybody may suspend, resume or restart."""
-        self.unload_accepting = system.ringlets.unload_accepting
-        self.search = search
-        """The states themselves, packed, and what leads from one to the next."""
-        self._system = system
-
-    def hints(self) -> Iterator[str]:
-        """Return what makes many states, and what to do about it, a line each."""
-        variable, number = next(iter(self.values.items()), ("", 0))
-        if number >= _MANY:
-            yield (
-                f"{variable} has had {number:,} values: bound it, or replace it after each turn "
-                f"(--abstract, abstract=)"
-            )
-        passing = self._system.passing
-        if not isinstance(passing, Periods):
-            return
-        place, limit_ns = self._system.longest_wait()
-        if limit_ns // passing.period_ns >= _MANY:
-            yield (
-                f"{place} asks whether {limit_ns / 1e6:,.10g} ms have passed, which is "
-                f"{limit_ns // passing.period_ns:,} periods: give a longer period, "
-                f"let any time pass (--any-time, any_time=True), or let the machine wait less"
-            )
-
-    def export(self, file: Path) -> None:
-        """Write all states to a file: .drn for Storm, .pml for SPIN, .aut for Aldebaran.
-
-        Raise `VerificationError` if not all were found, and `ConfigurationError` if the file has
-        another suffix or cannot be written.
-        """
-        if not self.complete:
-            raise VerificationError(f"{file}: nothing was written, as not all states were found")
-        export(file, nodes_of(self.search, [each.property for each in self.verdicts]))
+"""The writer of each format, by the suffix of its files."""

@@ -1,7 +1,13 @@
-"""What is known of the machines to explore, and learnt by running them.
+"""The machines to explore and their environment, with all ringlets that were run so far.
 
-That is: what each sensor may read, the largest time that is asked about in each state, which
-machines ask about which, and what each ringlet does. Each distinct ringlet is run once and kept.
+Each distinct ringlet is run once and kept; a state space of millions of states needs a few hundred.
+A kept one answers for all times in a range, and for all control states of machines that it did not
+touch.
+
+What must be part of a state is not known beforehand but learnt by running: the limits with which
+code compares the time in a state, the machines whose control states a ringlet touches, and the
+machines that leave. Whenever something of the kind is new, `RelearnError` ends the exploration, and
+it begins again with larger states. That happens a few times, and the ringlets stay.
 """
 
 from __future__ import annotations
@@ -14,16 +20,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from llfsm.errors import did_you_mean
 from llfsm.runtime.engine.events import Request
 from llfsm.runtime.verification.domains import Member, messages_of
-from llfsm.runtime.verification.errors import DomainError, EndlessError, UnsupportedError
-from llfsm.runtime.verification.explored import (
+from llfsm.runtime.verification.environment import (
     ControlState,
     Given,
     RingletOutcome,
-    UnknownStandingError,
+    UnknownControlError,
 )
+from llfsm.runtime.verification.errors import DomainError, UnsupportedError, VerificationError
 from llfsm.runtime.verification.properties import defaults_of
 from llfsm.runtime.verification.ringlets import Ringlets
-from llfsm.runtime.verification.time_model import Limits, Passing
+from llfsm.runtime.verification.time_model import Limits, TimeModel
 from llfsm.runtime.verification.values import freeze
 
 if TYPE_CHECKING:
@@ -31,18 +37,18 @@ if TYPE_CHECKING:
 
 
 _MOST_CHOICES = 100_000
-"""What the environment may do at one turn; far less already makes too many states."""
+"""Choices of the environment at one turn; far fewer already make too many states."""
 MOST_VALUES = 50_000
 """Combinations of a machine's variables, after which there seems to be no end."""
 _REQUESTS = (None, Request.SUSPEND, Request.RESUME, Request.RESTART)
 
 
 class RelearnError(Exception):
-    """Something new was learnt by which states are made: the exploration must start again."""
+    """Something was learnt that must be part of a state: the exploration must begin again."""
 
 
 class Choice(NamedTuple):
-    """What the environment does at a turn: contents of slots by number, a request, a stop."""
+    """A choice of the environment at a turn: contents of slots by number, a request, a stop."""
 
     contents: tuple[tuple[str, int], ...]
     request: Request | None
@@ -50,9 +56,10 @@ class Choice(NamedTuple):
 
 
 class System:
-    """The machines, what their environment may do, and all ringlets run so far.
+    """The machines, the choices of their environment, and all ringlets run so far.
 
-    Of the machines, the last `watchers` watch the others.
+    The last `watchers` machines are monitors, which watch the others. For the other arguments see
+    `explore`.
     """
 
     def __init__(
@@ -60,7 +67,7 @@ class System:
         members: Iterable[Member],
         *,
         watchers: int,
-        passing: Passing,
+        time_model: TimeModel,
         sensors: Mapping[Slot[Any] | str, Iterable[Any]],
         stop: bool,
         suspend: Iterable[str],
@@ -68,7 +75,7 @@ class System:
         unload_accepting: bool,
         abstract: Mapping[str, Callable[[Any], Any]],
     ):
-        self.passing = passing
+        self.time_model = time_model
         self.stop = stop
         self.by_rounds = by_rounds
         self.suspend = frozenset(suspend)
@@ -81,7 +88,7 @@ class System:
         )
         self.names = list(self.ringlets.places)
         self.watchers = range(len(self.names) - watchers, len(self.names))
-        """The last machines, which watch the others."""
+        """The places of the monitors, which are the last machines."""
         for name in sorted(self.suspend):
             if name not in self.names:
                 raise DomainError(
@@ -91,9 +98,9 @@ class System:
         self.limits: list[dict[str, Limits]] = [{} for _ in self.names]
         """For each machine and state, the times that are asked about in it."""
         self.mentions: list[set[int]] = [set() for _ in self.names]
-        """For each machine, those whose standing it asks for or changes."""
+        """For each machine, those whose control state it asks for or changes."""
         self.leavers: set[int] = set()
-        """The machines that were found to leave."""
+        """The machines that were found to leave the arrangement."""
         self._kept: dict[Given, list[tuple[Given, RingletOutcome]]] = {}
         self._connect(sensors)
 
@@ -134,7 +141,7 @@ class System:
         self._check_complete()
         self._check_choices()
         self.defaults: Mapping[str, Any] = defaults_of(self.ringlets.seats)
-        """What a view shows for each slot while it is empty."""
+        """The message that a view shows for each slot while it is empty."""
 
     def _add_slot(self, slot: Slot[Any], machine: str) -> None:
         self.ringlets.message(slot.name, None)  # so that its messages are numbered from 1
@@ -196,25 +203,25 @@ class System:
                     f"hold: list those that matter, as in sensors={{SLOT: [message, ...]}}"
                 )
 
-    # What the environment may do
+    # The choices of the environment
 
     def free_slots(self, place: int) -> list[str]:
-        """Return the slots of the environment that a machine reads, each once."""
+        """List the slots of the environment that a machine reads, each once."""
         if place in self.watchers:
             return []
         return [s for s in dict.fromkeys(self.reads[place].values()) if s in self.domains]
 
     def keeps(self, place: int, slot: str) -> bool:
-        """Return whether what a machine reads there was there before its turn."""
+        """Check that a slot's content is from before the turn of the machine, which reads it."""
         return self.by_rounds or slot in self.posted or place in self.watchers
 
     def contents(self, slots: Iterable[str]) -> Iterator[tuple[tuple[str, int], ...]]:
-        """Return all that these slots of the environment may hold together."""
+        """List all combinations of contents of these slots of the environment."""
         for numbers in product(*(self.domains[slot] for slot in slots)):
             yield tuple(zip(slots, numbers, strict=True))
 
     def choices(self, place: int, *, stopping: bool) -> list[Choice]:
-        """Return all that the environment may do at a turn of the machine at `place`."""
+        """List the environment's choices at a turn of the machine at `place`."""
         slots = [] if self.by_rounds else self.free_slots(place)
         requests = _REQUESTS if self.names[place] in self.suspend else (None,)
         stops = (False, True) if self.stop and not stopping else (False,)
@@ -225,12 +232,13 @@ class System:
             for stop in stops
         ]
 
-    # What machines do
+    # The ringlets of the machines
 
     def outcome(self, given: Given) -> RingletOutcome:
-        """Return what a ringlet does: as kept, or by running it.
+        """Look the effects of a ringlet up, or run and keep it.
 
-        Raise `RelearnError` if running it has shown more than was known.
+        Raise `RelearnError` if running it has shown more than was known, and `VerificationError`
+        if a machine's variables have too many values.
         """
         key = given._replace(elapsed_ns=0, others=())
         kept = self._kept.setdefault(key, [])
@@ -242,7 +250,7 @@ class System:
                 return outcome
         try:
             outcome = self.ringlets.run_ringlet(given)
-        except UnknownStandingError as error:
+        except UnknownControlError as error:
             self.mentions[given.place] |= error.touched
             raise RelearnError from None
         self._learn_limits(given.place, outcome)
@@ -250,7 +258,7 @@ class System:
         self._learn_leavers((given.place, outcome.control), *outcome.others)
         if len(self.ringlets.variables[given.place]) > MOST_VALUES:
             variable, number = next(iter(self.values().items()))
-            raise EndlessError(
+            raise VerificationError(
                 f"there seems to be no end of states: {variable} has had {number} values; bound "
                 f'it, or give abstract={{"{variable}": lambda value: ...}} to leave out what does '
                 f"not matter"
@@ -260,13 +268,13 @@ class System:
     def _learn_limits(self, place: int, outcome: RingletOutcome) -> None:
         """Note the times that a ringlet asks about, up to the first for which there is no room.
 
-        What it did after that was for a time that may be too short, so it is not kept.
+        It ran for a time that may be too short to answer that one, so it is not kept.
         """
         for state, limit in outcome.limits:
             limits = self.limits[place].setdefault(state, Limits())
-            before = self.passing.most(limits)
+            before = self.time_model.most(limits)
             limits.note(limit)
-            if self.passing.most(limits) != before:
+            if self.time_model.most(limits) != before:
                 raise RelearnError
 
     def _learn_leavers(self, *controls: tuple[int, int]) -> None:
@@ -277,7 +285,7 @@ class System:
             raise RelearnError
 
     def unreached(self) -> Iterator[str]:
-        """Return the states that no machine comes into, as "Machine.STATE"; not of watchers."""
+        """List the states that no machine comes into, as "Machine.STATE"; not of monitors."""
         stood = {(place, control) for place, (control, _) in enumerate(self.ringlets.initial)}
         for given, outcome in self.kept():
             stood |= {(given.place, outcome.control), *outcome.others}
@@ -287,7 +295,7 @@ class System:
             yield from (f"{seat.name}.{state}" for state in seat.states if state not in reached)
 
     def untaken(self) -> Iterator[str]:
-        """Return the transitions that never fire, as "Machine.STATE -> TARGET: label"."""
+        """List the transitions that never fire, as "Machine.STATE -> TARGET: label"."""
         fired = {(given.place, outcome.fired) for given, outcome in self.kept()}
         for place, seat in enumerate(self.ringlets.seats[: self.watchers.start]):
             for state in type(seat.machine).table.states:
@@ -296,7 +304,7 @@ class System:
                         yield f"{seat.name}.{state.name} -> {way.target.name}: {way.label}"
 
     def values(self) -> dict[str, int]:
-        """Return how many values each variable has had, as "Machine.variable", most first."""
+        """Count the values that each variable has had, as "Machine.variable", the most first."""
         found: dict[str, set[Hashable]] = {}
         for place, name in enumerate(self.names):
             for variables, _ in self.ringlets.variables[place].values:
@@ -306,7 +314,7 @@ class System:
         return dict(sorted(((n, len(each)) for n, each in found.items()), key=lambda i: -i[1]))
 
     def longest_wait(self) -> tuple[str, int]:
-        """Return the longest time in ns that is asked about, after its "Machine.STATE"."""
+        """Find the longest time that is asked about, in ns, after its "Machine.STATE"."""
         waits = [
             (limits[-1], f"{name}.{state}")
             for name, of_states in zip(self.names, self.limits, strict=True)
@@ -317,25 +325,25 @@ class System:
         return place, limit_ns
 
     def kept(self) -> Iterator[tuple[Given, RingletOutcome]]:
-        """Return all ringlets that were run, and what they did."""
+        """List all ringlets that were run, and their effects."""
         for kept in self._kept.values():
             yield from kept
 
     def is_settled(self, place: int, control: int, *, stopping: bool) -> tuple[bool, bool]:
-        """Return whether a machine need not keep the execution alive, and whether it cannot."""
+        """Check as `Ringlets.is_settled` does; a monitor does not keep the execution alive."""
         if place in self.watchers:
             return True, True
         return self.ringlets.is_settled(place, control, stopping=stopping, may_stop=self.stop)
 
     def waits(self, place: int, control: int) -> bool:
-        """Return whether a machine is suspended, and whoever asks may wake it or leave it so."""
+        """Check that a machine is suspended, and that anybody may wake it or leave it so."""
         return place not in self.watchers and self.ringlets.waits(place, control)
 
     def limits_of(self, place: int, control: ControlState) -> Limits:
-        """Return the times that are asked about where a machine stands; none if no clock runs."""
+        """List the times asked about in a control state; none if the state's clock does not run."""
         none = Limits()
         return self.limits[place].get(control.current, none) if control.entered else none
 
     def most_time(self, place: int) -> int:
-        """Return the largest number for the time of a machine in any state."""
-        return max(map(self.passing.most, self.limits[place].values()), default=0)
+        """Return the largest number for the time of a machine in any state of its."""
+        return max(map(self.time_model.most, self.limits[place].values()), default=0)

@@ -1,11 +1,15 @@
-"""Tables from packed states to what turns do to them, filled as they are looked up.
+"""States as whole numbers, and tables from their bits to the effects of turns.
 
-An effect is (mask, value): `state & mask | value` is the state after it.
+Exploring is fast because nothing of the engine runs for a state. Each field of a state, such as the
+number of a machine's variables, has its bits in one number. A turn depends on some fields only:
+their bits are the key of a table, and its value is the list of the turn's effects, one for each
+choice of the environment. An effect is (mask, bits): `state & mask | bits` is the state after it.
+A table is filled as it is looked up, by the ringlets that `System` keeps or runs. The same is done
+for the time that passes, and for machines that have left or are settled.
 
-States as whole numbers: each field has its bits, the small ones lowest.
-
-Fields are packed tight, and those with few values come first, because the hash of a whole number
-is the number: sets of them are fast only if the low bits differ.
+Fields are packed tight, and those with few values come first, because the hash of a whole number is
+the number: sets of them are fast only if the low bits differ. A field that becomes too small gets
+twice the room in the next attempt (`RelearnError`).
 """
 
 from __future__ import annotations
@@ -14,13 +18,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
 from typing import NamedTuple, TypeAlias, TypeVar
 
-from llfsm.runtime.verification.explored import ControlState, Given, RingletOutcome
+from llfsm.runtime.verification.environment import ControlState, Given, RingletOutcome
 from llfsm.runtime.verification.properties import LastAsk
 from llfsm.runtime.verification.system import Choice, RelearnError, System
-from llfsm.runtime.verification.time_model import Limits, Periods
+from llfsm.runtime.verification.time_model import Limits
 
 FieldName: TypeAlias = tuple[str, str]
-"""What it is ("control", "variables", "elapsed", "slot", "seen", "stop"), and of what."""
+"""A kind ("control", "variables", "elapsed", "slot", "seen", "stop", "failed") and a name."""
 
 
 class Bits(NamedTuple):
@@ -31,16 +35,16 @@ class Bits(NamedTuple):
 
     @property
     def mask(self) -> int:
-        """The bits."""
+        """The field's bits, all set."""
         return self.most << self.shift
 
     def of(self, state: int) -> int:
-        """Return the value in a state."""
+        """Return the field's value in a state."""
         return (state >> self.shift) & self.most
 
 
 class Packing:
-    """Where each field is, given how many values each must have room for."""
+    """The place of each field; `sizes` are the numbers of values for which each must have room."""
 
     def __init__(self, sizes: Mapping[FieldName, int]):
         self.fields: dict[FieldName, Bits] = {}
@@ -53,7 +57,7 @@ class Packing:
         """The bits of all fields."""
 
     def mask(self, names: Iterable[FieldName]) -> int:
-        """Return the bits of the fields that there are."""
+        """Return the bits of those of the fields that exist."""
         fields = self.fields
         return sum(fields[name].mask for name in set(names) if name in fields)
 
@@ -63,7 +67,7 @@ Effect: TypeAlias = tuple[int, int]
 
 
 class LazyTable(dict[int, V]):
-    """Values by some bits of a state, each computed when it is first looked up."""
+    """Values by some bits of a state, each computed by `fill` when it is first looked up."""
 
     def __init__(self, fill: Callable[[int], V]):
         super().__init__()
@@ -77,7 +81,7 @@ class LazyTable(dict[int, V]):
 class Tables:
     """The tables of a `system` by the fields and sizes that are known now.
 
-    `named` are the fields of which a property asks although no machine's turn depends on them.
+    `named` are the fields that a property asks for although no machine's turn depends on them.
     Looking up raises `RelearnError` if a field has become too small; `sizes` are then larger.
     """
 
@@ -126,19 +130,19 @@ class Tables:
             ]
             for which in range(2)
         )
-        """Whether each machine need not keep the execution alive, and whether it cannot."""
+        """For each machine, two tables: it need not keep the execution alive; it cannot."""
         self.rounds = self._round_choices()
-        """What may be chosen for a round, if choices are made by rounds."""
+        """The effects of the environment's choices for a round, if choices are made by rounds."""
         self.forgotten = self.packing.mask(
             ("slot", slot)
             for slot in system.domains
             if system.by_rounds and ("slot", slot) not in self._named
         )
-        """The bits that are cleared when a round is over: what was chosen for it."""
+        """The bits of the choices for a round, which are cleared when it is over."""
         self.leavers = frozenset(system.leavers)
         """The machines that can leave the arrangement."""
         self.loaded = [(self.controls[n].mask, LazyTable(self._loaded_filler(n))) for n in places]
-        """Whether each machine has not left."""
+        """For each machine, a table that is True as long as it has not left."""
         self._choices: list[dict[bool, list[Choice]]] = [
             {stopping: system.choices(place, stopping=stopping) for stopping in (False, True)}
             for place in places
@@ -185,7 +189,7 @@ class Tables:
         ]
 
     def choices(self, place: int, state: int) -> list[tuple[Choice, RingletOutcome, Effect]]:
-        """Return what the environment may do at a machine's turn, and what the turn then does."""
+        """List the environment's choices at a machine's turn, with its outcome and effect."""
         key = state & self.masks[place]
         turns = self._outcomes(place, key, self._time(place)(key))
         return [
@@ -194,7 +198,7 @@ class Tables:
         ]
 
     def number_of_choices(self, place: int, states: list[int]) -> int:
-        """Return how many choices the environment has in all in some states."""
+        """Count the choices that the environment has in all of some states."""
         running, stopping = (len(self._choices[place][each]) for each in (False, True))
         if not self._stop.most:
             return len(states) * running
@@ -202,11 +206,11 @@ class Tables:
         return (len(states) - stopped) * running + stopped * stopping
 
     def stopping(self, state: int) -> bool:
-        """Return whether a stop has come."""
+        """Check that a stop has come."""
         return bool(self._stop.of(state))
 
     def _put(self, name: FieldName, value: int) -> int:
-        """Return the bits of a value of a field; learn that it needs more room if so."""
+        """Return the bits of a field's value; raise `RelearnError` if it needs more room."""
         field = self.fields.get(name, self._none)
         if value > field.most:
             self._sizes_seen[name] = 2 * value
@@ -230,15 +234,15 @@ class Tables:
         return fill
 
     def _time(self, place: int) -> Callable[[int], int]:
-        """Return a function that returns the time in a machine's state."""
-        (shift, most), passing = self._elapsed[place], self.system.passing
-        if isinstance(passing, Periods):
-            period_ns = passing.period_ns
+        """Make a function that returns the time in a machine's state, in ns, by a key."""
+        (shift, most), time_model = self._elapsed[place], self.system.time_model
+        period_ns = time_model.period_ns
+        if period_ns is not None:
             return lambda key: (key >> shift & most) * period_ns
-        return lambda key: passing.elapsed_ns(key >> shift & most, self._limits(place, key))
+        return lambda key: time_model.elapsed_ns(key >> shift & most, self._limits(place, key))
 
     def control(self, place: int, state: int) -> ControlState:
-        """Return where a machine stands in a state."""
+        """Return a machine's control state in a state."""
         codes = self.system.ringlets.controls[place]
         control: ControlState = codes.values[self.controls[place].of(state)]
         return control
@@ -247,13 +251,13 @@ class Tables:
         return self.system.limits_of(place, self.control(place, key))
 
     def running(self, state: int) -> Iterator[tuple[int, Limits, int]]:
-        """Return the machines whose clocks run: limits, and the number that stands for the time."""
+        """List the machines whose clocks run: place, limits, and the number for the time."""
         for place, field in enumerate(self._elapsed):
             if limits := self._limits(place, state):
                 yield place, limits, field.of(state)
 
     def _effects(self, place: int, key: int, elapsed_ns: int) -> tuple[float, float, list[Effect]]:
-        """Return the effect of each choice, and the range of times in the state that have them."""
+        """Return the range of times in the state with the same effects, and one for each choice."""
         low_ns, high_ns = -inf, inf
         effects = []
         for choice, found, outcome in self._outcomes(place, key, elapsed_ns):
@@ -264,7 +268,7 @@ class Tables:
     def _outcomes(
         self, place: int, key: int, elapsed_ns: int
     ) -> Iterator[tuple[Choice, dict[str, int], RingletOutcome]]:
-        """Return each choice, what the slots that are read hold then, and what the turn does."""
+        """Yield each choice, the contents of the slots that are read then, and the outcome."""
         system = self.system
         control, variables = self.controls[place].of(key), self._variables[place].of(key)
         contents = {slot: field.of(key) for slot, field in self._read[place].items()}
@@ -313,10 +317,10 @@ class Tables:
         return self.packing.all & ~self.packing.mask(values), bits
 
     def _tick_filler(self, place: int) -> Callable[[int], tuple[int, ...]]:
-        field, passing = self._elapsed[place], self.system.passing
+        field, time_model = self._elapsed[place], self.system.time_model
 
         def added(key: int) -> tuple[int, ...]:
-            steps = passing.steps(field.of(key), self._limits(place, key))
+            steps = time_model.steps(field.of(key), self._limits(place, key))
             return tuple(step << field.shift for step in steps)
 
         return added
@@ -336,13 +340,13 @@ class Tables:
         return lambda key: bool(codes.values[field.of(key)].loaded)
 
     def may_end(self, turn: int, state: int) -> bool:
-        """Return whether the execution may end in a state."""
+        """Check that the execution may end in a state."""
         if state & self.failed.mask:
             return True
         return turn == 0 and all(table[state & mask] for mask, table in self._dispensable)
 
     def asked_to_end(self, state: int) -> dict[str, tuple[LastAsk, ...]]:
-        """Return what must be asked, as a round is over, for the execution to end in a state."""
+        """List the requests, as a round is over, without which it does not end in a state."""
         if state & self.failed.mask:
             return {}
         system, stopping = self.system, self.stopping(state)

@@ -1,15 +1,17 @@
-"""Run every kept ringlet again, in another order: each must do the same.
+"""Unmodelled state: all that code could depend on besides the state of an exploration.
 
-Code that reads random numbers, the host's clock, files or what is not a machine's own makes the
-table of ringlets wrong, and so does what depends on the order of a set. Most such code does not do
-the same twice. A clock or a file may not change meanwhile, so calls that read them are found as
-they are made.
+The tables of ringlets are right only if each ringlet does the same whenever it is given the same.
+Two checks at the end of an exploration look for code that breaks this:
 
-What machines' code could keep outside of their variables, where it is not part of a state.
+*Determinism* (`check_determinism`). Every kept ringlet is run again: in another order, with copies
+of messages, and with shuffled sets. Code that reads random numbers, globals or the order of a set
+then does something else, sooner or later. A clock or a file may not change meanwhile, so each
+ringlet is also run once under a profile hook that finds calls that read them.
 
-That is what the code names: globals, class attributes, variables of functions around it, and
-defaults; and what is named by the functions and classes that it uses, if they are the user's.
-Libraries are not looked into: they keep much that changes nothing.
+*State elsewhere* (`UnmodelledState`). What the code names is compared before and after: globals,
+class attributes, variables of functions around it, defaults; and likewise for the functions and
+classes that it uses, if they are the user's. Libraries are not looked into: they keep much that
+changes nothing, such as caches.
 """
 
 from __future__ import annotations
@@ -35,8 +37,8 @@ from llfsm.runtime.engine.ports import Actuator, Sensor
 from llfsm.runtime.engine.ringlet import ringlet
 from llfsm.runtime.engine.source_text import reaches_outside, reads_outside
 from llfsm.runtime.engine.state import State
-from llfsm.runtime.verification.errors import RepeatError, UnsupportedError
-from llfsm.runtime.verification.explored import Given, RingletOutcome, UnknownStandingError
+from llfsm.runtime.verification.environment import Given, RingletOutcome, UnknownControlError
+from llfsm.runtime.verification.errors import UnsupportedError, VerificationError
 from llfsm.runtime.verification.ringlets import Ringlets
 
 _LLFSM: Final = os.path.dirname(errors.__file__) + os.sep
@@ -48,6 +50,125 @@ _LIBRARIES: Final = (
     _LLFSM,
 )
 _ATOMS: Final = (int, str, bool, bytes, complex, type(None))
+_UNSEEN: Final = ("logging", "linecache", "tokenize", "llfsm.whiteboard", "llfsm.runtime")
+"""Modules that read a clock or files for reports, which no code of a machine sees."""
+_STANDARD: Final = sys.stdlib_module_names
+_TRIES = 20
+_LEAST = 1_000
+"""Ringlets to run again at least: of a few, each is run often, as chance may do the same twice."""
+
+
+# Determinism
+
+
+def check_determinism(ringlets: Ringlets, kept: Iterable[tuple[Given, RingletOutcome]]) -> None:
+    """Run ringlets again, shuffled; raise `VerificationError` if one does something else.
+
+    Raise `TimeUpError` after the deadline. The messages in slots are equal, but other objects: no
+    code may depend on which they are.
+    """
+    each = list(kept)
+    for given, _ in each:
+        if call := _outside_call(ringlets, given):
+            raise VerificationError(
+                f"{ringlets.seats[given.place].name}, {call}: only variables, sensors and the time "
+                f"in the state, as by after_ms, can be explored"
+            )
+    again = each * max(1, _LEAST // max(1, len(each)))
+    random.Random(0).shuffle(again)
+    for given, before in again:
+        if _again(ringlets, given) != before:
+            raise VerificationError(
+                f"{_place(ringlets, given)} did not do the same again in the same situation: does "
+                f"it read what machines share, compare messages with `is`, or depend on a set's "
+                f"order? Only variables, sensors and the time in the state can be explored"
+            )
+
+
+def _again(ringlets: Ringlets, given: Given) -> RingletOutcome | None:
+    """Run a ringlet; return None if it asks about a machine about which it did not ask before."""
+    try:
+        return ringlets.run_ringlet(given, copied=True)
+    except UnknownControlError:
+        return None
+
+
+def _place(ringlets: Ringlets, given: Given) -> str:
+    """Find machine, state and section of the code that does not do the same again."""
+    runs = [_steps(ringlets, given) for _ in range(_TRIES)]
+    for first, second in pairwise(runs):
+        for one, other in zip_longest(first, second):
+            if one != other:
+                return f"{ringlets.seats[given.place].name}, {(one or other)[0]},"
+    state = ringlets.controls[given.place].values[given.control].current
+    return f"{ringlets.seats[given.place].name}, state {state},"
+
+
+def _outside_call(ringlets: Ringlets, given: Given) -> str:
+    """Run a ringlet; return the place of its first call of a clock or the like, "" if none."""
+    calls: list[str] = []
+
+    def watch(frame: FrameType, event: str, function: Any) -> None:
+        if event != "c_call" or calls:
+            return
+        module = str(frame.f_globals.get("__name__"))
+        if module.startswith(_UNSEEN):
+            return
+        if function is hash or function is id:  # a `__hash__` may call them, for sets and dicts
+            if frame.f_code.co_name == "__hash__" or module.split(".")[0] in _STANDARD:
+                return
+        elif not (reads_outside(function) or reaches_outside(function)):
+            return
+        inner, outer = frame, frame.f_back
+        while outer is not None and outer.f_code is not ringlet.__code__:
+            inner, outer = outer, outer.f_back
+        if outer is not None:
+            running = outer.f_locals
+            state, step = place_of(running["seat"], running["state"], running["code"])
+            name = getattr(function, "__qualname__", function)
+            where = f"{inner.f_code.co_filename}:{inner.f_lineno}"
+            calls.append(f"state {state}, {step}, calls {name} ({where})")
+
+    before, collects = sys.getprofile(), gc.isenabled()
+    gc.disable()  # what is called when garbage is collected is not the machine's code
+    sys.setprofile(watch)
+    try:
+        with suppress(UnknownControlError):  # which is found when it is run again
+            ringlets.run_ringlet(given)
+    finally:
+        sys.setprofile(before)
+        if collects:
+            gc.enable()
+    return calls[0] if calls else ""
+
+
+def _steps(ringlets: Ringlets, given: Given) -> list[tuple[str, object]]:
+    """Run a ringlet; list its sections with the changes by their ends, and guards with results."""
+    steps: list[tuple[str, object]] = []
+    begun: list[str] = []
+
+    def end_section() -> None:
+        if begun:
+            steps.append((begun.pop(), ringlets.fingerprint(given.place)))
+
+    def observe(event: Event) -> None:
+        if isinstance(event, Section | Eval):
+            end_section()
+        if isinstance(event, Section):
+            begun.append(f"state {event.state}, {event.section}")
+        elif isinstance(event, Eval):
+            steps.append((f"state {event.state}, transition {event.label}", event.value))
+
+    ringlets.attach(observe)
+    try:
+        _again(ringlets, given)
+        end_section()
+    finally:
+        ringlets.detach(observe)
+    return steps
+
+
+# State elsewhere
 
 
 class _Place(NamedTuple):
@@ -55,13 +176,13 @@ class _Place(NamedTuple):
     where: str
     image: Hashable
     held: Any
-    """What has it, and what is there: kept so that no other object gets their ids."""
+    """The holder and the value: kept so that no other object gets their ids."""
 
 
-class Hidden:
-    """What the code of machines, which are given by name, could change: as it is now.
+class UnmodelledState:
+    """A picture, taken now, of all that the code of `machines`, by name, could change.
 
-    Raise `UnsupportedError` if it names an iterator.
+    Raise `UnsupportedError` if it names an iterator, whose place cannot be read.
     """
 
     def __init__(self, machines: Mapping[str, Machine]):
@@ -70,7 +191,7 @@ class Hidden:
         self._before, self._holders = look.found, look.holders
 
     def check(self) -> None:
-        """Raise `UnsupportedError` if anything is not as it was."""
+        """Raise `UnsupportedError` if anything is not as it was when this was made."""
         after = self._look().found
         for key in {**self._before, **after}:
             was, now = self._before.get(key), after.get(key)
@@ -92,11 +213,11 @@ class Hidden:
 
 
 class _Look:
-    """One look at all that code reaches; modules in `folders` are the user's in any case."""
+    """A walk over all that code reaches; modules in `folders` are the user's in any case."""
 
     def __init__(self, folders: Set[str]):
         self.found: dict[tuple[int, str], _Place] = {}
-        """By the id of what has it, and its name there."""
+        """By the id of its holder, and its name there."""
         self.holders: set[int] = set()
         """The ids of all that could have more."""
         self.machine = ""
@@ -104,7 +225,7 @@ class _Look:
         self._followed: set[int] = set()
 
     def follow(self, values: Iterable[Any]) -> None:
-        """Note what the code of functions and classes names, and so on."""
+        """Note all that the code of functions and classes names, and go on with that."""
         todo = [*values]
         while todo:
             each = todo.pop()
@@ -176,7 +297,7 @@ class _Look:
         return isinstance(value, Iterator) and foreign
 
     def _image(self, value: Any, seen: dict[int, int]) -> Hashable:
-        """Return what is equal as long as the value is the same; `seen` numbers what it has."""
+        """Make a key that is equal as long as the value is the same; `seen` numbers its parts."""
         kind = type(value)
         if kind in _ATOMS:
             return kind, value
@@ -217,7 +338,7 @@ def _content_of(cell: Any, name: str) -> dict[str, Any]:
 
 
 def _file_of(cls: type) -> str:
-    """Return the file that defines a class; that of Python itself for one in C."""
+    """Find the file that defines a class; a file of Python itself for one in C."""
     module = sys.modules.get(cls.__module__)
     if module is None or cls.__module__ == "__main__":
         return getattr(module, "__file__", None) or ""
@@ -225,7 +346,7 @@ def _file_of(cls: type) -> str:
 
 
 def _parts_of(value: Any) -> Iterable[Any] | None:
-    """Return what a container has in it; None for what is none."""
+    """List the parts of a container or buffer; None for any other value."""
     if isinstance(value, dict):
         return (part for item in value.items() for part in item)
     if isinstance(value, list | tuple | deque | set | frozenset):
@@ -242,118 +363,3 @@ def _attributes_of(value: Any) -> list[Any]:
         slots = vars(cls).get("__slots__", ())
         names += (slots,) if isinstance(slots, str) else slots
     return [part for name in dict.fromkeys(names) for part in (name, getattr(value, name, None))]
-
-
-_UNSEEN: Final = ("logging", "linecache", "tokenize", "llfsm.whiteboard", "llfsm.runtime")
-"""What reads a clock or files for reports, which no code of a machine sees."""
-_STANDARD: Final = sys.stdlib_module_names
-_TRIES = 20
-_LEAST = 1_000
-"""Ringlets to run again at least: of a few, each is run often, as chance may do the same twice."""
-
-
-def check_repeats(ringlets: Ringlets, kept: Iterable[tuple[Given, RingletOutcome]]) -> None:
-    """Run ringlets again, shuffled; raise `RepeatError` if one does something else.
-
-    Raise `TimeUpError` after the deadline. The messages in slots are equal, but other objects: no
-    code may depend on which they are.
-    """
-    each = list(kept)
-    for given, _ in each:
-        if call := _outside_call(ringlets, given):
-            raise RepeatError(
-                f"{ringlets.seats[given.place].name}, {call}: only variables, sensors and the time "
-                f"in the state, as by after_ms, can be explored"
-            )
-    again = each * max(1, _LEAST // max(1, len(each)))
-    random.Random(0).shuffle(again)
-    for given, before in again:
-        if _again(ringlets, given) != before:
-            raise RepeatError(
-                f"{_place(ringlets, given)} did not do the same again in the same situation: does "
-                f"it read what machines share, compare messages with `is`, or depend on a set's "
-                f"order? Only variables, sensors and the time in the state can be explored"
-            )
-
-
-def _again(ringlets: Ringlets, given: Given) -> RingletOutcome | None:
-    """Run a ringlet; return None if it asks about a machine about which it did not ask before."""
-    try:
-        return ringlets.run_ringlet(given, copied=True)
-    except UnknownStandingError:
-        return None
-
-
-def _place(ringlets: Ringlets, given: Given) -> str:
-    """Return machine, state and section of the code that does not do the same again."""
-    runs = [_steps(ringlets, given) for _ in range(_TRIES)]
-    for first, second in pairwise(runs):
-        for one, other in zip_longest(first, second):
-            if one != other:
-                return f"{ringlets.seats[given.place].name}, {(one or other)[0]},"
-    state = ringlets.controls[given.place].values[given.control].current
-    return f"{ringlets.seats[given.place].name}, state {state},"
-
-
-def _outside_call(ringlets: Ringlets, given: Given) -> str:
-    """Run a ringlet, and return where it first reads a clock or random numbers, if it does."""
-    calls: list[str] = []
-
-    def watch(frame: FrameType, event: str, function: Any) -> None:
-        if event != "c_call" or calls:
-            return
-        module = str(frame.f_globals.get("__name__"))
-        if module.startswith(_UNSEEN):
-            return
-        if function is hash or function is id:  # a `__hash__` may call them, for sets and dicts
-            if frame.f_code.co_name == "__hash__" or module.split(".")[0] in _STANDARD:
-                return
-        elif not (reads_outside(function) or reaches_outside(function)):
-            return
-        inner, outer = frame, frame.f_back
-        while outer is not None and outer.f_code is not ringlet.__code__:
-            inner, outer = outer, outer.f_back
-        if outer is not None:
-            running = outer.f_locals
-            state, step = place_of(running["seat"], running["state"], running["code"])
-            name = getattr(function, "__qualname__", function)
-            where = f"{inner.f_code.co_filename}:{inner.f_lineno}"
-            calls.append(f"state {state}, {step}, calls {name} ({where})")
-
-    before, collects = sys.getprofile(), gc.isenabled()
-    gc.disable()  # what is called when garbage is collected is not the machine's code
-    sys.setprofile(watch)
-    try:
-        with suppress(UnknownStandingError):  # which is found when it is run again
-            ringlets.run_ringlet(given)
-    finally:
-        sys.setprofile(before)
-        if collects:
-            gc.enable()
-    return calls[0] if calls else ""
-
-
-def _steps(ringlets: Ringlets, given: Given) -> list[tuple[str, object]]:
-    """Run a ringlet and return each step with what it had changed by its end, or its value."""
-    steps: list[tuple[str, object]] = []
-    begun: list[str] = []
-
-    def end_section() -> None:
-        if begun:
-            steps.append((begun.pop(), ringlets.fingerprint(given.place)))
-
-    def observe(event: Event) -> None:
-        if isinstance(event, Section | Eval):
-            end_section()
-        if isinstance(event, Section):
-            begun.append(f"state {event.state}, {event.section}")
-        elif isinstance(event, Eval):
-            steps.append((f"state {event.state}, transition {event.label}", event.value))
-
-    ringlets.attach(observe)
-    try:
-        _again(ringlets, given)
-        end_section()
-    finally:
-        ringlets.detach(observe)
-    return steps

@@ -1,9 +1,11 @@
-"""Values of variables and messages as keys: by type and encoded bytes, so that True is not 1.
+"""Values of variables and messages: as keys that number them, and as copies with shuffled sets.
 
-Sets that come in another order every time: code must not depend on it.
+A state has numbers in place of values. Two values have the same number if their keys are equal; a
+key has the type with each part, so that True is not 1, and 0.0 is not -0.0.
 
 The order of a set is that of its elements' hashes, which Python draws anew for texts in each
-process, and of its history. It is not part of a state.
+process, and of its history. It is not part of a state, so code must not depend on it: where
+ringlets are run again, they get *shuffled sets*, which come in another order every time.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ _MAKING: Final = (
     *("copy", "union", "intersection", "difference", "symmetric_difference"),
     *("__or__", "__and__", "__sub__", "__xor__", "__ror__", "__rand__", "__rsub__", "__rxor__"),
 )
-"""The methods that return another set."""
+"""The methods of a set that return another one, which is then shuffled, too."""
 _chance = random.Random(0)
 
 
@@ -65,24 +67,24 @@ _UNSHUFFLED: Final[dict[Any, Any]] = {kind: base for base, kind in _SHUFFLED.ite
 
 
 def shuffled(value: Any) -> Any:
-    """Return a copy of a set that comes in another order every time; others are as they are."""
+    """Copy a set so that it comes in another order every time; return others as they are."""
     kind = _SHUFFLED.get(type(value))
     return value if kind is None else kind(value)
 
 
 def plain_kind(value: Any) -> Any:
-    """Return the type of a value, for a shuffled set that of the set."""
+    """Return the type of a value; of a shuffled set that of the set."""
     return _UNSHUFFLED.get(type(value), type(value))
 
 
 _PLAIN = (bool, int, str, bytes, type(None))
 
 Variables: TypeAlias = tuple[dict[str, Any], bool]
-"""A machine's variables by name, and whether any has parts that `freeze` notes."""
+"""A machine's variables by name, and True if any has parts that `freeze` notes."""
 
 
 class UnknownValueError(Exception):
-    """A value is not data; the text says what it is."""
+    """A value is not data; the text names its type."""
 
 
 class Codes:
@@ -96,7 +98,7 @@ class Codes:
         return len(self.values)
 
     def code(self, key: Hashable, value: Any) -> int:
-        """Return the number of `key`; `value` is what stands for it if it is new."""
+        """Give `key` its number; if it is new, keep `value` for it in `values`."""
         code = self._codes.get(key)
         if code is None:
             code = self._codes[key] = len(self.values)
@@ -105,7 +107,7 @@ class Codes:
 
 
 def freeze(value: Any, note: Callable[[Any], None]) -> Hashable:
-    """Return the key of a value; call `note` with each part that can change, or is a frozenset.
+    """Make the key of a value; call `note` with each part that can change, or is a frozenset.
 
     Raise `UnknownValueError` for what is not data, such as a function or a file.
     """
@@ -147,7 +149,7 @@ def freeze(value: Any, note: Callable[[Any], None]) -> Hashable:
 
 
 def other_copy(value: Any) -> Any:
-    """Return a deep copy of data in which each set comes in another order every time."""
+    """Copy data deeply, with shuffled sets."""
     sets: dict[int, Any] = {}
 
     def note(part: Any) -> None:
@@ -171,7 +173,7 @@ def _freeze_all(values: Iterable[Any], note: Callable[[Any], None]) -> tuple[Has
 
 
 def message_text(name: str, message: Any) -> str:
-    """Return a message in short, after the name of its slot or sensor."""
+    """Write a message in short, after the name of its slot or sensor."""
     if message is None:
         return f"{name}: no message"
     fields = [f"{field}={getattr(message, field)!r}" for field in message.__struct_fields__]

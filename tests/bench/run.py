@@ -24,9 +24,9 @@ import mirror
 import ours
 import pages
 import reaction
+import reversing
 import safety
 import through
-import travel
 from measure import (
     Meter,
     Pace,
@@ -68,7 +68,7 @@ FULL = Pace(
     page_s=10,
     edits=10,
     explorations=(5, None),
-    travelled=travel.HOUR,
+    reversed_turns=reversing.HOUR,
 )
 QUICK = Pace(
     samples=3,
@@ -82,7 +82,7 @@ QUICK = Pace(
     page_s=1,
     edits=1,
     explorations=(1, 20_000),
-    travelled=400,
+    reversed_turns=400,
 )
 
 _STARTING, _ROUNDS = 50, 500  # of a period of 1 ms: those in which machines are published, and then
@@ -126,7 +126,7 @@ def rows(pace: Pace) -> Iterator[Row]:
     if pace.fleet_s is not None:
         yield from fleet.rows(pace.fleet_s)
     yield from exploring.rows(*pace.explorations)
-    yield from travel.rows(pace.travelled)
+    yield from reversing.rows(pace.reversed_turns)
     yield from pages.rows(pace.page_s, pace.edits)
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.recorders import record_replay
+from llfsm.bridges.recording.recorders import record_script
 from llfsm.bridges.recording.writer import JournalWriter, RecordingWriter
-from llfsm.cli.debug.prompt import AskedPrompt, TravelPrompt
-from llfsm.cli.rerun import plan_of_one, travel_through
+from llfsm.cli.debug.prompt import AskedPrompt, ReversePrompt
+from llfsm.cli.rerun import plan_of_one, reverse_debugging
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member
 from llfsm.whiteboard import Slot
@@ -32,7 +32,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copy(MACHINES, tmp_path / "bouncers.py")
     file = tmp_path / "run.mcap"
     plan = {"machine": [{"definition": "bouncers.py:Bouncer"}], "break": ["Bouncer:GO#3"]}
-    record_replay(file, [Member(Bouncer)], SCRIPT, plan=plan, folder=tmp_path)
+    record_script(file, [Member(Bouncer)], SCRIPT, plan=plan, folder=tmp_path)
     return file
 
 
@@ -183,8 +183,8 @@ PLAN = {"machine": [{"definition": "bouncers.py:Bouncer"}]}
 def test_words_are_completed(llfsm: Llfsm, file: Path) -> None:
     recording = Recording(file)
     found = plan_of_one(recording, [f"{MACHINES}:Bouncer"], trust=False)
-    with travel_through(recording, *found, TravelPrompt) as travel:
-        prompt = AskedPrompt(travel)
+    with reverse_debugging(recording, *found, ReversePrompt) as client:
+        prompt = AskedPrompt(client)
         assert {"back", "goto", "pdb", "step"} <= {*prompt.candidates("")}
         assert prompt.candidates("back ") == ["turn", "round", "fire", "leave"]
         assert prompt.candidates("back leave ") == ["Bouncer"]

@@ -49,14 +49,14 @@ __builtins__.open = opened
 
 import click
 from click.testing import CliRunner
-from llfsm.bridges.recording.recorders import record_replay
+from llfsm.bridges.recording.recorders import record_script
 from llfsm.cli.root import main
 from llfsm.machines import RosPingPong
 from llfsm.runtime.plans import Plan, PlannedMachine
 from llfsm.runtime.testing import Step
 from llfsm.runtime.verification import Member
 
-record_replay("run.mcap", [Member(RosPingPong)], [Step()] * 3,
+record_script("run.mcap", [Member(RosPingPong)], [Step()] * 3,
               plan=Plan(machines=(PlannedMachine(definition="RosPingPong"),)))
 pages, addresses, echo = [], [], click.echo
 

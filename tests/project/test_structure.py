@@ -32,12 +32,12 @@ READS_PRIVATE = {  # tests that read private attributes, and why
 }
 
 WITHIN_A_PACKAGE = {  # public errors without the root of all: no caller of the package gets them
-    "LinkClosedError": "recording: another process is asked, or this one ends",
+    "LinkClosedError": "runtime: another process is asked, or this one ends",
     "MissingError": "debugging: an expression has no value, and is shown without",
     "RelearnError": "verification: the exploration starts again",
     "TimeUpError": "verification: what is not known by then is undecided",
     "TooManyZonesError": "verification: the property is undecided",
-    "UnknownStandingError": "verification: the ringlet is run again with more",
+    "UnknownControlError": "verification: the ringlet is run again with more",
     "UnknownValueError": "verification: an UnsupportedError names the variable",
     "UnnamedFieldError": "verification: the exploration starts again",
     "UnreadableError": "ros2: compiled code raises what diagnosis finds",

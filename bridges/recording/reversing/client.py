@@ -1,7 +1,17 @@
-"""Through a recording with processes that are kept on the way, so that going back is quick.
+"""Questions to the machines of a recording, each to the process in which it is answered.
 
-:mod:`.travel_host` is what runs in these. Where processes cannot be forked, machines run in this
-one, and from the beginning to go back.
+The machines run in a fork of a checkpoint. A question that concerns their moment is answered there.
+One that needs another moment is answered with a :class:`.Redirect`: the client has the nearest
+checkpoint before that moment forked, lets the machines run on there, and ends their old process.
+The origin, from which machines run from the beginning, counts as a checkpoint at moment 0.
+
+To go back to a breakpoint is to search: from the nearest checkpoint to now, then from the one
+before up to that one, and so on, until one has passed a hit. Each stretch is run once.
+
+A process may end at any time, by the machines' code or by the system. A checkpoint that has ended
+is dropped, and the one before it taken; for the machines' own, they are where they were before.
+
+Where processes cannot be forked, machines run in this one, and from the beginning to go back.
 """
 
 from __future__ import annotations
@@ -11,22 +21,29 @@ import os
 import signal
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Self
 
-from llfsm.bridges.recording.errors import MachinesGoneError, MomentError
-from llfsm.bridges.recording.reversing.checkpoints import KeptPoint, KeptPoints
-from llfsm.bridges.recording.reversing.processes import LinkClosedError, ProcessLink
-from llfsm.bridges.recording.reversing.reverse_debugger import NEVER, NO_BREAKPOINT, Jump, Travel
+from llfsm.bridges.recording.errors import RecordingError
+from llfsm.bridges.recording.reversing.checkpoints import Checkpoint, Checkpoints
+from llfsm.bridges.recording.reversing.processes import SocketLink
+from llfsm.bridges.recording.reversing.reverse_debugger import (
+    NEVER,
+    NO_BREAKPOINT,
+    Jump,
+    ReverseDebugger,
+)
 from llfsm.bridges.recording.reversing.worker import (
     PASSED,
     Asked,
     Moment,
-    OtherMoment,
+    Redirect,
     Serve,
     start_origin,
 )
+from llfsm.runtime.worker import LinkClosedError, call
 
 if TYPE_CHECKING:
     from llfsm.bridges.recording.rerun import Rerun
@@ -36,57 +53,8 @@ if TYPE_CHECKING:
 _SUBREAPER: Final = 36  # PR_SET_CHILD_SUBREAPER, of <linux/prctl.h>
 
 
-class Travelled(Protocol):
-    """What goes through a recording, and is asked there."""
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        ...
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        ...
-
-    def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
-        """Return what a method of what is asked returns; raise what it raises.
-
-        One that lets machines go on returns when they are paused again, or, if they are in another
-        process, never: then the answer is that to `then`.
-        """
-        ...
-
-    def close(self) -> None:
-        """End the machines."""
-        ...
-
-
-def travelling(
-    make: Callable[[], Rerun],
-    library: Mapping[str, type[Machine]],
-    begin_ns: int,
-    serve: Serve,
-    read_line: Callable[[], str] = lambda: "",
-) -> Travelled:
-    """Return what goes through a recording as `Travel` does, and is asked what `serve` makes.
-
-    `read_line` is as for `KeptTravel`.
-    """
-    if sys.platform == "linux":
-        return KeptTravel(make, library, begin_ns, serve, read_line)
-    return InProcess(make, library, begin_ns, serve)
-
-
-class _Running(NamedTuple):
-    """The process of the machines."""
-
-    link: ProcessLink
-    process: int
-    begun_at: int
-    """The number of the moment from which it ran on."""
-
-
-class InProcess:
-    """Ask what goes through a recording in this process."""
+class Client(ABC):
+    """Asks the object that `serve` makes of a `ReverseDebugger`, wherever the machines are."""
 
     def __init__(
         self,
@@ -97,7 +65,6 @@ class InProcess:
     ):
         self._arguments = make, library, begin_ns
         self._serve = serve
-        self._travel: Travel | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -105,29 +72,66 @@ class InProcess:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @abstractmethod
     def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
-        """Return what a method of what is asked returns; raise what it raises."""
-        if self._travel is None:
-            self._travel = Travel(*self._arguments)
-            self._served = self._serve(self._travel)
-            self._travel.wait()
-        found = getattr(self._served, name)(*arguments)
-        return [*found] if isinstance(found, Iterator) else found
+        """Call a method of the object; return its result, or raise here what it raises.
+
+        A method that lets machines go on may not return where they are in another process: then
+        the answer is that of `then`, once they are paused again.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the machines; closing twice is fine."""
+
+
+def start_client(
+    make: Callable[[], Rerun],
+    library: Mapping[str, type[Machine]],
+    begin_ns: int,
+    serve: Serve,
+    read_line: Callable[[], str] = lambda: "",
+) -> Client:
+    """Start the client for this system; the arguments are as for `ForkingClient`."""
+    if sys.platform == "linux":
+        return ForkingClient(make, library, begin_ns, serve, read_line)
+    return LocalClient(make, library, begin_ns, serve)
+
+
+class LocalClient(Client):
+    """Ask an object in this process, in which the machines run, too."""
+
+    _debugger: ReverseDebugger | None = None  # from the first question on
+
+    def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
+        """Call a method; it returns when the machines are paused, so `then` is not needed."""
+        if self._debugger is None:
+            self._debugger = ReverseDebugger(*self._arguments)
+            self._served = self._serve(self._debugger)
+            self._debugger.wait()
+        return call(self._served, name, *arguments)
 
     def close(self) -> None:
-        """End the machines' thread."""
-        if self._travel is not None:
-            self._travel.__exit__(None, None, None)
-            self._travel = None
+        """End the machines' thread; closing twice is fine."""
+        if self._debugger is not None:
+            self._debugger.__exit__(None, None, None)
+            self._debugger = None
 
 
-class KeptTravel:
-    """Ask what goes through a recording in processes of its own.
+class _Running(NamedTuple):
+    """The process in which the machines are, and where it was forked."""
+
+    link: SocketLink
+    process: int
+    begun_at: int
+    """The number of the moment from which it ran on."""
+
+
+class ForkingClient(Client):
+    """Ask objects in processes that are forked from checkpoints.
 
     `read_line` returns a line of standard input for the machines' code. Ctrl-C pauses machines that
     run. Should their process end, as machines' code can do that, they are at the moment before.
-
-    kept: the moments from which machines run on to go back.
     """
 
     def __init__(
@@ -138,167 +142,164 @@ class KeptTravel:
         serve: Serve,
         read_line: Callable[[], str] = lambda: "",
     ):
-        self._arguments = make, library, begin_ns
-        self._serve = serve
+        super().__init__(make, library, begin_ns, serve)
         self._read_line = read_line
-        self.kept = KeptPoints()
-        self._host: _Running | None = None
-        self._running: _Running | None = None  # of which an answer is awaited
+        self.checkpoints = Checkpoints()
+        self._current: _Running | None = None
+        self._answering: _Running | None = None  # of which an answer is awaited
         self._at, self._why = Moment(0, 0), "start"
         self._was_interrupted = False
-        self._origin: KeptPoint | None = None
+        self._origin: Checkpoint | None = None
         _adopt_orphans(is_on=True)
         self._begin()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def ask(self, name: str, *arguments: Any, then: Asked | None = None) -> Any:
-        """Return what a method of what is asked returns; raise what it raises."""
+        """Call a method where the machines are, or at the moment to which it redirects."""
         asked: Asked = (name, *arguments)
         with self._interrupting():
-            if self._host is None:  # it is the first question, or their process has ended
+            if self._current is None:  # it is the first question, or their process has ended
                 self._jump(self._jump_to(max(self._at.number, 1), self._why), (PASSED,))
-            found = self._answer(self._host, ("ask", asked, then))
-            if isinstance(found, OtherMoment):
+            found = self._answer(self._current, ("ask", asked, then))
+            if isinstance(found, Redirect):
                 assert then is not None
-                found = self._go(found.jump, then)
+                found = self._redirect(found.jump, then)
         return found
 
     def close(self) -> None:
         """End all processes; closing twice is fine."""
         if self._origin is None:
             return
-        self._leave(self._host)
-        self.kept.points.append(self._origin)
-        self.kept.close()
-        self._origin = self._host = None
+        self._leave(self._current)
+        self.checkpoints.all.append(self._origin)
+        self.checkpoints.close()
+        self._origin = self._current = None
         _adopt_orphans(is_on=False)
+
+    # To other moments
 
     def _jump_to(self, moment: int, why: str) -> Jump:
         return Jump(why, moment, moment, breakpoints=self._at.breakpoints)
 
-    def _go(self, jump: Jump | None, then: Asked) -> Any:
+    def _redirect(self, jump: Jump | None, then: Asked) -> Any:
         if jump is None:
-            return self._go_to_breakpoint(then)
+            return self._back_to_breakpoint(then)
         if jump.after_ns is not None and self._at.time_ns <= jump.after_ns:
-            nearest = next(self.kept.usable(jump), None)
+            nearest = next(self.checkpoints.before(jump), None)
             if nearest is None or nearest.at.number <= self._at.number:
-                return self._answer(self._host, ("run", jump, then))
+                return self._answer(self._current, ("run", jump, then))
         return self._jump(jump, then)
 
-    def _go_to_breakpoint(self, then: Asked) -> Any:
-        """Look for the last one, in the last stretch that can be run alone, then in the others."""
+    def _back_to_breakpoint(self, then: Asked) -> Any:
+        """Search for the last hit in the last stretch that can be run alone, then in the others."""
         end, is_after_end = self._at.number, self._at.time_ns == NEVER
         since = end
         while end > 1:
             looking = self._jump_to(end, "back")._replace(since=since)
-            host, found, _ = self._woken(looking, (PASSED, is_after_end))
-            self._leave(host)
+            searched, found, _ = self._run_to(looking, (PASSED, is_after_end))
+            self._leave(searched)
             if isinstance(found, int) and found:
                 return self._jump(self._jump_to(found, "back"), then)
             if self._was_interrupted or not isinstance(found, int):
-                raise MomentError("the search was interrupted")
-            end = host.begun_at
+                raise RecordingError("the search was interrupted")
+            end = searched.begun_at
             since = end + 1
-        raise MomentError(NO_BREAKPOINT)
+        raise RecordingError(NO_BREAKPOINT)
 
     def _jump(self, jump: Jump, then: Asked) -> Any:
-        host, found, at = self._woken(jump, then)
-        self._leave(self._host)
-        self._host, self._at, self._why = host, at, "back"
+        running, found, at = self._run_to(jump, then)
+        self._leave(self._current)
+        self._current, self._at, self._why = running, at, "back"
         if isinstance(found, Exception):
             raise found
         return found
 
-    def _woken(self, jump: Jump, then: Asked) -> tuple[_Running, Any, Moment]:
-        """Run to a moment from the nearest that is kept; one whose process has ended is dropped."""
+    def _run_to(self, jump: Jump, then: Asked) -> tuple[_Running, Any, Moment]:
+        """Run to a moment from the nearest checkpoint, in a new process; return its answer."""
         while True:
-            point = next(self.kept.usable(jump), None) or self._origin
-            assert point is not None
-            ours, theirs = ProcessLink.pair()
+            nearest = next(self.checkpoints.before(jump), None) or self._origin
+            assert nearest is not None
+            ours, theirs = SocketLink.pair()
             known = [
                 each.at.number
-                for each in self.kept.points
-                if each.at.number > point.at.number and each.at.counts(jump.breakpoints)
+                for each in self.checkpoints.all
+                if each.at.number > nearest.at.number and each.at.counts(jump.breakpoints)
             ]
             try:
-                point.link.send((jump, then, known), theirs)
+                nearest.link.send_with((jump, then, known), theirs)
                 theirs.close()
-                (_, process), _ = ours.receive()  # hello
+                _, process = ours.receive()  # hello
             except LinkClosedError:
                 theirs.close()
                 ours.close()
-                self._lose(point)
+                self._lose(nearest)
                 continue
-            host = _Running(ours, process, point.at.number)
-            return host, *self._received(host)
+            running = _Running(ours, process, nearest.at.number)
+            return running, *self._received(running)
 
-    def _lose(self, point: KeptPoint) -> None:
-        """Do without a process that has ended."""
-        if point is not self._origin:
-            self.kept.drop(point)
+    def _lose(self, checkpoint: Checkpoint) -> None:
+        """Do without a checkpoint whose process has ended; start the origin anew."""
+        if checkpoint is not self._origin:
+            self.checkpoints.drop(checkpoint)
             return
-        point.link.close()
-        self.kept.end(point.process)
+        checkpoint.link.close()
+        self.checkpoints.end(checkpoint.process)
         self._begin()
 
-    def _answer(self, host: _Running | None, message: object) -> Any:
-        assert host is not None
+    # Questions and answers
+
+    def _answer(self, running: _Running | None, message: object) -> Any:
+        assert running is not None
         try:
-            host.link.send(message)
+            running.link.send(message)
         except LinkClosedError:
-            self._lost(host)
-        found, self._at = self._received(host)
+            self._lost(running)
+        found, self._at = self._received(running)
         if isinstance(found, Exception):
             raise found
         return found
 
-    def _received(self, host: _Running) -> tuple[Any, Moment]:
-        """Wait for an answer; keep what is kept, and give what is read, meanwhile."""
-        self._running = host
+    def _received(self, running: _Running) -> tuple[Any, Moment]:
+        """Wait for an answer; add checkpoints and give lines of input meanwhile."""
+        self._answering = running
         try:
             while True:
-                (kind, *parts), link = host.link.receive()
+                (kind, *parts), link = running.link.receive_with()
                 match kind:
-                    case "kept":
+                    case "checkpoint":
                         assert link is not None
                         with suppress(LinkClosedError):  # it could not be forked, or has ended
-                            (_, process), _ = link.receive()  # hello
-                            self.kept.add(KeptPoint(parts[0], link, process))
+                            _, process = link.receive()  # hello
+                            self.checkpoints.add(Checkpoint(parts[0], link, process))
                     case "input":
-                        host.link.send(("input", self._read_line()))
+                        running.link.send(("input", self._read_line()))
                     case _:
                         return parts[0], parts[1]
         except LinkClosedError:
-            self._lost(host)
+            self._lost(running)
         finally:
-            self._running = None
+            self._answering = None
 
-    def _lost(self, host: _Running) -> NoReturn:
-        self._leave(host)
-        if host is self._host:
-            self._host = None
-        raise MachinesGoneError(
+    def _lost(self, running: _Running) -> NoReturn:
+        self._leave(running)
+        if running is self._current:
+            self._current = None
+        raise RecordingError(
             "the process in which the machines ran has ended: they are where they were before"
         )
 
-    def _leave(self, host: _Running | None) -> None:
-        if host is not None:
-            host.link.close()
+    def _leave(self, running: _Running | None) -> None:
+        if running is not None:
+            running.link.close()
             with suppress(ProcessLookupError):  # machines' code may run for ever
-                os.kill(host.process, signal.SIGKILL)
-            self.kept.end(host.process)
+                os.kill(running.process, signal.SIGKILL)
+            self.checkpoints.end(running.process)
 
     def _begin(self) -> None:
         """Start the process from which machines run from the beginning."""
-        links = [point.link for point in self.kept.points]
-        links += [self._host.link] if self._host is not None else []
+        links = [checkpoint.link for checkpoint in self.checkpoints.all]
+        links += [self._current.link] if self._current is not None else []
         link, process = start_origin(self._serve, *self._arguments, closed=links)
-        self._origin = KeptPoint(Moment(0, 0), link, process)
+        self._origin = Checkpoint(Moment(0, 0), link, process)
 
     @contextmanager
     def _interrupting(self) -> Iterator[None]:
@@ -310,8 +311,8 @@ class KeptTravel:
 
         def interrupt(*_: object) -> None:
             self._was_interrupted = True
-            if self._running is not None:
-                self._running.link.interrupt()
+            if self._answering is not None:
+                self._answering.link.interrupt()
 
         before = signal.signal(signal.SIGINT, interrupt)
         try:
@@ -321,5 +322,5 @@ class KeptTravel:
 
 
 def _adopt_orphans(*, is_on: bool) -> None:
-    """Let this process get a signal when those that were forked by others in between have ended."""
+    """Let this process reap processes whose parents have ended, as those between do at once."""
     ctypes.CDLL(None).prctl(_SUBREAPER, int(is_on), 0, 0, 0)

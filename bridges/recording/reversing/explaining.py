@@ -1,4 +1,4 @@
-"""Why machines of a recording are where they are, by running them again in a thread."""
+"""Explain the states of a recording's machines: they are rerun, and asked from a thread."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from llfsm.runtime.debugging.obeying import why_of
 from llfsm.runtime.presence.published import variables_of
 
 if TYPE_CHECKING:
-    from llfsm.bridges.recording.reversing.client import Travelled
-    from llfsm.bridges.recording.reversing.reverse_debugger import Travel
+    from llfsm.bridges.recording.reversing.client import Client
+    from llfsm.bridges.recording.reversing.reverse_debugger import ReverseDebugger
     from llfsm.whiteboard.messages.llfsm import MachineVariables, MachineWhy
 
 
@@ -29,23 +29,23 @@ class Explanation(NamedTuple):
 
 
 class Explained:
-    """What is asked of machines that run again."""
+    """Answers questions about machines that are rerun, beside their `debugger`."""
 
-    def __init__(self, travel: Travel):
-        self._travel = travel
+    def __init__(self, debugger: ReverseDebugger):
+        self._debugger = debugger
 
     def past(self, now_ns: int) -> tuple[str, _Found]:
-        """Go past a moment, and return what `explain` does."""
-        self._travel.go_past(now_ns)
+        """Go past a moment, and return as `explain` does."""
+        self._debugger.go_past(now_ns)
         return self.explain(now_ns)
 
     def explain(self, now_ns: int) -> tuple[str, _Found]:
-        """Return why there is no such moment, or the machines then, by their names."""
-        self._travel.wait()
-        if self._travel.difference:
-            return self._travel.difference, {}
-        arrangement = self._travel.arrangement
-        now_ns -= self._travel.debugger.behind_ns  # by the machines' clock
+        """Return the machines at this moment, by their names, or why there is no such moment."""
+        self._debugger.wait()
+        if self._debugger.difference:
+            return self._debugger.difference, {}
+        arrangement = self._debugger.arrangement
+        now_ns -= self._debugger.debugger.behind_ns  # by the machines' clock
         # Breakpoints are none of the recording's.
         return "", {
             machine.name: Explanation(
@@ -57,17 +57,17 @@ class Explained:
 
 
 class Explainer:
-    """Explain the moments that a page shows; `travel` goes through the journal of that `process`.
+    """Explain the moments that a page shows of the machines of a `process`.
 
-    It is asked what `Explained` has, and closed with the explainer. The latest moment that was
-    asked for counts: those before it may be left out.
+    The `client` of their journal asks an `Explained`, and is closed with the explainer. The latest
+    moment that was asked for counts: those before it may be left out.
     """
 
-    def __init__(self, process: int, travel: Travelled):
+    def __init__(self, process: int, client: Client):
         self.process = process
         self.problem = ""
         """Why machines cannot be run up to the latest moment; "" if they can."""
-        self._travel = travel
+        self._client = client
         self._asked = threading.Condition()
         self._wanted: int | None = None
         self._answer: tuple[int, _Found] = (-1, {})
@@ -75,7 +75,7 @@ class Explainer:
         self._thread: threading.Thread | None = None  # from the first question on
 
     def at(self, now_ns: int) -> _Found:
-        """Return the machines at that moment, by name; none as long as they are not there."""
+        """Return the machines at that moment, by name; none until they are there."""
         with self._asked:
             known_ns, found = self._answer
             if known_ns == now_ns:
@@ -94,12 +94,12 @@ class Explainer:
             self._asked.notify()
         if self._thread is not None:
             self._thread.join()
-        self._travel.close()
+        self._client.close()
 
     def _run(self) -> None:
         try:
             while (wanted := self._next()) is not None:
-                asked = self._travel.ask("past", wanted, then=("explain", wanted))
+                asked = self._client.ask("past", wanted, then=("explain", wanted))
                 self.problem, found = asked
                 self._answer = wanted, found
         except LlfsmError as error:

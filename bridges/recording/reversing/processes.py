@@ -1,23 +1,25 @@
-"""Messages between a process and those forked from it, over a socket that also carries sockets.
+"""Forks that go on as their process would have, and the links between them.
 
-Whether a process can be copied by a fork, so that the copy can go on as the process would have.
+A fork has all of its process but threads, so a checkpoint holds whatever machines' code did. What
+the process has opened since its beginning decides whether that is so: a regular file is opened
+anew in the fork, at the offset of then; a thread, a child process, a connection or memory that is
+shared with others cannot be copied, and no checkpoint is taken.
 
-What it has opened since a beginning matters. A regular file is opened anew in the copy, at the
-place where it was read or written. A thread, a child process, a connection or memory that is shared
-with others cannot be copied.
+A link to a fork is a socket: it carries the ends of other links, too, and can be looked at for a
+sign without waiting, in the handler of a signal.
 """
 
 from __future__ import annotations
 
 import os
-import pickle
 import socket
 import stat
-import struct
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any, Final, NamedTuple
+
+from llfsm.runtime.worker import SIGN, Link, LinkClosedError, framed
 
 _FILES: Final = "/proc/self/fd"
 _THREADS: Final = "/proc/self/task"
@@ -32,7 +34,7 @@ class OpenFile(NamedTuple):
     offset: int
 
     def reopen(self) -> None:
-        """Open it anew in this process, at the place of then, as the copies share their place."""
+        """Open it anew in this process, at the offset of then: forks share one offset."""
         own = os.open(
             f"{_FILES}/{self.number}", self.flags & ~(os.O_CREAT | os.O_EXCL | os.O_TRUNC)
         )
@@ -42,14 +44,14 @@ class OpenFile(NamedTuple):
 
 
 class Origin:
-    """What this process has at its beginning."""
+    """The files and shared memory that this process has at its beginning."""
 
     def __init__(self) -> None:
         self._opened = {*_opened()}
         self._shared = _shared_memory()
 
     def files(self) -> list[OpenFile] | None:
-        """Return the files opened since; None if the process cannot be copied."""
+        """Return the files opened since; None if a fork could not go on as this process would."""
         if threading.active_count() > 1 or len(os.listdir(_THREADS)) > 1 or _has_children():
             return None
         if not _shared_memory() <= self._shared:
@@ -66,7 +68,7 @@ class Origin:
 
 
 def _opened() -> Iterator[tuple[int, int, int, int]]:
-    """Return what identifies open files, connections and the like."""
+    """Yield what identifies open files, connections and the like: number, mode, device, inode."""
     for name in os.listdir(_FILES):
         with suppress(OSError):  # what has listed them is closed
             status = os.fstat(int(name))
@@ -87,28 +89,21 @@ def _has_children() -> bool:
 
 
 def _shared_memory() -> set[str]:
-    """Return the places of memory that others can write to."""
+    """Return the addresses of memory that others can write to."""
     with open(_MEMORY) as file:
         return {line.split()[0] for line in file if line.split()[1][1::2] == "ws"}
 
 
-_HEAD: Final = struct.Struct("<cI")
-_MESSAGE, _INTERRUPT = b"m", b"i"
-
-
-class LinkClosedError(Exception):
-    """The process at the other end has ended."""
-
-
-class ProcessLink:
-    """One end of a connection; what is sent is pickled, as both ends are the same program."""
+class SocketLink(Link):
+    """One end of a connection to another process of this program."""
 
     def __init__(self, end: socket.socket):
         self._end = end
         self._is_receiving = False
+        self._links: list[SocketLink] = []  # that came with what was read
 
     @classmethod
-    def pair(cls) -> tuple[ProcessLink, ProcessLink]:
+    def pair(cls) -> tuple[SocketLink, SocketLink]:
         """Return both ends of a new connection."""
         ours, theirs = socket.socketpair()
         return cls(ours), cls(theirs)
@@ -121,70 +116,60 @@ class ProcessLink:
         """Close this end, in this process."""
         self._end.close()
 
-    def send(self, message: object, link: ProcessLink | None = None) -> None:
-        """Send a message, and with it the end of another connection, which stays open here, too.
+    def send_with(self, message: object, link: SocketLink) -> None:
+        """Send a message, and with it the end of another link, which stays open here, too.
 
         Raise `LinkClosedError`.
         """
-        data = pickle.dumps(message)
-        head = _HEAD.pack(_MESSAGE, len(data))
+        data = framed(message)
         try:
-            if link is None:
-                self._end.sendall(head + data)
-            else:
-                socket.send_fds(self._end, [head], [link.fileno()])
-                self._end.sendall(data)
+            socket.send_fds(self._end, [data[:1]], [link.fileno()])
+            self._end.sendall(data[1:])
         except OSError as error:
             raise LinkClosedError from error
 
-    def interrupt(self) -> None:
-        """Let the other end know that it is to pause, at once."""
-        with suppress(OSError):  # whoever receives finds that it is closed
-            self._end.sendall(_HEAD.pack(_INTERRUPT, 0))
-
-    def receive(self) -> tuple[Any, ProcessLink | None]:
-        """Wait for a message, and return it, with a connection's end; raise `LinkClosedError`.
-
-        Interrupts are left out: whoever waits here is paused.
-        """
+    def receive(self) -> Any:
+        """Wait for a message and return it; raise `LinkClosedError`."""
         self._is_receiving = True
         try:
-            while True:
-                head, numbers, _, _ = socket.recv_fds(self._end, _HEAD.size, 1)
-                link = ProcessLink(socket.socket(fileno=numbers[0])) if numbers else None
-                kind, size = _HEAD.unpack(head + self._exactly(_HEAD.size - len(head)))
-                if kind == _MESSAGE:
-                    return pickle.loads(self._exactly(size)), link
-        except OSError as error:
-            raise LinkClosedError from error
+            return super().receive()
         finally:
             self._is_receiving = False
 
-    def _exactly(self, size: int) -> bytes:
-        data = bytearray()
-        while len(data) < size:
-            part = self._end.recv(size - len(data))
-            if not part:
-                raise LinkClosedError
-            data += part
-        return bytes(data)
+    def receive_with(self) -> tuple[Any, SocketLink | None]:
+        """Wait for a message; return it with the link that came with it, if one did."""
+        message = self.receive()
+        return message, self._links.pop() if self._links else None
+
+    def interrupt(self) -> None:
+        """Send a sign: the other end is to pause at once."""
+        with suppress(OSError):  # whoever receives finds that it is closed
+            self._end.sendall(SIGN)
 
     def interrupted(self) -> bool:
-        """Return whether an interrupt has come, without waiting; raise `LinkClosedError`.
+        """Take a sign if one has come, without waiting; raise `LinkClosedError`.
 
-        It may be called by a signal's handler, also while this process receives: then it has not.
+        A signal's handler may call it, also while this process receives: that skips signs itself.
         """
         if self._is_receiving:
             return False
         try:
-            kind = self._end.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+            head = self._end.recv(len(SIGN), socket.MSG_PEEK | socket.MSG_DONTWAIT)
         except BlockingIOError:
             return False
         except OSError as error:
             raise LinkClosedError from error
-        if not kind:
+        if not head:
             raise LinkClosedError
-        if kind != _INTERRUPT:
+        if head != SIGN:
             return False
-        self._exactly(_HEAD.size)
+        self._exactly(len(SIGN))
         return True
+
+    def _read(self, size: int) -> bytes:
+        data, numbers, _, _ = socket.recv_fds(self._end, size, 1)
+        self._links += [SocketLink(socket.socket(fileno=number)) for number in numbers]
+        return data
+
+    def _write(self, data: bytes) -> None:
+        self._end.sendall(data)

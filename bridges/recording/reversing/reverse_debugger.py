@@ -1,9 +1,17 @@
-"""Forwards and backwards through a recording, with the machines' code in place.
+"""Reverse debugging: forwards and backwards through a recording, with the machines' code in place.
 
-The machines run again in a thread, up to the moment to be looked at. To go back is to run them from
-the beginning to an earlier moment: that is the same each time, as they learn what they learnt then.
+A moment is a turn that is to come, by its number. The machines are rerun up to it, with a debugger
+attached as to live ones. To go back is to rerun them to an earlier moment. That is the same
+each time, as everything that machines can learn comes from the recording; so each moment looks
+alike from both sides, and no machine has to undo anything. A number suffices to find one again.
 
-The debugger of machines that run again: it knows at which moment they are.
+Going back needs to know which number: of the turn before, of the last round, of the last
+transition, of the turn in which a machine came to its state, of the last hit of a breakpoint.
+:class:`RerunDebugger` notes these numbers on the way. Breakpoints count their hits from the
+beginning, but pause only from the turn `since` on; before, the last that would have is noted.
+
+Here the machines run in a thread, each time from the beginning. :mod:`.worker` has them run on
+from checkpoints.
 """
 
 from __future__ import annotations
@@ -17,7 +25,7 @@ from operator import attrgetter
 from types import FunctionType
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
-from llfsm.bridges.recording.errors import MomentError
+from llfsm.bridges.recording.errors import RecordingError
 from llfsm.runtime.debugging.debugger import Debugger, Goal, Step
 from llfsm.runtime.debugging.section_pdb import SectionPdb
 from llfsm.runtime.engine.errors import ArrangementEndedError, NotPausedError
@@ -32,6 +40,12 @@ if TYPE_CHECKING:
     from llfsm.runtime.engine.seat import Seat
 
 
+_LOOK_S: Final = 0.05  # between two looks whether the thread has ended
+NEVER: Final = 1 << 62
+"""The number of a turn that never comes."""
+NO_BREAKPOINT: Final = "no breakpoint is reached before this moment"
+
+
 class SectionPlace(NamedTuple):
     """A section of a state, in which to open a pdb."""
 
@@ -44,8 +58,8 @@ class Abandoned(BaseException):  # no error of machines, whatever they catch
     """Nobody looks at this run any more."""
 
 
-class TravelDebugger(Debugger):
-    """A debugger of machines that run again; it counts turns, and is attached all the time."""
+class RerunDebugger(Debugger):
+    """A debugger of machines that are rerun; it counts turns, and is attached all the time."""
 
     def __init__(self, rerun: Rerun, since: int):
         super().__init__(rerun.arrangement)
@@ -55,18 +69,18 @@ class TravelDebugger(Debugger):
         self.since = since
         """The number of the turn from which on breakpoints pause."""
         self.passed = 0
-        """The last turn before that at which one would have."""
+        """The last turn before that at which one would have paused."""
         self.time_ns = 0
         """The time of the latest event, by the recording's clock, which never stood still."""
         self.begun_ns = -1 << 62
-        """The time of the latest turn that was not only to come."""
+        """The time of the latest turn that has run."""
         self.rounds = array("q")
         """The numbers of the turns with which rounds have begun."""
         self.arrivals = array("q")
         """The numbers of the turns before which a transition has fired."""
         self._round = 0
         self._states: dict[str, str] = {}  # at the latest turn that has begun
-        self._since: dict[str, int] = {}  # the number of the first turn at which they were so
+        self._since: dict[str, int] = {}  # the number of the first turn in which they were so
         self.place: SectionPlace | None = None
         """Where to open a pdb, once; names that are empty are those of any."""
         self._is_abandoned = False
@@ -74,7 +88,7 @@ class TravelDebugger(Debugger):
 
     @property
     def behind_ns(self) -> int:
-        """How far the machines' clock is behind the recording's."""
+        """Nanoseconds by which the machines' clock is behind the recording's."""
         return self._rerun.behind_ns
 
     @property
@@ -97,12 +111,12 @@ class TravelDebugger(Debugger):
         return self.number if is_new else self._since[machine] - 1
 
     def run_to(self, goal: Goal, since: int = 0) -> None:
-        """Go on until that; breakpoints pause from the turn of number `since` on."""
+        """Go on until the goal; breakpoints pause from the turn of number `since` on."""
         self.since = since
         self._run(goal)
 
     def proceed(self) -> None:
-        """Go on to a breakpoint, or the end."""
+        """Go on to a breakpoint, or to the end."""
         self.since, self._goal = 0, None
         self._release()
 
@@ -126,7 +140,7 @@ class TravelDebugger(Debugger):
             self._probes.test_failures(seat)  # it counts its hits, and can be gone back to
 
     def __call__(self, event: Event) -> None:
-        """Take an event."""
+        """Note what an event says of this moment; abandon the run after a difference."""
         self.time_ns = event.time_ns + self.behind_ns
         if isinstance(event, Turn):
             if self._is_abandoned or self._rerun.difference is not None:
@@ -183,21 +197,6 @@ class TravelDebugger(Debugger):
             raise Abandoned
 
 
-def section_of(machine: type[Machine], state: str, section: str) -> FunctionType | None:
-    """Return the code of a section; None if there is none."""
-    for each in machine.table.states:
-        if each.name == state:
-            found = each.sections.get(section)
-            return found if isinstance(found, FunctionType) else None
-    return None
-
-
-_LOOK_S: Final = 0.05  # between two looks whether the thread has ended
-NEVER: Final = 1 << 62
-"""The number of a turn that never comes."""
-NO_BREAKPOINT: Final = "no breakpoint is reached before this moment"
-
-
 class Jump(NamedTuple):
     """A moment to which machines run from an earlier one, and what to call the pause there."""
 
@@ -209,20 +208,19 @@ class Jump(NamedTuple):
     """Instead of `moment`: it is the first one after that time."""
     breakpoints: tuple[str, ...] = ()
 
-    def goal(self, debugger: TravelDebugger) -> Goal:
-        """Return until when machines run."""
+    def goal(self, debugger: RerunDebugger) -> Goal:
+        """Return the goal of a debugger: to be at this moment."""
         after_ns = self.after_ns
         if after_ns is None:
             return Goal(self.why, lambda _: debugger.number >= self.moment)
         return Goal(self.why, lambda _: debugger.time_ns > after_ns)
 
 
-class Travel:
+class ReverseDebugger:
     """Debug the machines of a recording, which `make` arranges anew, at any of its moments.
 
-    `library` is as for `Debugger.break_at`; `begin_ns` the time that counts as 0 s. A moment is a
-    turn that is to come; breakpoints count their hits from the beginning. Leaving the ``with``
-    block ends the thread of the machines.
+    `library` is as for `Debugger.break_at`; `begin_ns` is the time that counts as 0 s. Methods that
+    move return as `wait` does. Leaving the ``with`` block ends the thread of the machines.
     """
 
     def __init__(
@@ -262,7 +260,7 @@ class Travel:
     def wait(self) -> str:
         """Wait until the machines are paused, and return why; "" at the end.
 
-        Raise what `Rerun.compare` raises.
+        Raise as `Rerun.compare` does.
         """
         while self._thread.is_alive():
             with suppress(NotPausedError):
@@ -281,22 +279,22 @@ class Travel:
     # Forwards
 
     def step(self, until: Step, machine: str | None = None) -> str:
-        """Make a step, and return as `wait` does; raise `MomentError` at the end."""
+        """Make a step; raise `RecordingError` at the end."""
         self._require_more()
         self.debugger.step(until, machine)
         return self.wait()
 
     def proceed(self) -> str:
-        """Go on to a breakpoint, and return as `wait` does; raise `MomentError` at the end."""
+        """Go on to a breakpoint, or to the end; raise `RecordingError` if it is reached already."""
         self._require_more()
         self.debugger.proceed()
         return self.wait()
 
     def open_pdb(self, place: SectionPlace) -> str:
-        """Go on until that section runs, open a pdb in it, and return as `wait` does after it.
+        """Go on until that section runs, open a pdb in it, and pause after it.
 
-        A breakpoint before that ends the search for it. Raise `MomentError` for a section without
-        code, and at the end.
+        A breakpoint before that ends the search for it. Raise `RecordingError` for a section
+        without code, and at the end.
         """
         self._require_more()
         if place.section:
@@ -306,11 +304,11 @@ class Travel:
         return self.wait()
 
     def goto(self, seconds: float) -> str:
-        """Go to the first moment at or after that time, and return as `wait` does."""
+        """Go to the first moment at or after that time, in seconds since the beginning."""
         return self.go_past(self._begin_ns + round(seconds * 1e9) - 1)
 
     def go_past(self, time_ns: int) -> str:
-        """Go to the first moment after that time, and return as `wait` does."""
+        """Go to the first moment after that time, by the recording's clock."""
         jump, turn = Jump("goto", NEVER, after_ns=time_ns), self.debugger.turn
         if self.debugger.begun_ns > time_ns:
             return self._go_to(jump)
@@ -321,10 +319,10 @@ class Travel:
     # Backwards
 
     def back(self, until: Step, machine: str | None = None) -> str:
-        """Go back to where a step like this could have ended, and return as `wait` does.
+        """Go back to where a step like this could have ended.
 
         With "leave", that is before the turn in which the machine came to its state. Raise
-        `MomentError` if there is no such moment.
+        `RecordingError` if there is no such moment.
         """
         name, state, now = machine or self.machine, "", self.debugger.moment
         match until:
@@ -342,20 +340,20 @@ class Travel:
                 "transition": "no transition has fired before this moment",
                 "leave": f"{name} has been in {state} from the beginning",
             }
-            raise MomentError(what.get(until, "the recording begins here"))
+            raise RecordingError(what.get(until, "the recording begins here"))
         return self._go_to(Jump(f"back: {until}", moment, moment))
 
     def back_to_breakpoint(self) -> str:
-        """Go back to the last hit of a breakpoint before this moment, and return as `wait` does.
+        """Go back to the last hit of a breakpoint before this moment.
 
-        Raise `MomentError` if there is none.
+        Raise `RecordingError` if there is none.
         """
         why, now = self.debugger.paused or "back", self.debugger.moment
         is_after_end = bool(self.end)
         self._go_to(Jump(why, now, now))  # looking for those that are passed
         passed = self.debugger.last_hit(is_after_end=is_after_end)
         if not passed:
-            raise MomentError(NO_BREAKPOINT)
+            raise RecordingError(NO_BREAKPOINT)
         return self._go_to(Jump("back", passed, passed))
 
     # The machines' thread
@@ -384,8 +382,8 @@ class Travel:
         debugger.run_to(jump.goal(debugger), jump.since)
         return rerun
 
-    def _debugger_of(self, rerun: Rerun, since: int) -> TravelDebugger:
-        return TravelDebugger(rerun, since)
+    def _debugger_of(self, rerun: Rerun, since: int) -> RerunDebugger:
+        return RerunDebugger(rerun, since)
 
     def _abandon(self) -> tuple[str, ...]:
         """End the thread, if there is one, and return its breakpoints."""
@@ -413,7 +411,7 @@ class Travel:
 
     def _require_more(self) -> None:
         if self.end:
-            raise MomentError(f"{self.end}; go back, or to an earlier time")
+            raise RecordingError(f"{self.end}; go back, or to an earlier time")
 
     def _require_code(self, place: SectionPlace) -> None:
         cls = self.library.get(place.machine) or type(self.arrangement.machine(place.machine))
@@ -423,14 +421,23 @@ class Travel:
                 for state in cls.table.states
                 for section in state.sections
             ]
-            raise MomentError(
+            raise RecordingError(
                 f"{place.machine} has no code {place.state}.{place.section}; "
                 f"it has: {', '.join(known) or 'none'}"
             )
 
 
+def section_of(machine: type[Machine], state: str, section: str) -> FunctionType | None:
+    """Return the code of a section; None if there is none."""
+    for each in machine.table.states:
+        if each.name == state:
+            found = each.sections.get(section)
+            return found if isinstance(found, FunctionType) else None
+    return None
+
+
 def _failure_of(arrangement: Arrangement) -> str:
-    """Return which machine's code has ended the arrangement, and how; "" if none has."""
+    """Return the error of the machine whose code has ended the arrangement; "" if none has."""
     failures = [seat.failure for seat in arrangement.roster if seat.failure is not None]
     if arrangement.reason is not Reason.FAILED or not failures:
         return ""

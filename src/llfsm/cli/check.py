@@ -86,7 +86,7 @@ def _check_verification(file: Path, plan: Plan) -> list[Finding]:
     """Check the section on verification of a file: names and domains, not the properties."""
     if plan.verify is None:
         return []
-    from llfsm.cli.verify.machines import VerifiedMachines  # which takes a moment to import
+    from llfsm.cli.verify import VerifiedMachines  # which takes a moment to import
 
     try:
         VerifiedMachines([str(file)], Verification()).options()

@@ -11,14 +11,13 @@ from llfsm.cli.machines import find_bundle, find_machine_class, parse_arguments
 from llfsm.runtime.bundles import outline, read_bundle
 from llfsm.runtime.checking import requests_of
 from llfsm.runtime.converting import class_layout
-from llfsm.runtime.drawing import arrange, overview, to_dot, to_mermaid, to_png, to_svg
+from llfsm.runtime.drawing import overview
 from llfsm.runtime.drawing.arrange import links_of
+from llfsm.runtime.drawing.formats import FORMATS
 from llfsm.runtime.engine.table import Table
 
-_SUFFIXES = {
-    ".dot": "dot", ".gv": "dot", ".mmd": "mermaid", ".mermaid": "mermaid",
-    ".svg": "svg", ".png": "png",
-}  # fmt: skip
+_SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes}
+_PICTURES = [name for name, form in FORMATS.items() if form.write_diagram]
 
 
 @click.command()
@@ -33,7 +32,7 @@ _SUFFIXES = {
 @click.option(
     "--format",
     "form",
-    type=click.Choice(["dot", "mermaid", "svg", "png"]),
+    type=click.Choice([*FORMATS]),
     help="The format; by default that of FILE's suffix, and dot without a FILE.",
 )
 @click.option(
@@ -58,30 +57,37 @@ def draw(machine: str, output: Path | None, form: str | None, sections: bool | N
     """
     is_plan = machine.endswith(".toml")
     form = form or (_format_of(output) if output or not is_plan else "svg")
-    written = _overview(machine, form) if is_plan else _drawn(*_table(machine), form, sections)
+    if is_plan:
+        written = _overview(machine, form)
+    else:
+        written = FORMATS[form].draw(*_table(machine), sections)
     if output is None:
-        if form == "png" and sys.stdout.isatty():
-            raise click.UsageError("a PNG is not for a terminal: name a file with -o FILE")
+        if isinstance(written, bytes) and sys.stdout.isatty():
+            raise click.UsageError(
+                f"a {form.upper()} is not for a terminal: name a file with -o FILE"
+            )
         click.echo(written, nl=False)
         return
     try:
-        output.write_bytes(written)
+        output.write_bytes(written if isinstance(written, bytes) else written.encode())
     except OSError as error:
         raise click.ClickException(f"cannot write {output}: {error.strerror}") from error
 
 
-def _overview(file: str, form: str) -> bytes:
-    """Return the overview of an arrangement file."""
-    if form not in ("svg", "png"):
-        raise click.UsageError(f"an arrangement is drawn as svg or png, not as {form}")
+def _overview(file: str, form: str) -> str | bytes:
+    """Draw the overview of an arrangement file."""
+    write = FORMATS[form].write_diagram
+    if write is None:
+        raise click.UsageError(
+            f"an arrangement is drawn as {' or '.join(_PICTURES)}, not as {form}"
+        )
     resolved = parse_arguments([file], None, (), ())
     found = zip(resolved.classes.items(), resolved.plan.machines, strict=True)
     machines = {
         name: links_of(cls, planned.slots, requests_of(cls, planned.variables))
         for (name, cls), planned in found
     }
-    diagram = overview(Path(file).name, machines)
-    return to_png(diagram) if form == "png" else to_svg(diagram).encode()
+    return write(overview(Path(file).name, machines))
 
 
 def _format_of(output: Path | None) -> str:
@@ -97,7 +103,7 @@ def _format_of(output: Path | None) -> str:
 
 
 def _table(machine: str) -> tuple[Table, str]:
-    """Return the table and the name of a machine."""
+    """Find a machine, and return its table, with its layout, and its name."""
     folder = find_bundle(machine)
     if folder is not None:
         bundle = read_bundle(folder)
@@ -105,12 +111,3 @@ def _table(machine: str) -> tuple[Table, str]:
     found = find_machine_class(machine)
     found.table.layout = class_layout(found)
     return found.table, found.__name__
-
-
-def _drawn(table: Table, title: str, form: str, sections: bool | None) -> bytes:
-    if form == "dot":
-        return to_dot(table, title=title, sections=bool(sections)).encode()
-    if form == "mermaid":
-        return to_mermaid(table, title=title, sections=bool(sections)).encode()
-    diagram = arrange(table, title=title, sections=sections)
-    return to_png(diagram) if form == "png" else to_svg(diagram).encode()

@@ -16,12 +16,12 @@ import msgspec
 from msgspec.structs import replace
 
 from llfsm.bridges.recording.bags import BagTopics
-from llfsm.bridges.recording.errors import NoEventsError, RecordingFileError
+from llfsm.bridges.recording.errors import RecordingError, RecordingFileError
 from llfsm.bridges.recording.reader import RecordedJournal, Recording
-from llfsm.bridges.recording.recorders import record_replay
-from llfsm.bridges.recording.replay import BagRun, bag_script
+from llfsm.bridges.recording.recorders import record_script
+from llfsm.bridges.recording.replay import BagRerun, bag_script
 from llfsm.bridges.recording.rerun import COMPARISONS, Comparison, Rerun, whole_journals, why_not
-from llfsm.bridges.recording.reversing.client import Travelled, travelling
+from llfsm.bridges.recording.reversing.client import Client, start_client
 from llfsm.bridges.recording.reversing.worker import Serve
 from llfsm.bridges.ros2.bridging.bridge_plan import used_slots
 from llfsm.cli.bridge.configured import Configured
@@ -64,14 +64,14 @@ def plan_of_one(
     return _resolve(recording, journals, machines, trust=trust)[0]
 
 
-def travel_through(
+def reverse_debugging(
     recording: Recording,
     journal: RecordedJournal,
     resolved: ResolvedPlan,
     serve: Serve,
     read_line: Callable[[], str] = lambda: "",
-) -> Travelled:
-    """Return what goes through a recording, with the machines of a plan, as `travelling` does."""
+) -> Client:
+    """Return what goes through a recording, with the machines of a plan, as `start_client` does."""
 
     def again() -> Rerun:
         rerun = Rerun(recording.entries(journal), str(recording.path))
@@ -80,7 +80,7 @@ def travel_through(
         return rerun
 
     library = callable_machines(resolved.classes)
-    return travelling(again, library, recording.span_ns[0], serve, read_line)
+    return start_client(again, library, recording.span_ns[0], serve, read_line)
 
 
 def _resolve(
@@ -120,7 +120,7 @@ def _plans(journals: Sequence[RecordedJournal], file: Path) -> list[Plan]:
     plans = []
     for journal in journals:
         if "plan" not in journal.about:
-            raise NoEventsError(
+            raise RecordingError(
                 f"{file} has no plan of its machines: "
                 f"rerun it from Python, with llfsm.bridges.recording.rerun"
             )
@@ -171,8 +171,8 @@ def rerun_bag(recording: Recording, machines: Sequence[str], recorded: Path | No
     accepting = plan.unload_accepting
     if recorded is not None:
         again = replace(plan, period_us=None)  # the times of its rounds are recorded
-        record_replay(recorded, members, script, plan=again, unload_accepting=accepting)
-    run = BagRun(recording, posted)
+        record_script(recorded, members, script, plan=again, unload_accepting=accepting)
+    run = BagRerun(recording, posted)
     difference = run.compare(members, script, unload_accepting=accepting)
     if difference is not None:
         raise click.ClickException(f"{recording.path}: {difference}")

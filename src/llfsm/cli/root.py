@@ -78,7 +78,7 @@ _COMMANDS = {
     "why": ("llfsm.cli.requests:why", "Show why a running machine is in its state."),
     "check": ("llfsm.cli.check:check", "Check machines without running them."),
     "verify": (
-        "llfsm.cli.verify.command:verify",
+        "llfsm.cli.verify:verify",
         "Explore everything machines can do; decide properties.",
     ),
     "draw": ("llfsm.cli.draw:draw", "Draw a machine."),

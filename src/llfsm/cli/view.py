@@ -273,12 +273,12 @@ def _source(
 def _explainer(file: Path, machines: tuple[str, ...], *, trust: bool) -> Explainer:
     from llfsm.bridges.recording.reader import Recording
     from llfsm.bridges.recording.reversing.explaining import Explained, Explainer
-    from llfsm.cli.rerun import plan_of_one, travel_through
+    from llfsm.cli.rerun import plan_of_one, reverse_debugging
 
     # Late turns and failures were reported at the time of the recording.
     logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     journal, resolved = plan_of_one(recording, machines, trust=trust)
     # Its processes are forked from this one, before that has threads and connections.
-    travel = travel_through(recording, journal, resolved, Explained)
-    return Explainer(journal.process, travel)
+    client = reverse_debugging(recording, journal, resolved, Explained)
+    return Explainer(journal.process, client)

@@ -7,6 +7,7 @@ import re
 import runpy
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import Mock
@@ -97,7 +98,7 @@ def test_code_that_does_not_return_ends_the_simulation(lamp: Path) -> None:
     (lamp / "State_Off_OnEntry.py").write_text("while True:\n    pass\n")
 
     async def simulate() -> bool:
-        process, _ = await SimulationProcess.start([str(lamp)], patience_s=0.2)
+        process = await SimulationProcess.start([str(lamp)], patience_s=0.2)
         with pytest.raises(RequestError, match=r"does not return for 0\.2 s"):
             await process.ask("round")
         await process.end()
@@ -111,18 +112,21 @@ def test_who_is_cancelled_as_an_answer_comes_takes_none(steps: int) -> None:
     """Else a server that ends would wait for a simulation that goes on."""
 
     async def cancel() -> None:
-        reader, process = asyncio.StreamReader(), Mock()
-        process.stdout = reader
-        asking = asyncio.create_task(SimulationProcess(process, patience_s=60).ask("advance", 0))
-        while not process.stdin.write.called:
+        answered = threading.Event()
+        worker = Mock(has_ended=False)
+        worker.call = lambda *_, **__: answered.wait(60)
+        worker.kill = answered.set
+        asking = asyncio.create_task(SimulationProcess(worker).ask("round"))
+        for _ in range(3):
             await asyncio.sleep(0)
-        await asyncio.sleep(0)
-        reader.feed_data(b"{}\n")
+        if steps:
+            answered.set()
         for _ in range(steps):
-            await asyncio.sleep(0)
+            await asyncio.sleep(0.001)
         if asking.cancel():  # else it has ended already
             with pytest.raises(asyncio.CancelledError):
                 await asking
+            assert answered.is_set()
 
     asyncio.run(cancel())
 

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from calling import own_logging
 from llfsm.bridges.recording.bags import BagTopics, BagWriter
-from llfsm.bridges.recording.errors import NoEventsError, RecordingFileError
+from llfsm.bridges.recording.errors import RecordingError, RecordingFileError
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.recorders import BoardRecorder
 from llfsm.bridges.recording.rerun import whole_journals
@@ -188,7 +188,7 @@ def test_a_whiteboard_is_recorded_as_a_bag_and_a_bag_is_replayed(board, file, tm
 
 
 def test_a_bag_has_nothing_to_run_again(tmp_path):
-    with pytest.raises(NoEventsError):
+    with pytest.raises(RecordingError, match="holds no events of machines"):
         whole_journals(Recording(WRITERS["mcap_ros2"](tmp_path)))
 
 

@@ -12,7 +12,7 @@ import pytest
 from llfsm.bridges.recording.page import RecordedSource
 from llfsm.bridges.recording.reader import Recording
 from llfsm.bridges.recording.rerun import Rerun
-from llfsm.bridges.recording.reversing.reverse_debugger import Travel
+from llfsm.bridges.recording.reversing.reverse_debugger import ReverseDebugger
 from llfsm.bridges.recording.writer import RecordingWriter
 from llfsm.runtime import ManualClock, OptionError
 from llfsm.runtime.debugging import Debugger
@@ -130,10 +130,10 @@ def test_a_clock_that_stood_still_leaves_no_gap_in_a_recording(file: Path) -> No
         rerun.arrange(machines.values())
         return rerun
 
-    with Travel(again, machines, recording.span_ns[0]) as travel:
-        travel.go_past(continued_ns)
-        assert travel.debugger.moment == 4
-        assert travel.now_s == (turns[3] - recording.span_ns[0]) / 1e9
+    with ReverseDebugger(again, machines, recording.span_ns[0]) as reverse:
+        reverse.go_past(continued_ns)
+        assert reverse.debugger.moment == 4
+        assert reverse.now_s == (turns[3] - recording.span_ns[0]) / 1e9
 
 
 def test_a_state_begins_when_its_transition_fired_though_the_round_was_paused(file: Path) -> None:

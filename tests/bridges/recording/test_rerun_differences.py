@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from llfsm.bridges.recording.errors import (
-    NoEventsError,
-    OtherMachinesError,
+    RecordingError,
     RecordingFileError,
     RerunError,
 )
@@ -176,13 +175,13 @@ def test_pytest_shows_it(file: Path) -> None:
 def test_other_machines_are_refused(file: Path) -> None:
     keep(patrol(), file)
     for wrong in ([], [Follower], [Patrol, Follower]):
-        with pytest.raises(OtherMachinesError, match=f"{file}: its machines are Patrol, not "):
+        with pytest.raises(RecordingError, match=f"{file}: its machines are Patrol, not "):
             rerun(file, wrong)
 
 
 def test_a_recording_without_events_says_how_to_make_one(file: Path) -> None:
     write(file, [])
-    with pytest.raises(NoEventsError, match="llfsm run --record"):
+    with pytest.raises(RecordingError, match="llfsm run --record"):
         rerun(file, [Patrol])
 
 

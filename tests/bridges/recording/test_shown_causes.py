@@ -12,9 +12,9 @@ import pytest
 
 from llfsm.bridges.recording.page import RecordedSource, causes_at
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.recorders import record_replay
+from llfsm.bridges.recording.recorders import record_script
 from llfsm.bridges.recording.rerun import Rerun
-from llfsm.bridges.recording.reversing.client import travelling
+from llfsm.bridges.recording.reversing.client import start_client
 from llfsm.bridges.recording.reversing.explaining import Explained, Explainer
 from llfsm.runtime import ManualClock
 from llfsm.runtime.testing.scripted import Step
@@ -32,7 +32,7 @@ MACHINES = {"Keeper": Keeper, "Follower": Follower}
 @pytest.fixture
 def recording(file: Path) -> Recording:
     script = [Step(20, {COMMAND: Number(value)}) for value in VALUES]
-    record_replay(file, [Member(each) for each in MACHINES.values()], script)
+    record_script(file, [Member(each) for each in MACHINES.values()], script)
     return Recording(file)
 
 
@@ -77,8 +77,8 @@ def explaining(recording: Recording, follower: Any) -> Iterator[RecordedSource]:
         rerun.arrangement.load(follower, name="Follower")
         return rerun
 
-    travel = travelling(again, MACHINES, recording.span_ns[0], Explained)
-    explainer = Explainer(journal.process, travel)
+    client = start_client(again, MACHINES, recording.span_ns[0], Explained)
+    explainer = Explainer(journal.process, client)
     source = RecordedSource(recording.path, ManualClock(), explainer=explainer)
     yield source
     source.close()

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from llfsm.bridges.turtlesim.canvas import Rgb
-from llfsm.bridges.turtlesim.errors import PictureFormatError
+from llfsm.bridges.turtlesim.errors import TurtlesimError
 from llfsm.bridges.turtlesim.field import draw, field_picture
 from llfsm.runtime import DrawingError
 from llfsm.runtime.drawing.png import SCALE, write_png
@@ -123,13 +123,13 @@ def test_draw_writes_what_the_ending_says(driven, tmp_path):
 
 
 def test_an_unknown_ending_is_an_error(driven, tmp_path):
-    with pytest.raises(PictureFormatError, match=r"its ending is '\.gif', and must be \.svg or"):
+    with pytest.raises(TurtlesimError, match=r"its ending is '\.gif', and must be \.svg or"):
         draw(driven, tmp_path / "a.gif")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_path_without_a_name_is_an_error(driven):
-    with pytest.raises(PictureFormatError, match="it names a folder, not a file"):
+    with pytest.raises(TurtlesimError, match="it names a folder, not a file"):
         draw(driven, "")
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from llfsm.bridges.turtlesim.canvas import Rgb
-from llfsm.bridges.turtlesim.errors import ParameterError
+from llfsm.bridges.turtlesim.errors import TurtlesimError
 from llfsm.bridges.turtlesim.parameters import Parameters
 
 CASES = {
@@ -25,7 +25,7 @@ def test_recorded_answers(recorded):
             parameters.set(name, value)
             assert parameters.values()[name] == value
         else:
-            with pytest.raises(ParameterError) as caught:
+            with pytest.raises(TurtlesimError) as caught:
                 parameters.set(name, value)
             assert str(caught.value) == answer["reason"]
 
@@ -34,7 +34,7 @@ def test_a_refused_value_changes_nothing():
     parameters = Parameters()
     before = parameters.values()
     for name, value in [("background_b", -1), ("background_g", True), ("holonomic", None)]:
-        with pytest.raises(ParameterError):
+        with pytest.raises(TurtlesimError):
             parameters.set(name, value)
     assert parameters.values() == before
     assert before == {

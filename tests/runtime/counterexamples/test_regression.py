@@ -22,7 +22,7 @@ from llfsm.runtime.counterexamples import (
     view_of,
 )
 from llfsm.runtime.testing import InvariantError, play
-from llfsm.runtime.testing.play import Playback, journal_of
+from llfsm.runtime.testing.play import ScriptRun, journal_of
 from llfsm.runtime.verification import (
     NO_FAILURE,
     Space,
@@ -71,7 +71,7 @@ def replays(space: Space, verdict: Verdict) -> None:
             to_end=bool(space.suspend),
         )
     played, journal = journal_of(space.members, script, unload_accepting=space.unload_accepting)
-    alone = Playback(space.members, unload_accepting=space.unload_accepting)
+    alone = ScriptRun(space.members, unload_accepting=space.unload_accepting)
     for _ in alone.play(script):
         pass
     assert alone.arrangement.standings() == played.arrangement.standings()

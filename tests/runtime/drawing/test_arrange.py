@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from llfsm.machines import RosWallTurttleBot
 from llfsm.runtime import Machine, State, define
-from llfsm.runtime.drawing import Box, Diagram, Label, PicturePoint, arrange
-from llfsm.runtime.drawing.curves import contains, sample
+from llfsm.runtime.drawing import Box, Diagram, Label, Point, arrange
+from llfsm.runtime.drawing.curves import sample
 from llfsm.runtime.drawing.diagram import arrow_head
+from llfsm.runtime.drawing.editor_layout import contains
 from llfsm.runtime.drawing.typeset import numbered_labels, wrap
 from llfsm.runtime.engine.table import MachineLayout, StateBox, TransitionPath
 from thoroughness import examples
@@ -53,7 +54,7 @@ def overlap(a: Box | Label, b: Box | Label) -> bool:
     )
 
 
-def on_border(point: PicturePoint, box: Box) -> bool:
+def on_border(point: Point, box: Box) -> bool:
     dx, dy = abs(point.x - box.x) - box.width / 2, abs(point.y - box.y) - box.height / 2
     return max(dx, dy) == pytest.approx(0, abs=1e-6)
 
@@ -197,20 +198,20 @@ def test_a_layout_with_room_is_kept(drawn: type[Machine], data: st.DataObject) -
     for edge in diagram.edges:
         source, target = boxes[edge.source], boxes[edge.target]
         _, left, right = arrow_head(edge.curve)
-        base = PicturePoint((left.x + right.x) / 2, (left.y + right.y) / 2)
+        base = Point((left.x + right.x) / 2, (left.y + right.y) / 2)
         assert not contains(target, base, 1), "the head can be seen"
         paths_of_source = layout.transitions[edge.source]
         if edge.number < len(paths_of_source):
             path = paths_of_source[edge.number]
             ends = (
-                on_border(PicturePoint(*path.src), source),
-                on_border(PicturePoint(*path.dst), target),
+                on_border(Point(*path.src), source),
+                on_border(Point(*path.dst), target),
             )
             run = (
-                PicturePoint(*path.src),
-                PicturePoint(*path.control1),
-                PicturePoint(*path.control2),
-                PicturePoint(*path.dst),
+                Point(*path.src),
+                Point(*path.control1),
+                Point(*path.control2),
+                Point(*path.dst),
             )
             clear = not any(
                 contains(box, point) for point in sample(run, 200) for box in (source, target)

@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from PIL import Image, ImageFont
 
 from llfsm.runtime import DrawingError
+from llfsm.runtime.drawing.curves import Point
 from llfsm.runtime.drawing.png import SCALE, write_png
 from llfsm.runtime.drawing.shapes import (
     Ellipse,
-    FilledPolygon,
     Group,
     Line,
     Path,
     Picture,
-    PicturePoint,
+    Polygon,
     Rectangle,
     Shape,
     Text,
@@ -71,7 +71,7 @@ def test_numbers_are_short_and_exact() -> None:
 
 def test_groups_and_ellipses_are_turned() -> None:
     """An ellipse along y: turned by 30 degrees, in a group that is turned by 60."""
-    members = [Ellipse(0, 0, 8, 2, RED, 30), FilledPolygon([(8, -1), (10, 0), (8, 1)], WHITE)]
+    members = [Ellipse(0, 0, 8, 2, RED, 30), Polygon([(8, -1), (10, 0), (8, 1)], WHITE)]
     group = Group(members, 20, 10, 60)
     image = pixels(group)
     assert color_at(image, 20, 16) == color_at(image, 20, 4) == RED
@@ -81,7 +81,7 @@ def test_groups_and_ellipses_are_turned() -> None:
 
 
 def test_each_shape_is_where_it_should_be() -> None:
-    curve = (PicturePoint(5, 25), PicturePoint(5, 15), PicturePoint(15, 15), PicturePoint(15, 25))
+    curve = (Point(5, 25), Point(5, 15), Point(15, 15), Point(15, 25))
     image = pixels(
         Rectangle(4, 4, 12, 6, 2, WHITE, RED, 2),
         Rectangle(24, 4, 12, 20, 0, BLUE, RED, 2, (4, 4)),
@@ -99,7 +99,7 @@ def test_each_shape_is_where_it_should_be() -> None:
 
 
 def test_a_picture_may_begin_anywhere() -> None:
-    image = pixels(FilledPolygon([(-10, -5), (-6, -5), (-6, -1), (-10, -1)], RED), left=-12, top=-8)
+    image = pixels(Polygon([(-10, -5), (-6, -5), (-6, -1), (-10, -1)], RED), left=-12, top=-8)
     assert color_at(image, 4, 5) == RED
     assert color_at(image, 8, 10) == BLUE
 

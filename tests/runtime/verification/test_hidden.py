@@ -15,8 +15,8 @@ from llfsm.runtime.verification import (
     Member,
     PredicateError,
     Property,
-    RepeatError,
     UnsupportedError,
+    VerificationError,
     always,
     every,
     explore,
@@ -67,7 +67,7 @@ def test_code_may_not_depend_on_the_order_of_a_set(made: str) -> None:
         FILL.to(FULL)
         FULL.to(DONE)
 
-    with pytest.raises(RepeatError, match=r"Queue, state FULL, OnExit, .* a set's order"):
+    with pytest.raises(VerificationError, match=r"Queue, state FULL, OnExit, .* a set's order"):
         holds(Queue, never(lambda v: v.Queue.first == 8))
 
 
@@ -89,7 +89,7 @@ def test_code_may_not_ask_about_a_machine_by_the_order_of_a_set() -> None:
         GO = State()
         GO.to(GO, when=lambda _: False)
 
-    with pytest.raises(RepeatError, match=r"Asking, state GO,.* a set's order"):
+    with pytest.raises(VerificationError, match=r"Asking, state GO,.* a set's order"):
         explore([Asking, Other], period_ms=100)
 
 
@@ -164,7 +164,7 @@ def test_a_tuple_with_more_to_it_than_its_parts_is_refused() -> None:
 def test_calls_that_reach_what_is_beside_the_machines_are_found(
     code: Callable[[Any], Any], call: str
 ) -> None:
-    with pytest.raises(RepeatError, match=rf"M, state START, Internal, calls {call}"):
+    with pytest.raises(VerificationError, match=rf"M, state START, Internal, calls {call}"):
         holds(runs(code), NO_FAILURE)
 
 

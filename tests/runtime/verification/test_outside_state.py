@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import pytest
 
 from llfsm.runtime import Machine, State, define
-from llfsm.runtime.verification import RepeatError, UnsupportedError, explore
+from llfsm.runtime.verification import UnsupportedError, VerificationError, explore
 
 
 def runs(code: Callable[[Any], Any]) -> type[Machine]:
@@ -186,7 +186,7 @@ class Named:
 def test_numbers_that_differ_in_each_process_are_found(
     code: Callable[[Any], Any], call: str
 ) -> None:
-    with pytest.raises(RepeatError, match=rf"M, state START, Internal, calls {call} \("):
+    with pytest.raises(VerificationError, match=rf"M, state START, Internal, calls {call} \("):
         explore(runs(code), period_ms=10)
 
 

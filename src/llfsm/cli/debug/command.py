@@ -115,19 +115,19 @@ def _debug_recording(
     """Debug the machines of a recording from a prompt."""
     # here, as live machines need no library for recordings
     from llfsm.bridges.recording.reader import Recording
-    from llfsm.cli.debug.prompt import AskedPrompt, TravelPrompt
-    from llfsm.cli.rerun import plan_of_one, travel_through
+    from llfsm.cli.debug.prompt import AskedPrompt, ReversePrompt
+    from llfsm.cli.rerun import plan_of_one, reverse_debugging
 
     # Late turns and failures were reported at the time of the recording.
     logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     journal, resolved = plan_of_one(recording, machines, trust=trust)
-    travel = travel_through(
-        recording, journal, resolved, TravelPrompt, lambda: sys.stdin.readline()
+    client = reverse_debugging(
+        recording, journal, resolved, ReversePrompt, lambda: sys.stdin.readline()
     )
-    with _ending_with_the_terminal(), travel:
-        travel.ask("break_at", *resolved.plan.breakpoints, *breakpoints)
-        _converse(AskedPrompt(travel), [] if place is None else [f"pdb {place}"])
+    with _ending_with_the_terminal(), client:
+        client.ask("break_at", *resolved.plan.breakpoints, *breakpoints)
+        _converse(AskedPrompt(client), [] if place is None else [f"pdb {place}"])
 
 
 def _converse(prompt: _Prompt, lines: Iterable[str] = ()) -> None:

@@ -22,8 +22,8 @@ from llfsm.whiteboard.message_text import parse_message
 from llfsm.whiteboard.own_slots import is_own
 
 if TYPE_CHECKING:
-    from llfsm.bridges.recording.reversing.client import Travelled
-    from llfsm.bridges.recording.reversing.reverse_debugger import Travel
+    from llfsm.bridges.recording.reversing.client import Client
+    from llfsm.bridges.recording.reversing.reverse_debugger import ReverseDebugger
     from llfsm.cli.debug.session import Session
     from llfsm.runtime.debugging.debugger import Debugger, Step
     from llfsm.runtime.engine.arrangement import Arrangement
@@ -319,38 +319,38 @@ LivePrompt.commands = {
 
 
 class AskedPrompt:
-    """Have a `TravelPrompt` carry out commands, in whichever process the machines are then."""
+    """Have a `ReversePrompt` carry out commands, in whichever process the machines are then."""
 
-    def __init__(self, travel: Travelled):
-        self._travel = travel
+    def __init__(self, client: Client):
+        self._client = client
         self.over = False
         """True once `quit` was entered."""
 
     def do(self, line: str) -> Iterator[str]:
         """Carry out a line and yield what is to be printed; raise `LlfsmError` if it is wrong."""
-        lines, self.over = self._travel.ask("done", line, then=("landed",))
+        lines, self.over = self._client.ask("done", line, then=("landed",))
         if lines and lines[0].startswith("interrupt:"):
             yield ""  # after what the terminal shows for Ctrl-C
         yield from lines
 
     def where(self) -> Iterator[str]:
         """Yield where the machines are paused, or why there is no later moment."""
-        yield from self._travel.ask("where")
+        yield from self._client.ask("where")
 
     def interrupted(self) -> Iterator[str]:
         """Pause machines that run, and yield where."""
-        yield from self._travel.ask("interrupted")
+        yield from self._client.ask("interrupted")
 
     def candidates(self, before: str) -> list[str]:
         """Return the words that may follow `before`, the part of a line before the last word."""
-        found: list[str] = self._travel.ask("candidates", before)
+        found: list[str] = self._client.ask("candidates", before)
         return found
 
 
-class TravelPrompt(Prompt):
+class ReversePrompt(Prompt):
     """Carry out commands on the machines of a recording; its end is not the prompt's."""
 
-    _session: Travel
+    _session: ReverseDebugger
 
     def where(self) -> Iterator[str]:
         """Yield at which moment the machines are paused, or why there is no later one."""
@@ -424,19 +424,19 @@ class TravelPrompt(Prompt):
         return SectionPlace(machine if colon else self._session.machine, state, section)
 
 
-TravelPrompt.commands = {
+ReversePrompt.commands = {
     **SHARED,
     "back": Command(
         "back [turn|round|fire|leave] [MACHINE]",
         "go back to where such a step could have ended; leave: to before it came to its state",
-        TravelPrompt._back,
+        ReversePrompt._back,
     ),
-    "reverse": Command("reverse", "go back to a breakpoint", TravelPrompt._reverse),
-    "goto": Command("goto SECONDS", "go to the first turn from then on", TravelPrompt._goto),
+    "reverse": Command("reverse", "go back to a breakpoint", ReversePrompt._reverse),
+    "goto": Command("goto SECONDS", "go to the first turn from then on", ReversePrompt._goto),
     "pdb": Command(
         "pdb [[MACHINE:]STATE.SECTION]",
         "go on until that section runs, or any of the machine's, and open Python's debugger in it",
-        TravelPrompt._pdb,
+        ReversePrompt._pdb,
     ),
     **LAST,
 }

@@ -1,10 +1,16 @@
-"""The environment of machines that are explored: it notices what a ringlet asks for.
+"""The environment of machines that are explored: it answers one ringlet, and notes what it asks.
 
-Time is opaque. All that code can ask of it is whether it has been in its state for longer than some
-limit, so one ringlet stands for all times that give the same answers. Whatever else passes this
-door is refused, and the refusal holds even if the machine's code catches the error.
+A ringlet is a function of what it is given (`Given`): the machine's control state and variables,
+the time in its state, the slots that it reads, and the control states of other machines. This
+environment makes that true and as coarse as it can be:
 
-Where machines stand, what a ringlet is given and what it does: as small tuples.
+* Time is opaque. All that code can do with it is to ask whether the machine has been in its state
+  for longer than some limit. So one ringlet stands for all times that give the same answers, which
+  are a range (`low_ns`, `high_ns`].
+* Other machines are noted when code asks for them or changes them, so that a ringlet depends only
+  on those that it has touched.
+* Whatever else passes this door is refused, such as the age of a message. The refusal holds even
+  if the machine's code catches the error.
 """
 
 from __future__ import annotations
@@ -27,15 +33,15 @@ if TYPE_CHECKING:
     from llfsm.whiteboard import Slot
 
 
-class UnknownStandingError(Exception):
-    """A ringlet asked for the standing of machines that was not given."""
+class UnknownControlError(Exception):
+    """A ringlet asked for the control states of machines, `touched`, that it was not given."""
 
     def __init__(self, touched: set[int]):
         self.touched = touched
 
 
 class ControlState(NamedTuple):
-    """Where a machine stands, apart from its variables and the time."""
+    """A machine's control state: all that the engine keeps of it but its variables and time."""
 
     current: str
     previous: str | None
@@ -44,11 +50,11 @@ class ControlState(NamedTuple):
     accepted: bool
     loaded: bool
     begun: bool
-    """Whether it has had a turn."""
+    """True once it has had a turn."""
 
     @classmethod
     def of(cls, seat: Seat) -> Self:
-        """Return where the machine in a seat stands."""
+        """Read the control state of the machine in a seat."""
         return cls(
             seat.current.name,
             None if seat.previous is None else seat.previous.name,
@@ -60,20 +66,20 @@ class ControlState(NamedTuple):
         )
 
     def withdrawn_by(self, request: Request | None) -> bool:
-        """Return whether a restart is pending that `request` replaces only after a suspend."""
+        """Check for a pending restart, which `request` replaces only after a suspend."""
         return request is Request.RESUME and self.request is Request.RESTART
 
     @property
     def entered(self) -> bool:
-        """Whether it has had a turn in its state, so that the state's clock runs."""
+        """True if it has had a turn in its state, so that the state's clock runs."""
         return self.current == self.previous and self.loaded
 
 
 class Given(NamedTuple):
-    """All that a ringlet can depend on: a machine's place, and the rest by its numbers.
+    """All that a ringlet can depend on: the machine's place, and the rest by numbers.
 
     `contents` are the slots that it reads, `others` the machines whose control states it asks for
-    or changes. `request` comes from outside before the turn, and `stopping` is whether a stop has.
+    or changes. `request` comes from outside before the turn; `stopping` is True if a stop has come.
     """
 
     place: int
@@ -87,10 +93,10 @@ class Given(NamedTuple):
 
 
 class RingletOutcome(NamedTuple):
-    """What a ringlet did, by numbers.
+    """The effects of a ringlet, by numbers.
 
-    It does the same for all times in the state above `low_ns`, up to `high_ns`, if the machines of
-    `asked` stand like that.
+    It has the same effects for all times in the state above `low_ns`, up to `high_ns`, if the
+    machines of `asked` are in these control states.
     """
 
     low_ns: float
@@ -99,23 +105,23 @@ class RingletOutcome(NamedTuple):
     control: int
     variables: int
     restarted: bool
-    """Whether its state's clock was started, or will be in its next turn."""
+    """True if its state's clock was started, or will be in its next turn."""
     posts: tuple[tuple[str, int], ...]
     others: tuple[tuple[int, int], ...]
-    """The machines whose standing it changed, and the new one."""
+    """The machines whose control state it changed, and the new one."""
     limits: tuple[tuple[str, int], ...]
     """The times that it compared with the time in a state, with that state, in order."""
     fired: tuple[str, int] | None
     """The state and the number of the transition that fired."""
     error: int
-    """The number of what its code has raised; 0 if it has not."""
+    """The number of the error that its code has raised; 0 if none."""
 
 
 class ExploredEnvironment(Environment):
     """Answer one ringlet at a time from `contents`, and keep what it asked for and posted.
 
-    Before each ringlet `begin` is called. `members` and `watchers` are the names of the machines:
-    all, and those that watch the others.
+    `begin` is called before each. `members` and `watchers` are names of machines: all, and the
+    monitors, which watch the others.
     """
 
     def __init__(self) -> None:
@@ -123,24 +129,24 @@ class ExploredEnvironment(Environment):
         self.watchers: Set[str] = frozenset()
         self.clock = _Clock(self)
         self.contents: dict[str, Any] = {}
-        """What is in each slot, by name; None before the first message."""
+        """The message in each slot, by name; None before the first."""
         self.posted: dict[str, Any] = {}
-        """What the ringlet posted, by the slot's name: the last message of each."""
+        """The last message that the ringlet posted to each slot, by name."""
         self.touched: set[str] = set()
-        """The names of the machines whose standing it asked for or changed."""
+        """The names of the machines whose control state it asked for or changed."""
         self.limits: dict[tuple[bool, int], None] = {}
         """The times in ns, none below 0, that it compared the time in its state with, in order.
 
-        Of each, whether it had entered that state in this ringlet.
+        With each, True if it had entered that state in this ringlet.
         """
         self.low_ns: float = -inf
         self.high_ns: float = inf
-        """It does the same for all times in its state above `low_ns`, up to `high_ns`."""
+        """It has the same effects for all times in its state above `low_ns`, up to `high_ns`."""
         self.refusal: UnsupportedError | None = None
         self._machine = ""
         self._elapsed_ns: int | None = None
         self.entered: Any = _Moment(self, entered=True)
-        """When the machine on turn has entered its state."""
+        """The moment at which the machine on turn has entered its state."""
 
     def begin(self, machine: str, elapsed_ns: int | None) -> None:
         """Prepare for a ringlet of `machine`.
@@ -155,13 +161,13 @@ class ExploredEnvironment(Environment):
         self._machine, self._elapsed_ns = machine, elapsed_ns
 
     def refuse(self, what: str, machine: str = "") -> NoReturn:
-        """Refuse what `machine`, or else the one on turn, does."""
+        """Raise `UnsupportedError` for something that `machine`, or the one on turn, does."""
         if self.refusal is None:
             self.refusal = UnsupportedError(f"{machine or self._machine} {what}")
         raise self.refusal
 
     def is_longer(self, limit: float, *, just_entered: bool) -> bool:
-        """Return whether the machine on turn has been in its state for longer than `limit` ns."""
+        """Compare the time of the machine on turn in its state with `limit` ns: True if longer."""
         elapsed_ns = 0 if just_entered else self._elapsed_ns
         if elapsed_ns is None:
             self.refuse(
@@ -183,10 +189,10 @@ class ExploredEnvironment(Environment):
             self.high_ns = min(self.high_ns, limit_ns)
         return longer
 
-    # What machines learn and do
+    # Reading, posting and asking for machines
 
     def read(self, machine: str, name: str, sensor: Sensor[Any, Any], slot: Slot[Any]) -> Read:
-        """Return a function that returns what is in the slot."""
+        """Make a function that looks the slot's message up in `contents`."""
         contents, where = self.contents, slot.name
         return lambda: contents[where]
 
@@ -207,7 +213,7 @@ class ExploredEnvironment(Environment):
         )
 
     def post(self, machine: str, name: str, actuator: Actuator[Any], slot: Slot[Any]) -> Post:
-        """Return a function that checks and keeps a message, and returns what refuses use."""
+        """Make a function that checks and keeps a message, and returns an unusable count."""
         from llfsm.whiteboard import Whiteboard
 
         board, where = Whiteboard.local(), slot.name
@@ -232,7 +238,7 @@ class ExploredEnvironment(Environment):
         )
 
     def requested(self, action: str, machine: str) -> None:
-        """Note whose standing is changed."""
+        """Note a machine whose control state is changed; refuse a monitor that acts."""
         if self._machine in self.watchers and machine != self._machine:
             self.refuse(f"asks to {action} {machine}: a monitor must not act")
         self.ask(machine)
@@ -262,7 +268,7 @@ class _Clock:
 
 
 class _Opaque:
-    """What refuses every use but those that its class allows."""
+    """A value that refuses every use but those that its class defines."""
 
     def __init__(self, environment: ExploredEnvironment):
         self._environment = environment
@@ -321,6 +327,7 @@ class Unknown(_Opaque):
 
 
 def _close(cls: type) -> None:
+    """Let a class refuse each operator that it does not define."""
     for name in (
         *("bool", "int", "float", "index", "hash", "str", "repr", "format", "iter", "len"),
         *("eq", "ne", "lt", "le", "gt", "ge", "add", "radd", "sub", "rsub", "mul", "rmul"),

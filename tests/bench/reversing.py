@@ -12,9 +12,9 @@ from measure import Side
 from table import WORST_S, Row
 
 from llfsm.bridges.recording.reader import Recording
-from llfsm.bridges.recording.recorders import record_replay
-from llfsm.cli.debug.prompt import AskedPrompt, TravelPrompt
-from llfsm.cli.rerun import plan_of_one, travel_through
+from llfsm.bridges.recording.recorders import record_script
+from llfsm.cli.debug.prompt import AskedPrompt, ReversePrompt
+from llfsm.cli.rerun import plan_of_one, reverse_debugging
 from llfsm.runtime import Machine, Sensor, State
 from llfsm.runtime.testing.scripted import Step
 from llfsm.runtime.verification import Member
@@ -54,11 +54,11 @@ def rows(turns: int) -> Iterator[Row]:
         file = Path(folder) / "run.mcap"
         script = [Step(PERIOD_MS, {POSE: Int32(data=n * 7 % 12)}) for n in range(turns)]
         plan = {"machine": [{"definition": f"{__file__}:Bouncer"}]}
-        record_replay(file, [Member(Bouncer)], script, plan=plan, folder=Path(folder))
+        record_script(file, [Member(Bouncer)], script, plan=plan, folder=Path(folder))
         recording = Recording(file)
         found = plan_of_one(recording, [f"{__file__}:Bouncer"], trust=False)
-        with travel_through(recording, *found, TravelPrompt) as travel:
-            prompt = AskedPrompt(travel)
+        with reverse_debugging(recording, *found, ReversePrompt) as client:
+            prompt = AskedPrompt(client)
             first = _taken_ns(prompt, "goto 1e9")
             _taken_ns(prompt, "break Bouncer:STOP")
             samples = []

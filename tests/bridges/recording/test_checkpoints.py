@@ -1,4 +1,4 @@
-"""Processes that are kept on the way show what running from the beginning shows."""
+"""From a checkpoint machines show what they show when they run from the beginning."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from llfsm.bridges.recording.errors import MachinesGoneError
+from llfsm.bridges.recording.errors import RecordingError
 from llfsm.bridges.recording.rerun import Rerun
-from llfsm.bridges.recording.reversing import checkpoints as kept_points
-from llfsm.bridges.recording.reversing import client as kept_travel
-from llfsm.bridges.recording.reversing import worker as travel_host
-from llfsm.bridges.recording.reversing.client import InProcess, KeptTravel, travelling
-from llfsm.bridges.recording.reversing.reverse_debugger import Travel
+from llfsm.bridges.recording.reversing import checkpoints, worker
+from llfsm.bridges.recording.reversing import client as client_module
+from llfsm.bridges.recording.reversing.client import ForkingClient, LocalClient, start_client
+from llfsm.bridges.recording.reversing.reverse_debugger import ReverseDebugger
 from llfsm.errors import LlfsmError
 from llfsm.runtime.engine.machine import Machine
 from llfsm.runtime.engine.state import State
@@ -30,7 +29,7 @@ from waiting import wait_for
 
 from .journalled_run import JumpingClock, Run
 from .machines import COMMAND, Failing, Number
-from .test_travel import MACHINES, journal, sight
+from .test_reverse_debugger import MACHINES, journal, sight
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked")
 
@@ -38,23 +37,23 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are f
 class Shown:
     """What is asked in these tests."""
 
-    def __init__(self, travel: Travel):
-        self.travel = travel
+    def __init__(self, debugger: ReverseDebugger):
+        self.debugger = debugger
 
     def do(self, name: str, *arguments: Any) -> object:
-        getattr(self.travel, name)(*arguments)
+        getattr(self.debugger, name)(*arguments)
         return self.sight()
 
     def sight(self) -> object:
-        why = self.travel.wait()
-        return why, self.travel.end, self.travel.debugger.fired, sight(self.travel)
+        why = self.debugger.wait()
+        return why, self.debugger.end, self.debugger.debugger.fired, sight(self.debugger)
 
     def process(self) -> int:
         return os.getpid()
 
     def variables(self, machine: str) -> dict[str, Any]:
-        self.travel.wait()
-        found = self.travel.arrangement.machine(machine)
+        self.debugger.wait()
+        found = self.debugger.arrangement.machine(machine)
         return {name: getattr(found, name) for name in type(found).table.variables}
 
 
@@ -69,9 +68,9 @@ def opened(kind: Any, run: Run, machines: list[Any] = MACHINES) -> Any:
     return kind(again, named, 0, Shown)
 
 
-def do(travel: Any, name: str, *arguments: Any) -> object:
+def do(client: Any, name: str, *arguments: Any) -> object:
     try:
-        return travel.ask("do", name, *arguments, then=("sight",))
+        return client.ask("do", name, *arguments, then=("sight",))
     except LlfsmError as error:
         return str(error)
 
@@ -84,12 +83,12 @@ def run() -> Run:
 @pytest.fixture(autouse=True)
 def often(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keep a moment every few turns."""
-    monkeypatch.setattr(travel_host, "KEEP_S", 0.0)
+    monkeypatch.setattr(worker, "CHECKPOINT_S", 0.0)
 
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_points, "MOST_POINTS", 4)
+    monkeypatch.setattr(checkpoints, "MOST_CHECKPOINTS", 4)
 
 
 STEPS = st.sampled_from(["turn", "round", "transition", "leave"])
@@ -113,7 +112,7 @@ def test_any_walk_shows_what_a_run_from_the_beginning_shows(
     run: Run, texts: list[str], moves: list[Any], last: list[Any]
 ) -> None:
     """With breakpoints that are set at the beginning, and after the whole was seen once."""
-    with opened(KeptTravel, run) as kept, opened(InProcess, run) as plain:
+    with opened(ForkingClient, run) as forking, opened(LocalClient, run) as plain:
         for move in [
             ("goto", 1e9),
             ("break_at", *texts),
@@ -122,7 +121,7 @@ def test_any_walk_shows_what_a_run_from_the_beginning_shows(
             ("break_at",),
             *last,
         ]:
-            assert do(kept, *move) == do(plain, *move), move
+            assert do(forking, *move) == do(plain, *move), move
 
 
 def children() -> set[int]:
@@ -137,9 +136,9 @@ def children() -> set[int]:
     return found
 
 
-def origin(travel: Any, others: set[int]) -> int:
+def origin(client: Any, others: set[int]) -> int:
     """Return the process from which machines run from the beginning; `others` are not its own."""
-    known = {travel.ask("process"), *(each.process for each in travel.kept.points)}
+    known = {client.ask("process"), *(each.process for each in client.checkpoints.all)}
     wait_for(lambda: len(children() - known - others) == 1, "those that were left have ended")
     (process,) = children() - known - others
     return process
@@ -147,12 +146,12 @@ def origin(travel: Any, others: set[int]) -> int:
 
 def test_few_moments_are_kept_and_none_after_that(run: Run, few: None) -> None:
     others = children()
-    with opened(KeptTravel, run) as travel:
-        do(travel, "goto", 1e9)
-        do(travel, "back", "turn")
-        points = [*travel.kept.points]
+    with opened(ForkingClient, run) as client:
+        do(client, "goto", 1e9)
+        do(client, "back", "turn")
+        points = [*client.checkpoints.all]
         assert len(points) == 4
-        ours = {*(each.process for each in points), travel.ask("process"), origin(travel, others)}
+        ours = {*(each.process for each in points), client.ask("process"), origin(client, others)}
         assert len(ours) == 6
         processes = [(each, born(each)) for each in ours]
         assert all(since for _, since in processes)
@@ -169,30 +168,30 @@ def assert_ended(processes: list[tuple[int, int]]) -> None:
 def test_a_moment_whose_process_was_killed_is_done_without(run: Run) -> None:
     """By an earlier one, or the beginning, and its process is started anew."""
     others = children()
-    with opened(KeptTravel, run) as travel, opened(InProcess, run) as plain:
-        for each in (travel, plain):
+    with opened(ForkingClient, run) as client, opened(LocalClient, run) as plain:
+        for each in (client, plain):
             do(each, "goto", 1e9)
         for number in range(3):
-            points = [*travel.kept.points]
+            points = [*client.checkpoints.all]
             assert points
             killed = points[-2:] if number == 0 else points
             for point in killed:
                 os.kill(point.process, signal.SIGKILL)
             if number == 2:
-                os.kill(origin(travel, others), signal.SIGKILL)
+                os.kill(origin(client, others), signal.SIGKILL)
             for move in (("back", "turn"), ("back", "leave", "Keeper"), ("step", "round")):
-                assert do(travel, *move) == do(plain, *move)
-            assert {*killed} - {*travel.kept.points}, "it was found to have ended"
+                assert do(client, *move) == do(plain, *move)
+            assert {*killed} - {*client.checkpoints.all}, "it was found to have ended"
 
 
 def test_machines_whose_process_has_ended_are_where_they_were(run: Run) -> None:
-    with opened(KeptTravel, run) as travel:
-        do(travel, "goto", 0.2)
-        there = travel.ask("sight")
-        os.kill(travel.ask("process"), signal.SIGKILL)
-        with pytest.raises(MachinesGoneError, match="they are where they were"):
-            travel.ask("do", "goto", 1e9, then=("sight",))
-        assert travel.ask("sight")[1:] == there[1:]
+    with opened(ForkingClient, run) as client:
+        do(client, "goto", 0.2)
+        there = client.ask("sight")
+        os.kill(client.ask("process"), signal.SIGKILL)
+        with pytest.raises(RecordingError, match="they are where they were"):
+            client.ask("do", "goto", 1e9, then=("sight",))
+        assert client.ask("sight")[1:] == there[1:]
 
 
 class Reader(Machine):
@@ -238,15 +237,15 @@ def test_files_are_read_on_from_where_they_were(
     run = run_of(Reader, 40)
     for each in OPENED:
         each.close()
-    with opened(KeptTravel, run, [Reader]) as travel:
-        do(travel, "goto", 1e9)
-        assert len(travel.kept.points) > 2
+    with opened(ForkingClient, run, [Reader]) as client:
+        do(client, "goto", 1e9)
+        assert len(client.checkpoints.all) > 2
         for expected in (39, 38, 37, 20, 19):
-            while int(travel.ask("variables", "Reader")["lines"]) > expected:
-                do(travel, "back", "turn")
-            assert int(travel.ask("variables", "Reader")["lines"]) == expected
-        do(travel, "step", "turn")
-        assert int(travel.ask("variables", "Reader")["lines"]) == 20
+            while int(client.ask("variables", "Reader")["lines"]) > expected:
+                do(client, "back", "turn")
+            assert int(client.ask("variables", "Reader")["lines"]) == expected
+        do(client, "step", "turn")
+        assert int(client.ask("variables", "Reader")["lines"]) == 20
     written = file.with_suffix(".out").read_text().splitlines()
     assert [int(line) for line in written[:21]] == [*range(21)]
 
@@ -310,15 +309,15 @@ def test_what_cannot_be_copied_is_not_kept(machine: type[Machine]) -> None:
     while CHILDREN:
         CHILDREN.pop().communicate()
     GO_ON.clear()
-    with opened(KeptTravel, run, [machine]) as travel:
-        do(travel, "goto", 1e9)
-        kept = [each.at.number for each in travel.kept.points]
+    with opened(ForkingClient, run, [machine]) as client:
+        do(client, "goto", 1e9)
+        kept = [each.at.number for each in client.checkpoints.all]
         assert kept
         assert max(kept) <= 21
-        children = [travel.ask("variables", machine.__name__)["child"]]
-        do(travel, "back", "turn")
-        assert travel.ask("variables", machine.__name__)["turns"] == 39
-        children.append(travel.ask("variables", machine.__name__)["child"])
+        children = [client.ask("variables", machine.__name__)["child"]]
+        do(client, "back", "turn")
+        assert client.ask("variables", machine.__name__)["turns"] == 39
+        children.append(client.ask("variables", machine.__name__)["child"])
     for child in filter(None, children):  # those of machines become ours
         os.waitpid(child, 0)
 
@@ -327,12 +326,12 @@ def test_without_forks_machines_run_in_the_same_process(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(kept_travel.sys, "platform", "win32")
-        travel = opened(travelling, run)
-    assert isinstance(travel, InProcess)
-    with travel, opened(KeptTravel, run) as kept:
+        patch.setattr(client_module.sys, "platform", "win32")
+        client = opened(start_client, run)
+    assert isinstance(client, LocalClient)
+    with client, opened(ForkingClient, run) as forking:
         for move in (("step", "turn"), ("goto", 0.2), ("back", "round")):
-            assert do(travel, *move) == do(kept, *move)
+            assert do(client, *move) == do(forking, *move)
 
 
 def test_all_ends_when_whoever_asks_is_killed(run: Run) -> None:
@@ -341,8 +340,8 @@ def test_all_ends_when_whoever_asks_is_killed(run: Run) -> None:
     if not asker:
         try:
             os.setsid()
-            travel = opened(KeptTravel, run)
-            do(travel, "goto", 1e9)
+            client = opened(ForkingClient, run)
+            do(client, "goto", 1e9)
             found = children()
             os.write(writes, " ".join(f"{each}:{born(each)}" for each in found).encode())
             signal.pause()
@@ -378,11 +377,11 @@ def test_from_the_end_the_failure_that_ended_all_is_gone_back_to() -> None:
             failed.arrangement.round()
     failed.arrangement.end("failed")
     seen = []
-    for kind in (InProcess, KeptTravel):
-        with opened(kind, failed, [Failing]) as travel:
-            do(travel, "break_at", "Failing!")
-            end = do(travel, "goto", 1e9)
-            seen.append((end, do(travel, "back_to_breakpoint"), do(travel, "back_to_breakpoint")))
+    for kind in (LocalClient, ForkingClient):
+        with opened(kind, failed, [Failing]) as client:
+            do(client, "break_at", "Failing!")
+            end = do(client, "goto", 1e9)
+            seen.append((end, do(client, "back_to_breakpoint"), do(client, "back_to_breakpoint")))
     assert repr(seen[0]) == repr(seen[1])  # in which errors are equal
     assert seen[0][1][0].startswith("breakpoint Failing!: machine Failing, state good")
     assert seen[0][2] == "no breakpoint is reached before this moment"

@@ -1,12 +1,18 @@
-"""Check properties level by level, and look at each combination of what they ask for once."""
+"""Predicates on packed states: each combination of the fields that one reads is evaluated once.
+
+A property's function notes the fields that it reads, by asking a view for them. Their bits are the
+key by which its results are kept, so that a level of thousands of states costs a few calls. When a
+call reads a further field, the key grows and the results are forgotten. If a field is no part of a
+state, because no machine's turn depends on it, the exploration begins again with that field.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from llfsm.runtime.verification.environment import ControlState
 from llfsm.runtime.verification.errors import PredicateError
-from llfsm.runtime.verification.explored import ControlState
 from llfsm.runtime.verification.properties import Property, View, evaluate
 from llfsm.runtime.verification.system import RelearnError
 from llfsm.runtime.verification.tables import FieldName, Tables
@@ -28,7 +34,7 @@ class PackedSituation:
         self._used = used
 
     def control(self, machine: str) -> ControlState:
-        """Return where a machine stands."""
+        """Return a machine's control state."""
         codes = self._tables.system.ringlets.controls[self._place(machine)]
         control: ControlState = codes.values[self._code(("control", machine))]
         return control
@@ -40,12 +46,12 @@ class PackedSituation:
         return variables[0]
 
     def seen(self, machine: str, sensor: str) -> Any:
-        """Return what a machine's sensor found in its last turn."""
+        """Return the message that a machine's sensor found in its last turn; None if none."""
         slot = self._tables.system.reads[self._place(machine)][sensor]
         return self._message(slot, self._code(("seen", f"{machine}.{sensor}")))
 
     def content(self, slot: str) -> Any:
-        """Return what is in a slot."""
+        """Return the message in a slot; None if it is empty."""
         return self._message(slot, self._code(("slot", slot)))
 
     def _place(self, machine: str) -> int:
@@ -62,11 +68,11 @@ class PackedSituation:
 
 
 class UnnamedFieldError(BaseException):
-    """A property asks for what is not part of a state yet; no `except Exception` may catch it."""
+    """A property reads a field that states lack; no `except Exception` of its may catch it."""
 
 
 class Checker:
-    """Find the states, or turns, of which a property's function returns `sought`."""
+    """Find the states, or turns, for which a property's function returns `sought`."""
 
     def __init__(self, prop: Property, function: Callable[..., bool], *, sought: bool):
         self._property = prop
@@ -82,7 +88,7 @@ class Checker:
         self._use(tables.packing.mask(self._used))
 
     def select(self, states: Iterable[int], named: set[FieldName]) -> list[int]:
-        """Return the states that are sought; add to `named` what the function asks for."""
+        """List the states that are sought; add fields that states lack to `named`."""
         while not self._look({s & self._mask for s in states}, named):
             pass
         if not self._found:
@@ -93,7 +99,7 @@ class Checker:
     def select_pairs(
         self, pairs: Iterable[tuple[int, int]], named: set[FieldName]
     ) -> list[tuple[int, int]]:
-        """Return the turns, by the states before and after them, that are sought."""
+        """List the turns that are sought, by the states before and after them."""
         while not self._look({(s & self._mask, t & self._mask) for s, t in pairs}, named):
             pass
         if not self._found:
@@ -106,7 +112,7 @@ class Checker:
         self._found, self._others = set(), set()
 
     def _has_grown(self) -> bool:
-        """Begin again if the function has asked for more fields than keys have."""
+        """Begin again if the function has read more fields than keys have."""
         mask = self._tables.packing.mask(self._used)
         grown = mask != self._mask
         if grown:
@@ -114,7 +120,7 @@ class Checker:
         return grown
 
     def _look(self, keys: set[Any], named: set[FieldName]) -> bool:
-        """Evaluate the function for new keys; return False if they lack what it asks for."""
+        """Evaluate the function for new keys; return False if they lack a field that it reads."""
         for key in keys - self._others - self._found:
             each = (key,) if isinstance(key, int) else key
             views = [View(PackedSituation(self._tables, s, self._used)) for s in each]

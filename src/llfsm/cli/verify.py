@@ -1,0 +1,514 @@
+"""``llfsm verify``: explore machines, and decide what must never or always hold of them.
+
+The command line and a file's table [verify] together name machines, properties and domains
+(`VerifiedMachines`). The result is reported as text or JSON; counterexamples become recordings and
+tests.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from textwrap import indent
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import click
+import msgspec
+from msgspec.structs import replace
+
+from llfsm.cli.machines import ResolvedPlan, find_object, parse_arguments
+from llfsm.cli.options import Integer, Number
+from llfsm.errors import LlfsmError, did_you_mean
+from llfsm.runtime.counterexamples import regression_of, rows_of, script_of, table_of
+from llfsm.runtime.plans import Plan, PlannedMachine, Verification
+from llfsm.runtime.verification import (
+    NO_FAILURE,
+    Member,
+    Progress,
+    Property,
+    Space,
+    Verdict,
+    Witness,
+    explore,
+    reachable,
+)
+from llfsm.runtime.verification.domains import domain_of
+from llfsm.runtime.verification.space import EXPORTS
+
+if TYPE_CHECKING:
+    from llfsm.whiteboard import Slot
+
+_VERDICTS = {True: "holds", False: "violated", None: "undecided"}
+_EVERYTHING = reachable(lambda _: False, "every state")
+"""A property that is not decided before all states are found, as an export needs them."""
+_STDOUT = Path("-")
+_RECORDING = ".mcap"
+_FILE = ".toml"
+
+
+class _Refused(click.ClickException):
+    """The verification cannot be done as asked: no property is decided."""
+
+    exit_code = 2
+
+
+class _Interrupted(click.ClickException):
+    """Ctrl-C came before or after the exploration: some property is undecided."""
+
+    exit_code = 3
+
+
+@click.command()
+@click.argument("machines", nargs=-1, required=True, metavar="MACHINE...")
+@click.option(
+    "-p",
+    "--property",
+    "properties",
+    metavar="MODULE:NAME",
+    multiple=True,
+    help="A property to decide, or MODULE for all that it defines. May be repeated.",
+)
+@click.option(
+    "--sensor",
+    "sensors",
+    metavar="SLOT=DOMAIN",
+    multiple=True,
+    help="What the environment may put into SLOT: every, JSON, or MODULE:NAME.",
+)
+@click.option(
+    "--period-ms",
+    metavar="MS",
+    type=Number(0, min_open=True),
+    help="The time from one round to the next; by default 10, the idle time of a run.",
+)
+@click.option("--any-time", is_flag=True, help="Any time may pass between two rounds.")
+@click.option(
+    "--choices",
+    type=click.Choice(["turns", "rounds"]),
+    help="When the environment may change: at each turn (the default), or once a round.",
+)
+@click.option("--stop", is_flag=True, help="A stop, as by Ctrl-C, may come before any turn.")
+@click.option(
+    "--suspend",
+    metavar="MACHINE",
+    multiple=True,
+    help="Anybody may suspend, resume or restart MACHINE at any time. May be repeated.",
+)
+@click.option(
+    "--abstract",
+    metavar="MACHINE.VARIABLE=MODULE:FUNCTION",
+    multiple=True,
+    help="Replace a variable's value by the function's result after each turn.",
+)
+@click.option("--max-states", metavar="N", type=Integer(1), help="Stop after N states.")
+@click.option("--max-seconds", metavar="S", type=Number(0), help="Stop after S seconds.")
+@click.option(
+    "--record",
+    "recording",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Record the first counterexample, for llfsm view and llfsm rerun.",
+)
+@click.option(
+    "--pytest",
+    "tests",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write a test for each counterexample; - prints them.",
+)
+@click.option(
+    "--export",
+    "exports",
+    metavar="FILE",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Write all states for Storm (.drn), SPIN (.pml) or Aldebaran (.aut). May be repeated.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
+def verify(
+    machines: tuple[str, ...],
+    properties: tuple[str, ...],
+    sensors: tuple[str, ...],
+    period_ms: float | None,
+    any_time: bool,
+    choices: Literal["turns", "rounds"] | None,
+    stop: bool,
+    suspend: tuple[str, ...],
+    abstract: tuple[str, ...],
+    max_states: int | None,
+    max_seconds: float | None,
+    recording: Path | None,
+    tests: Path | None,
+    exports: tuple[Path, ...],
+    as_json: bool,
+) -> None:
+    """Explore everything that MACHINES can do, and decide whether properties hold.
+
+    Machines are named as for `llfsm run`; for an arrangement file, its table [verify] applies,
+    too. The exit status is 0 if all properties hold, 1 if one is violated, 2 for wrong usage, and 3
+    if one is undecided because --max-states, --max-seconds or Ctrl-C stopped the exploration.
+
+    \b
+    llfsm verify OvenTimer OvenCooker -p oven_properties:no_radiation
+    llfsm verify robot.toml --record counterexample.mcap
+    """
+    asked = Verification(
+        properties=properties,
+        sensors=dict(_pair(text, "SLOT=DOMAIN", _json) for text in sensors),
+        period_ms=period_ms,
+        any_time=any_time,
+        choices=choices or "turns",
+        stop=stop,
+        suspend=suspend,
+        abstract=dict(_pair(text, "MACHINE.VARIABLE=MODULE:FUNCTION", str) for text in abstract),
+        max_states=max_states,
+        max_seconds=max_seconds,
+    )
+    _check_files(recording, tests, exports)
+    try:
+        subject = VerifiedMachines(machines, asked)
+        sought = [each.property for each in subject.named]
+        with _progress(quiet=as_json) as progress:
+            space = explore(
+                subject.members,
+                properties=[*sought, *([_EVERYTHING] if exports else [])],
+                progress=progress,
+                **subject.options(),
+            )
+        verdicts = [each for each in space.verdicts if each.property is not _EVERYTHING]
+        undecided = any(verdict.holds is None for verdict in verdicts)
+        ended = _why(subject.wanted, space) if undecided else ""
+        report = as_data if as_json else as_text
+        found = report(space, verdicts, subject.period_ms, ended)
+        click.echo(msgspec.json.encode(found).decode() if as_json else found)
+        violated = [verdict for verdict in verdicts if verdict.holds is False]
+        _write(subject, space, violated, recording, tests)
+        for file in exports:
+            space.export(file)
+    except LlfsmError as error:
+        raise _Refused(str(error)) from error
+    except KeyboardInterrupt:
+        raise _Interrupted("interrupted: nothing more is known") from None
+    if violated or undecided:
+        raise click.exceptions.Exit(1 if violated else 3)
+
+
+def _pair(text: str, form: str, read: Callable[[str], Any]) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise click.UsageError(f"{text!r}: give it as {form}")
+    return name, read(value)
+
+
+def _json(text: str) -> Any:
+    """Read a domain of the command line: JSON, or a word as it is."""
+    if text[:1] not in ("[", "{"):
+        return text
+    try:
+        return msgspec.json.decode(text)
+    except msgspec.DecodeError as error:
+        raise click.UsageError(f"{text!r} is not JSON: {error}") from error
+
+
+def _check_files(recording: Path | None, tests: Path | None, exports: Sequence[Path]) -> None:
+    """Refuse files that cannot be written, before anything is explored."""
+    for file in exports:
+        if file.suffix not in EXPORTS:
+            raise click.UsageError(f"{file}: its name must end with one of {', '.join(EXPORTS)}")
+    if recording is not None and recording.suffix != _RECORDING:
+        raise click.UsageError(f"{recording}: its name must end with {_RECORDING}")
+    for each in (recording, tests):
+        if each is not None and each != _STDOUT and each.exists():
+            raise _Refused(f"{each} is there already: remove it, or write to another file")
+    for each in (recording, tests, *exports):
+        if each is not None and not each.absolute().parent.is_dir():
+            raise _Refused(f"{each} cannot be written: there is no folder {each.parent}")
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], object]]:
+    """Give a function that shows the progress in a line on a terminal, unless `quiet`."""
+    from rich.console import Console
+
+    console = Console(stderr=True, quiet=quiet or not sys.stderr.isatty())
+    with console.status("exploring") as status:
+        yield lambda now: status.update(
+            f"{now.states:,} states, {now.depth:,} turns deep, {now.seconds:.0f} s"
+        )
+
+
+def _why(wanted: Verification, space: Space) -> str:
+    """Name the cause that ended an exploration before its end."""
+    if wanted.max_states is not None and space.states >= wanted.max_states:
+        return f"there are {wanted.max_states:,} or more (max_states)"
+    if wanted.max_seconds is not None and space.seconds >= wanted.max_seconds:
+        return f"it took longer than {wanted.max_seconds:g} s (max_seconds)"
+    if space.cut:
+        return "interrupted"
+    return "the times of the way to a violation are not possible; give --period-ms"
+
+
+def _write(
+    subject: VerifiedMachines,
+    space: Space,
+    violated: Sequence[Verdict],
+    recording: Path | None,
+    tests: Path | None,
+) -> None:
+    """Write the counterexamples, the first as a recording and all as tests; report the files."""
+    ways = [(each, each.witness) for each in violated if each.witness is not None]
+    if not ways:
+        shown = "no run shows that a state is not reachable" if violated else "nothing is violated"
+        for file in (recording, tests):
+            if file is not None:
+                click.echo(f"{file}: not written, as {shown}", err=True)
+        return
+    if recording is not None:
+        from llfsm.bridges.recording.recorders import record_script
+
+        first, way = ways[0]
+        record_script(
+            recording,
+            space.members,
+            script_of(way, space.slots),
+            plan=subject.plan_with(space.members),
+            folder=subject.folder,
+            unload_accepting=space.unload_accepting,
+        )
+        click.echo(f"{recording}: recorded how {first.property} is violated", err=True)
+    if tests is not None:
+        where = {each.property: each.where for each in subject.named}
+        folder = None if tests == _STDOUT else tests.absolute().parent
+        text = "\n\n".join(
+            regression_of(space, witness, where[each.property], folder=folder)
+            for each, witness in ways
+        )
+        if tests == _STDOUT:
+            click.echo(text, nl=False)
+        else:
+            tests.write_text(text, encoding="utf-8")
+            click.echo(f"{tests}: fails under pytest until the machines are mended", err=True)
+
+
+# The machines, and the properties to decide
+
+
+class _Named(NamedTuple):
+    """A property and its name in a module, as ``module:name``."""
+
+    where: str
+    property: Property
+
+
+class VerifiedMachines:
+    """Machines and the properties to decide; the options `asked` go before those of a file.
+
+    Raise ``click.UsageError`` for a name that cannot be found, and `DomainError`.
+    """
+
+    def __init__(self, machines: Sequence[str], asked: Verification):
+        resolved = parse_arguments(machines, None, (), ())
+        files = [Path(text) for text in machines if text.endswith(_FILE)]
+        self.folder = files[0].absolute().parent if files else Path.cwd()
+        self._folders = [self.folder, Path()]
+        self._resolved = resolved
+        self.members = tuple(self._members())
+        wanted = _joined(resolved.plan.verify or Verification(), asked)
+        self.wanted = wanted
+        self.period_ms = _period_ms(wanted, resolved)
+        named = {NO_FAILURE: _Named("llfsm.runtime.verification:NO_FAILURE", NO_FAILURE)}
+        for each in self._properties(wanted.properties):  # which may name one twice
+            named.setdefault(each.property, each)
+        self.named = [*named.values()]
+
+    def plan_with(self, members: Sequence[Member]) -> Plan:
+        """Make the plan by which the machines run again: without times, but with the monitors."""
+        plan = self._resolved.plan
+        watching = [each.machine for each in members[len(self.members) :]]
+        more = [PlannedMachine(definition=f"{m.__module__}:{m.__qualname__}") for m in watching]
+        return replace(plan, period_us=None, verify=None, machines=(*plan.machines, *more))
+
+    def options(self) -> dict[str, Any]:
+        """List the arguments of `explore`, without machines and properties."""
+        wanted = self.wanted
+        return {
+            "period_ms": self.period_ms,
+            "any_time": wanted.any_time,
+            "sensors": dict(self._sensors(wanted.sensors)),
+            "stop": wanted.stop,
+            "suspend": wanted.suspend,
+            "choices": wanted.choices,
+            "abstract": {name: self._callable(where) for name, where in wanted.abstract.items()},
+            "unload_accepting": self._resolved.plan.unload_accepting,
+            "max_states": wanted.max_states,
+            "max_seconds": wanted.max_seconds,
+        }
+
+    def _members(self) -> Iterator[Member]:
+        planned = zip(self._resolved.classes.values(), self._resolved.plan.machines, strict=True)
+        for cls, each in planned:
+            if each.preload:
+                raise click.UsageError(
+                    f"{each.definition} is preloaded: machines that load others while they run "
+                    f"cannot be verified"
+                )
+            if each.period_us is not None:
+                raise click.UsageError(
+                    f"{each.definition} has a period of its own: timetables cannot be verified; "
+                    f"give one period to all machines"
+                )
+            yield Member(cls, each.name, each.variables, each.slots, each.suspended)
+
+    def _properties(self, names: Iterable[str]) -> Iterator[_Named]:
+        for name in names:
+            module, found = find_object(name, self._folders)
+            where = module.__name__
+            if isinstance(found, Property):
+                yield _Named(f"{where}:{name.rpartition(':')[2]}", found)
+                continue
+            every = {
+                each: value for each, value in vars(module).items() if isinstance(value, Property)
+            }
+            if not isinstance(found, ModuleType):
+                raise click.UsageError(
+                    f"{name}: {found!r} is not a property; those of {where}: "
+                    f"{', '.join(every) or 'none'}"
+                )
+            if not every:
+                raise click.UsageError(f"{name}: {where} defines no properties")
+            for each, value in every.items():
+                yield _Named(f"{where}:{each}", value)
+
+    def _sensors(self, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+        slots = self._slots()
+        for name, domain in given.items():
+            if name not in slots:
+                raise click.UsageError(
+                    f"no machine reads a slot {name!r}; they read: {', '.join(slots) or 'none'}"
+                    f"{did_you_mean(name, slots)}"
+                )
+            if isinstance(domain, str) and ":" in domain:
+                yield name, find_object(domain, self._folders)[1]
+            else:
+                yield name, domain_of(slots[name], domain)
+
+    def _slots(self) -> dict[str, Slot[Any]]:
+        """Find the slots that sensors read, by the names that they have on the board."""
+        slots: dict[str, Slot[Any]] = {}
+        for cls, each in zip(
+            self._resolved.classes.values(), self._resolved.plan.machines, strict=True
+        ):
+            for sensor in cls.table.sensors.values():
+                slots[each.slots.get(sensor.slot.name, sensor.slot.name)] = sensor.slot
+        return slots
+
+    def _callable(self, where: str) -> Any:
+        found = find_object(where, self._folders)[1]
+        if not callable(found):
+            raise click.UsageError(f"{where}: {found!r} is not a function")
+        return found
+
+
+def _period_ms(wanted: Verification, resolved: ResolvedPlan) -> float | None:
+    """Choose the time from round to round, in ms; None for any."""
+    if wanted.any_time:
+        return wanted.period_ms  # an error, if there is one
+    period_us = resolved.plan.period_us or resolved.plan.idle_us
+    if wanted.period_ms is None and period_us == 0:
+        raise click.UsageError(
+            "rounds follow each other at once (idle_us = 0): give --period-ms or --any-time"
+        )
+    return wanted.period_ms or period_us / 1e3
+
+
+def _joined(file: Verification, asked: Verification) -> Verification:
+    """Join the options of a file and of the command line, which replace or add to them."""
+    given = {
+        name: value
+        for name in asked.__struct_fields__
+        if (value := getattr(asked, name)) != getattr(Verification(), name)
+    }
+    for name in ("sensors", "abstract"):
+        given[name] = {**getattr(file, name), **getattr(asked, name)}
+    given["properties"] = tuple(dict.fromkeys((*file.properties, *asked.properties)))
+    given["suspend"] = tuple(dict.fromkeys((*file.suspend, *asked.suspend)))
+    return replace(file, **given)
+
+
+# The report
+
+
+def verdict_of(verdict: Verdict) -> str:
+    """Name a verdict: "holds", "violated" or "undecided"."""
+    return _VERDICTS[verdict.holds]
+
+
+def as_text(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> str:
+    """Write the report; `ended` says why the exploration ended early, "" if it did not."""
+    lines = [
+        f"{space.states:,} states, {space.transitions:,} transitions, {space.depth:,} turns deep, "
+        f"{space.ringlets:,} ringlets run, in {space.seconds:.1f} s; "
+        + ("any time between rounds" if period_ms is None else f"a round every {period_ms:g} ms")
+    ]
+    if ended:
+        lines.append(f"not all is decided: {ended}")
+        lines += space.hints()
+    for verdict in verdicts:
+        why = ": what triggers it never happens" if verdict.vacuous else ""
+        lines.append(f"{verdict_of(verdict)}: {verdict.property}{why}")
+        if verdict.holds is False and verdict.witness is not None:
+            lines += _story(space, verdict.witness)
+    if space.complete:
+        lines += [f"never reached: {each}" for each in space.unreached]
+        lines += [f"never taken: {each}" for each in space.untaken]
+    return "\n".join(lines)
+
+
+def _story(space: Space, witness: Witness) -> list[str]:
+    """Describe a counterexample: a table of its turns, and how it goes on."""
+    number = len(witness.turns)
+    if not number:
+        return ["  in the initial state"]
+    script = script_of(witness, space.slots)
+    rows = rows_of(space.members, script, unload_accepting=space.unload_accepting)
+    table = table_of(rows[:number], number - 1)
+    lines = [f"  after {number} turn{'s' if number != 1 else ''}:", indent(table, "  ")]
+    if witness.loop is not None:
+        first = witness.turns[witness.loop].round
+        lines.append(f"  and so on for ever: all from round {first} on repeats")
+    lines += [f"  {line}" for line in witness.end_lines()]
+    return lines
+
+
+def as_data(space: Space, verdicts: Sequence[Verdict], period_ms: float | None, ended: str) -> Any:
+    """Make the report as data for JSON; `ended` is as for `as_text`."""
+    return {
+        "states": space.states,
+        "transitions": space.transitions,
+        "depth": space.depth,
+        "ringlets": space.ringlets,
+        "seconds": round(space.seconds, 3),
+        "period_ms": period_ms,
+        "complete": space.complete,
+        "ended": ended or None,
+        "hints": list(space.hints()) if ended else [],
+        "properties": [
+            {
+                "property": str(verdict.property),
+                "kind": verdict.property.kind,
+                "verdict": verdict_of(verdict),
+                "vacuous": verdict.vacuous,
+                "loop": None if verdict.witness is None else verdict.witness.loop,
+                "at_end": {} if verdict.witness is None else dict(verdict.witness.at_end),
+                "witness": None
+                if verdict.witness is None
+                else [msgspec.to_builtins(turn._asdict()) for turn in verdict.witness.turns],
+            }
+            for verdict in verdicts
+        ],
+        "unreached": list(space.unreached) if space.complete else [],
+        "untaken": list(space.untaken) if space.complete else [],
+    }

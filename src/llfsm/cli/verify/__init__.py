@@ -1,1 +1,0 @@
-"""``llfsm verify``: machines are explored."""
