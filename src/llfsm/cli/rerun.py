@@ -71,7 +71,7 @@ def reverse_debugging(
     serve: Serve,
     read_line: Callable[[], str] = lambda: "",
 ) -> Client:
-    """Return what goes through a recording, with the machines of a plan, as `start_client` does."""
+    """Open the machines of a plan for reverse debugging in a recording, as `start_client` does."""
 
     def again() -> Rerun:
         rerun = Rerun(recording.entries(journal), str(recording.path))
@@ -79,8 +79,14 @@ def reverse_debugging(
         assemble(plan, resolved.classes, rerun.environment, library=library)
         return rerun
 
+    _log_no_failures()
     library = callable_machines(resolved.classes)
     return start_client(again, library, recording.span_ns[0], serve, read_line)
+
+
+def _log_no_failures() -> None:
+    """Log no late turns and failures again, which were reported at the time of the recording."""
+    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
 
 
 def _resolve(
@@ -230,8 +236,7 @@ def rerun(
     llfsm rerun run.mcap Patrol=my_robot.patrol:BetterPatrol --compare posts
     llfsm rerun bag.mcap my_robot.patrol:Patrol --config bridge.toml --record run.mcap
     """
-    # Late turns and failures were reported at the time of the recording.
-    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
+    _log_no_failures()
     recording = Recording(file, BagTopics(Configured.read(config).config))
     if recording.is_bag:
         if events := given_option("trust", "compare"):

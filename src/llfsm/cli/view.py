@@ -275,8 +275,6 @@ def _explainer(file: Path, machines: tuple[str, ...], *, trust: bool) -> Explain
     from llfsm.bridges.recording.reversing.explaining import Explained, Explainer
     from llfsm.cli.rerun import plan_of_one, reverse_debugging
 
-    # Late turns and failures were reported at the time of the recording.
-    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     journal, resolved = plan_of_one(recording, machines, trust=trust)
     # Its processes are forked from this one, before that has threads and connections.

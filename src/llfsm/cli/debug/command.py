@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import signal
 import sys
@@ -118,8 +117,6 @@ def _debug_recording(
     from llfsm.cli.debug.prompt import AskedPrompt, ReversePrompt
     from llfsm.cli.rerun import plan_of_one, reverse_debugging
 
-    # Late turns and failures were reported at the time of the recording.
-    logging.getLogger("llfsm.runtime").setLevel(logging.CRITICAL)
     recording = Recording(file)
     journal, resolved = plan_of_one(recording, machines, trust=trust)
     client = reverse_debugging(
